@@ -180,9 +180,11 @@ class Matrix:
         kept = self.settings | listed | {PAIRS: self.all_pairs, FROM: self.begun_in}
         with alone_in(self.folder):
             write_whole(self.folder / MATRIX, json.dumps(kept, indent=2, ensure_ascii=False) + "\n")
-        paths, begun_in = self.paths, self.begun_in
-        how: dict[str, Any] = {"on_message": on_message, "paths": paths, "begun_in": begun_in}
-        return [Campaign.create(file=v, stack=self.settings.get("stack"), **how) for v in values]
+        stack, paths = self.settings.get("stack"), self.paths
+        return [
+            Campaign.create(file=each, stack=stack, on_message=on_message, paths=paths, begun_in=self.begun_in)
+            for each in values
+        ]
 
     def run(self, campaigns: Sequence[Campaign]) -> Iterator[tuple[Campaign, Event | Ended]]:
         """Run campaigns side by side on the workers of the matrix, yielding the events of each.

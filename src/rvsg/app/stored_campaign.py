@@ -24,7 +24,7 @@ from rvsg.core.plugins import Spec
 from rvsg.evaluation.verdict import Verdict
 from rvsg.evaluation.wording import counted
 from rvsg.generation.vlm.recording import CALLS, Recording
-from rvsg.report.page import write_page
+from rvsg.report.page import render_page
 from rvsg.report.summary import Summary, summarise
 from rvsg.report.trace_view import traces_beside
 from rvsg.scenario.builder import scenario_json
@@ -207,19 +207,21 @@ class StoredCampaign:
         check_same_route(self.plan.mission, place)
         with self.reading() as ledger:
             attempts = list(ledger.attempts(self.name))
-            simulator = described(self.record.simulator)
-            runs = {measured.run_id for attempt in attempts for measured in attempt.measurements}
-            how: dict[str, Any] = {
-                "traces": traces_beside(page, runs),
-                "recording": self._recording(),
-                "replayed": self.config.replay is not None,
-            }
-            how |= {"world": place, "run_of": ledger.run, "command": self.command, "simulator": simulator}
             above = self.folder.parent
             known = (above / MATRIX).exists() or (store_of(above) is None and (above / REPORT).is_file())
-            if page.parent == self.folder and (overview or known):
-                how["overview"] = f"../{REPORT}"
-            write_page(page, self.plan, attempts, **how)
+            text = render_page(
+                self.plan,
+                attempts,
+                world=place,
+                run_of=ledger.run,
+                command=self.command,
+                simulator=described(self.record.simulator),
+                overview=f"../{REPORT}" if page.parent == self.folder and (overview or known) else "",
+                traces=traces_beside(page, {m.run_id for attempt in attempts for m in attempt.measurements}),
+                recording=self._recording(),
+                replayed=self.config.replay is not None,
+            )
+        write_whole(page, text)
         best = best_attempt(attempts, self.requirement)
         if path is None and best is not None and best.proposal.scenario is not None:
             write_whole(self.folder / BEST, scenario_json(best.proposal.scenario))

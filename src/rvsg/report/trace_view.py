@@ -12,7 +12,7 @@ import json
 import zlib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,10 @@ from numpy.typing import NDArray
 from rvsg.core.errors import FileError
 from rvsg.core.inputs import parse_json, read_text
 from rvsg.report.payload import varints
-from rvsg.simulation.embedded.trace import Evaluation, Frame, Trace
 from rvsg.world.world import World
+
+if TYPE_CHECKING:
+    from rvsg.simulation.embedded.trace import Evaluation, Frame, Trace
 
 FORMAT = "rvsg-trace"
 VERSION = 1
