@@ -19,7 +19,6 @@ from typing import Any
 
 from rvsg.generation.vlm.recording import CALLS, HISTORIES, MEASURED, MESSAGES, Recording
 
-
 ROOT = Path(__file__).resolve().parents[1]
 
 

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-
 from tests.recordings import CAMPAIGNS, FOLDERS
+
 from rvsg.cli import main
 from rvsg.cli.demo import recording_folder, shipped_recordings, what_it_means
 from rvsg.core.errors import RvsgError

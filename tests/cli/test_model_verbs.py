@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 import yaml
-
 from tests.recordings import FOLDERS
+
 from rvsg.cli import main
 from rvsg.core.errors import RvsgError
 from rvsg.world.schema import save_world

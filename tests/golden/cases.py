@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tests.recordings import FOLDERS
 
 import rvsg
-from tests.recordings import FOLDERS
 
 HERE = Path(__file__).parent
 NAV2_FILE = str(HERE.parents[1] / "examples" / "stacks" / "nav2_params.yaml")

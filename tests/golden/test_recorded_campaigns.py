@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from tests.recordings import CAMPAIGNS, FOLDERS
 
 from rvsg.core.errors import ReplayDiverged
 from rvsg.evaluation.aims import aim_of, moved_by
@@ -23,7 +24,6 @@ from rvsg.scenario.rules import read_ends
 from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.scenario.validity import check
 from rvsg.world.world import World
-from tests.recordings import CAMPAIGNS, FOLDERS
 from rvsg.world.world_folder import load_world
 
 GOLDEN = Path(__file__).parent / "recorded_configurations.json"
