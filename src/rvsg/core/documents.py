@@ -362,7 +362,7 @@ def _shown(value: Any) -> str:
 Kept = TypeVar("Kept", bound=Record)
 
 
-MOST_LISTED = 12
+MOST_IN_A_LINE = 12
 
 
 def read_record(path: Path, kind: type[Kept]) -> Kept:
@@ -376,6 +376,6 @@ def record_of(path: Path, value: object, kind: type[Kept]) -> Kept:
         return kind.model_validate_json(json.dumps(value))
     except pydantic.ValidationError as error:
         wrong = mistakes_of(error, kind, whole="the whole file")
-        more = [f"and {len(wrong) - MOST_LISTED} more"] if len(wrong) > MOST_LISTED else []
-        listed = "; ".join([*wrong[:MOST_LISTED], *more])
+        more = [f"and {len(wrong) - MOST_IN_A_LINE} more"] if len(wrong) > MOST_IN_A_LINE else []
+        listed = "; ".join([*wrong[:MOST_IN_A_LINE], *more])
         raise FileError(path, f"this is not a {kind.__name__.lower()}: {listed}.", code="record-invalid") from None
