@@ -12,6 +12,7 @@ from rvsg.core.plugins import Spec, ignore
 from rvsg.robots.robot import Robot
 from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.simulation.protocol import Simulator
+from rvsg.simulation.stacks.protocol import NavigationStack
 from rvsg.simulation.stacks.registry import StackLike
 
 
@@ -69,8 +70,8 @@ def described(spec: Spec) -> str:
     """Return a simulator in words: its name, the stack under test, and whether its runs can be repeated."""
     stack = spec.options.get("stack")
     name = str(stack.get("name", "")) if isinstance(stack, Mapping) else ""
-    known = plugins.find("stack", name) if name in plugins.names("stack") else None
-    repeatable = spec.options.get("repeatable", True) and getattr(known, "repeatable", True)
+    known: type[NavigationStack] | None = plugins.find("stack", name) if name in plugins.names("stack") else None
+    repeatable = spec.options.get("repeatable", True) and (known is None or known.repeatable)
     words = f"{spec.name}, stack {name}" if name else spec.name
     return words if repeatable else f"{words} (not repeatable bit for bit: a seed is the number of a run)"
 

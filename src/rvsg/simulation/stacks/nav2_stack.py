@@ -56,6 +56,11 @@ class Configured(LocalPlanner):
         except ValidationError as error:
             raise invalid_options(error, self.Settings, f"options of the stack {self.name}") from None
 
+    @classmethod
+    def default_options(cls) -> dict[str, Any]:
+        """Return every field of `Settings` with its default."""
+        return cls.Settings().model_dump(mode="json")
+
     @property
     def options(self) -> dict[str, Any]:
         """The effective options; those of the robot's navigation only where they are set."""

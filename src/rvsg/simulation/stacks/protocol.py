@@ -10,6 +10,7 @@ The robot believes that the map lies at `Observation.map_from_odom` in it. Metre
 
 from __future__ import annotations
 
+import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -166,6 +167,15 @@ class NavigationStack(ABC):
 
     sideways: ClassVar[bool] = True
     """Whether it may command a lateral speed, for a robot that has one."""
+    repeatable: ClassVar[bool] = True
+    """Whether equal seeds give equal runs; not where it runs in wall time: then a seed is the number of a run."""
+
+    @classmethod
+    def default_options(cls) -> Mapping[str, Any]:
+        """Return every option with its default, None without one; by default the parameters of `__init__`."""
+        kinds = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+        named = [each for each in inspect.signature(cls).parameters.values() if each.kind in kinds]
+        return {each.name: None if each.default is each.empty else each.default for each in named}
 
     @property
     def options(self) -> Mapping[str, Any]:

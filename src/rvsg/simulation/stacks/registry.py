@@ -61,19 +61,9 @@ class Listed:
 def listed_stacks() -> list[Listed]:
     """Return the registered stacks, by name."""
     return [
-        Listed(name, found.title, found.version, _defaults(found))
+        Listed(name, found.title, found.version, dict(found.default_options()))
         for name, found in ((name, plugins.find("stack", name)) for name in stack_names())
     ]
-
-
-def _defaults(kind: type[NavigationStack]) -> dict[str, Any]:
-    settings: Any = getattr(kind, "Settings", None)
-    if settings is not None:
-        defaults: dict[str, Any] = settings().model_dump(mode="json")
-        return defaults
-    parameters = inspect.signature(kind).parameters.values()
-    named = [p for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
-    return {p.name: None if p.default is p.empty else p.default for p in named}
 
 
 class StackChoice:
@@ -179,7 +169,7 @@ def _of_file(path: str, options: Mapping[str, Any]) -> StackChoice:
 def _of_class(found: Any, name: str, options: Mapping[str, Any]) -> StackChoice:
     if not (isinstance(found, type) and issubclass(found, NavigationStack)):
         raise InputError(f"The stack {name} must be a class derived from rvsg.stacks.LocalPlanner or WholeStack.")
-    if missing := sorted(getattr(found, "__abstractmethods__", ())):
+    if missing := sorted(found.__abstractmethods__):
         raise InputError(f"The stack {name} lacks {', '.join(missing)}.")
     return StackChoice(plugins.made("stack", name, found, options), name, options)
 
