@@ -20,8 +20,10 @@ from pathlib import Path
 
 from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.execution import Parts
-from rvsg.campaign.loop import feedback_from, run_campaign
-from rvsg.campaign.runner import Measuring, Simulations
+from rvsg.campaign.feedback import StoredFeedback
+from rvsg.campaign.ledger import CachedLedger
+from rvsg.campaign.loop import run_campaign
+from rvsg.campaign.runner import Measuring, Runner
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.campaign.worker_pool import Processes
 from rvsg.core import plugins
@@ -47,16 +49,16 @@ class Campaign(threading.Thread):
         self.world, self.ledger = world, MemoryLedger()
         measuring = Measuring(requirement, world)
         self.executor = Processes(2)
-        self.simulations = Simulations(
+        self.runner = Runner(
             plugins.make("simulator", simulator, {}),
             world,
-            measure=measuring.measure,
-            known=self.ledger.find,
+            measuring=measuring,
+            ledger=CachedLedger(self.ledger),
             executor=self.executor,
         )
         self.parts = Parts(
             generator=plugins.make("generator", "random", {}),
-            simulations=self.simulations,
+            runner=self.runner,
             judge=measuring.judge,
             ledger=self.ledger,
         )
@@ -64,8 +66,8 @@ class Campaign(threading.Thread):
 
     def run(self) -> None:
         """Do all of the plan."""
-        strategy = StudyStrategy(self.plan, feedback_from(self.ledger, self.plan, self.world))
-        with self.simulations:
+        strategy = StudyStrategy(self.plan, StoredFeedback(CachedLedger(self.ledger), self.plan, self.world))
+        with self.runner:
             attempts = run_campaign(self.plan, strategy, self.parts)
         self.attempts = attempts
 

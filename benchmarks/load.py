@@ -18,7 +18,8 @@ import time
 from collections import deque
 from pathlib import Path
 
-from rvsg.campaign.runner import FinishedRun, Measuring, PendingRun, Simulations
+from rvsg.campaign.ledger import CachedLedger
+from rvsg.campaign.runner import FinishedRun, Measuring, PendingRun, Runner
 from rvsg.core import plugins
 from rvsg.core.seeds import seed_for
 from rvsg.scenario.brief import Brief
@@ -95,14 +96,14 @@ def measured(jobs: int, runs: int, sleep_s: float, name: str | None) -> dict[str
         path = Path(folder) / "ledger.sqlite"
         with (
             SqliteLedger(path) as ledger,
-            Simulations(simulator, world, measure=measuring.measure, jobs=jobs, known=ledger.find) as simulations,
+            Runner(simulator, world, measuring=measuring, jobs=jobs, ledger=CachedLedger(ledger)) as runner,
         ):
-            for each in [simulations.submit(scenario, seed_for(7, "warm", number)) for number in range(warm)]:
+            for each in [runner.submit(scenario, seed_for(7, "warm", number)) for number in range(warm)]:
                 keep(each, ledger)
             pending: deque[PendingRun] = deque()
             began, cpu, memory, working = time.monotonic(), time.process_time(), memory_kb(), workers_s()
             for number in range(runs):
-                pending.append(simulations.submit(scenario, seed_for(7, "load", number)))
+                pending.append(runner.submit(scenario, seed_for(7, "load", number)))
                 if len(pending) > 5 * jobs:
                     keep(pending.popleft(), ledger)
             for each in pending:

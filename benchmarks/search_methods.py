@@ -22,7 +22,7 @@ from rvsg.app.wiring import Wired, jobs_of, wire
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.execution import Parts, calls_of
 from rvsg.campaign.feedback import failure_map, filled
-from rvsg.campaign.ledger import Recalling
+from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.observation import FailureMode, candidates, usual_mode
 from rvsg.campaign.ranking import best_attempt, measured, search_attempts
@@ -173,10 +173,10 @@ def _wired(base: CampaignConfig, method: str, route: str, requirement: str, seed
 
 def _row(key: tuple[str, str, str, int], wired: Wired) -> Row:
     """Run one campaign and confirm what it found."""
-    ledger = Recalling(MemoryLedger())
+    ledger = CachedLedger(MemoryLedger())
     config = wired.config
-    with wired.simulations(ledger, lambda _: None, jobs=jobs_of(config), executor=None) as simulations:
-        parts = wired.parts(wired.plan, config.judging, ledger, simulations, lambda: False)
+    with wired.runner(ledger, lambda _: None, jobs=jobs_of(config), executor=None) as runner:
+        parts = wired.parts(wired.plan, config.judging, ledger, runner, lambda: False)
         attempts = _searched(wired, ledger, parts)
         confirmed = _Confirmed(wired, ledger, parts, attempts)
         best = best_attempt(attempts, wired.plan.requirement)
@@ -215,7 +215,7 @@ def _row(key: tuple[str, str, str, int], wired: Wired) -> Row:
     return row
 
 
-def _searched(wired: Wired, ledger: Recalling, parts: Parts) -> list[Attempt]:
+def _searched(wired: Wired, ledger: CachedLedger, parts: Parts) -> list[Attempt]:
     """Search until the runs, or what the calls may cost, are spent."""
     with contextlib.suppress(BudgetSpent):
         run_campaign(wired.plan, wired.strategy(ledger), parts)
@@ -225,7 +225,7 @@ def _searched(wired: Wired, ledger: Recalling, parts: Parts) -> list[Attempt]:
 class _Confirmed:
     """Confirmation runs of what a search found: the best in full, then other candidates until the runs are spent."""
 
-    def __init__(self, wired: Wired, ledger: Recalling, parts: Parts, attempts: Sequence[Attempt]) -> None:
+    def __init__(self, wired: Wired, ledger: CachedLedger, parts: Parts, attempts: Sequence[Attempt]) -> None:
         self.wired, self.ledger, self.parts, self.attempts = wired, ledger, parts, attempts
         used = {m.seed for attempt in attempts for m in attempt.measurements}
         self.seeds = fresh_seeds(wired.plan.seed, "confirmation", BEST_RUNS, used=used)
@@ -281,7 +281,7 @@ class _Confirmed:
         return usual_mode(shown, self.wired.world)
 
     def _run(self, scenario: Scenario, seeds: Sequence[int]) -> tuple[list[Run], list[Measurement]]:
-        submitted = [self.parts.simulations.submit(scenario, seed) for seed in seeds]
+        submitted = [self.parts.runner.submit(scenario, seed) for seed in seeds]
         results = [run.result() for run in submitted]
         self.runs += len(results)
         done = [result for result in results if isinstance(result, FinishedRun)]

@@ -36,7 +36,8 @@ PUBLIC = {
     "rvsg.evaluation.metrics": ["METRICS", "measure", "metric"],
     "rvsg.evaluation.judge": ["judge", "objective"],
     "rvsg.evaluation.verdict": ["Verdict", "Status"],
-    "rvsg.campaign.attempt": ["Attempt", "Measurement", "Failure", "Ledger", "Plan"],
+    "rvsg.campaign.attempt": ["Attempt", "Measurement", "Failure", "Plan"],
+    "rvsg.campaign.ledger": ["Ledger"],
     "rvsg.campaign.loop": ["run_campaign", "stream_campaign"],
     "rvsg.campaign.feedback": ["feedback_of"],
     "rvsg.campaign.strategies": [

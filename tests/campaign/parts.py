@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from rvsg.campaign.attempt import Failure, Ledger, Measurement, Plan
+from rvsg.campaign.attempt import Failure, Measurement, Plan
 from rvsg.campaign.execution import Parts
-from rvsg.campaign.runner import FinishedRun, PendingRun, Simulations, Trial
+from rvsg.campaign.ledger import CachedLedger, Ledger
+from rvsg.campaign.runner import FinishedRun, Measuring, PendingRun, Runner
 from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission, Scenario
@@ -61,6 +62,22 @@ def distance(run: Run) -> float | None:
 def measure(run: Run, _place: object = None) -> Measurement:
     value = distance(run)
     return Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values={"dto": value}, objective=value)
+
+
+class Distance(Measuring):
+    """Measures by `measure`, or by what is given."""
+
+    def __init__(
+        self, by: Callable[..., Measurement] = measure, judged: Callable[..., Measurement] | None = None
+    ) -> None:
+        super().__init__(REQUIREMENT)
+        self.by, self.by_judged = by, judged or by
+
+    def measure(self, run: Run, place: World | None = None) -> Measurement:
+        return self.by(run, place)
+
+    def judged(self, run: Run, place: World | None = None) -> Measurement:
+        return self.by_judged(run, place)
 
 
 def judge(measurements: Sequence[Measurement], *, budget: int | None = None) -> Verdict:
@@ -123,22 +140,23 @@ def parts(
     jobs: int = 1,
     measure: Callable[[Run], Measurement] = measure,
 ) -> Parts:
-    simulations = Simulations(
+    cached = CachedLedger(ledger)
+    runner = Runner(
         simulator or KinematicSimulator(),  # type: ignore[arg-type]
         warehouse(),
-        measure=measure,
+        measuring=Distance(measure),
         jobs=jobs,
-        known=ledger.find,
+        ledger=cached,
     )
     return Parts(
         generator=generator or WalkGenerator(),  # type: ignore[arg-type]
-        simulations=simulations,
+        runner=runner,
         judge=judge,
-        ledger=ledger,
+        ledger=cached,
     )
 
 
-class Noted(Simulations):
+class Noted(Runner):
     """Notes the ids of the runs that begin, and, for each that is waited for, how many had begun."""
 
     def __init__(self, *args: Any, **more: Any) -> None:
@@ -151,6 +169,6 @@ class Noted(Simulations):
         self.begun.add(pending.run_id)
         return pending
 
-    def _collect(self, pending: PendingRun) -> FinishedRun | Trial | Failure:
+    def _collect(self, pending: PendingRun) -> FinishedRun | Measurement | Failure:
         self.made.append((pending.run_id, len(self.begun)))
         return super()._collect(pending)

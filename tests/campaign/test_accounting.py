@@ -7,8 +7,10 @@ from tests.campaign.parts import MemoryLedger, WalkGenerator, parts, plan, wareh
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.execution import Limits, account
+from rvsg.campaign.feedback import StoredFeedback
 from rvsg.campaign.hybrid import HybridStrategy
-from rvsg.campaign.loop import feedback_from, run_campaign
+from rvsg.campaign.ledger import CachedLedger
+from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.core.errors import BudgetSpent
 from rvsg.generation.generator import Call, Proposal
@@ -34,8 +36,8 @@ def searched(
     the_plan = plan(scenarios=3, refinements=1, repeats=2, confirmations=0)
     made = parts(ledger, generator=Paid(price))
     object.__setattr__(made, "limits", Limits(**limits))  # type: ignore[arg-type]
-    with made.simulations:
-        chosen = strategy(the_plan, feedback_from(ledger, the_plan, warehouse()), warehouse())
+    with made.runner:
+        chosen = strategy(the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse()), warehouse())
         return run_campaign(the_plan, chosen, made)
 
 

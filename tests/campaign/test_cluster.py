@@ -17,12 +17,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.campaign.parts import Deadly, MemoryLedger, measure, parts, plan, warehouse
+from tests.campaign.parts import Deadly, Distance, MemoryLedger, measure, parts, plan, warehouse
 from tests.coded import coded
 
 from rvsg.campaign.attempt import Attempt, Plan
-from rvsg.campaign.loop import feedback_from, run_campaign
-from rvsg.campaign.runner import FinishedRun, RunMaker, Simulations
+from rvsg.campaign.feedback import StoredFeedback
+from rvsg.campaign.ledger import CachedLedger
+from rvsg.campaign.loop import run_campaign
+from rvsg.campaign.runner import FinishedRun, RunMaker, Runner
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.core.errors import InputError, SimulationError
 from rvsg.scenario.scenario import Scenario
@@ -66,21 +68,23 @@ def campaign(
     ledger = ledger or MemoryLedger()
     executor = Cluster(address=address, **how)  # type: ignore[arg-type]
     executor._now = now
-    with Simulations(
+    with Runner(
         simulator or KinematicSimulator(),  # type: ignore[arg-type]
         warehouse(),
-        measure=measure,
-        known=ledger.find,
+        measuring=Distance(measure),
+        ledger=CachedLedger(ledger),
         executor=executor,
         notify=told.append,
-    ) as simulations:
-        made = dataclasses.replace(parts(ledger), simulations=simulations)
-        return run_campaign(the_plan, StudyStrategy(the_plan, feedback_from(ledger, the_plan, warehouse())), made)  # type: ignore[arg-type]
+    ) as runner:
+        made = dataclasses.replace(parts(ledger), runner=runner)
+        return run_campaign(
+            the_plan, StudyStrategy(the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse())), made
+        )  # type: ignore[arg-type]
 
 
 def alone(the_plan: Plan) -> list[Attempt]:
     ledger = MemoryLedger()
-    strategy = StudyStrategy(the_plan, feedback_from(ledger, the_plan, warehouse()))  # type: ignore[arg-type]
+    strategy = StudyStrategy(the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse()))  # type: ignore[arg-type]
     return run_campaign(the_plan, strategy, parts(ledger))
 
 
@@ -189,15 +193,13 @@ def test_a_cluster_that_is_gone_stops_the_campaign_and_the_same_call_resumes_it(
 
 def test_a_scheduler_that_ends_stops_the_campaign_with_one_message() -> None:
     local = distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0", host="127.0.0.1")
-    with Simulations(
-        KinematicSimulator(), warehouse(), executor=Cluster(address=local.scheduler_address)
-    ) as simulations:
+    with Runner(KinematicSimulator(), warehouse(), executor=Cluster(address=local.scheduler_address)) as runner:
         scenario = alone(plan(scenarios=1, refinements=0, repeats=1, confirmations=0))[0].proposal.scenario
         assert scenario is not None
-        assert isinstance(simulations.submit(scenario, 1).result(), FinishedRun)
+        assert isinstance(runner.submit(scenario, 1).result(), FinishedRun)
         local.close()
         with pytest.raises(SimulationError, check=coded("cluster-lost")):
-            simulations.submit(scenario, 2).result()
+            runner.submit(scenario, 2).result()
 
 
 FREEZES = """
@@ -226,13 +228,13 @@ def test_a_scheduler_whose_machine_is_lost_stops_the_campaign(
     executor = Cluster(address=frozen.stdout.readline().strip(), patience_s=300.0)
     scenario = alone(plan(scenarios=1, refinements=0, repeats=1, confirmations=0))[0].proposal.scenario
     assert scenario is not None
-    with Simulations(KinematicSimulator(), warehouse(), executor=executor) as simulations:
-        assert isinstance(simulations.submit(scenario, 1).result(), FinishedRun)
+    with Runner(KinematicSimulator(), warehouse(), executor=executor) as runner:
+        assert isinstance(runner.submit(scenario, 1).result(), FinishedRun)
         os.kill(frozen.pid, signal.SIGSTOP)
         monkeypatch.setattr("rvsg.campaign.cluster.CONNECT_S", 1.0)
         executor.patience_s = 1.0
         with pytest.raises(SimulationError, check=coded("cluster-no-worker")):
-            simulations.submit(scenario, 2).result()
+            runner.submit(scenario, 2).result()
     with pytest.raises(InputError, check=coded("cluster-unreachable")):
         executor.start(RunMaker(KinematicSimulator(), warehouse()), lambda _: None)
 
@@ -261,8 +263,8 @@ def test_a_worker_closes_its_copy_of_the_simulator(cluster, tmp_path: Path) -> N
     scenario = alone(plan(scenarios=1, refinements=0, repeats=1, confirmations=0))[0].proposal.scenario
     assert scenario is not None
     closes = Closes(tmp_path / "closed")
-    with Simulations(closes, warehouse(), executor=Cluster(address=cluster.scheduler_address)) as simulations:
-        assert isinstance(simulations.submit(scenario, 1).result(), FinishedRun)
+    with Runner(closes, warehouse(), executor=Cluster(address=cluster.scheduler_address)) as runner:
+        assert isinstance(runner.submit(scenario, 1).result(), FinishedRun)
         assert not closes.mark.exists()
     assert closes.mark.exists()
 

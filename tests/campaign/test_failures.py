@@ -8,12 +8,12 @@ from tests.campaign.parts import REQUIREMENT, MemoryLedger, WalkGenerator, parts
 
 from rvsg.campaign import confirmation as confirming
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.feedback import Look, encounter_of, look_at
+from rvsg.campaign.feedback import StoredFeedback
 from rvsg.campaign.findings import Finding, distinct_failures, worst_confirmation
-from rvsg.campaign.ledger import Recalling
-from rvsg.campaign.loop import feedback_from, run_campaign
-from rvsg.campaign.observation import FailureMode, candidates, met, mode_of, modes_in, usual_mode
-from rvsg.campaign.runner import FinishedRun, Simulations
+from rvsg.campaign.ledger import CachedLedger
+from rvsg.campaign.loop import run_campaign
+from rvsg.campaign.observation import FailureMode, candidates, encounter_of, met, mode_of, observe, usual_mode
+from rvsg.campaign.runner import FinishedRun, Runner
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.evaluation.statistics import clopper_pearson
 from rvsg.evaluation.verdict import Status, Verdict
@@ -76,7 +76,7 @@ def test_the_usual_mode_is_that_of_most_runs() -> None:
 
 def test_one_candidate_of_every_kind_comes_first() -> None:
     ledger, the_plan = MemoryLedger(), plan(scenarios=6, refinements=0, confirmations=0)
-    strategy = StudyStrategy(the_plan, feedback_from(ledger, the_plan, warehouse()))  # type: ignore[arg-type]
+    strategy = StudyStrategy(the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse()))  # type: ignore[arg-type]
     attempts = run_campaign(the_plan, strategy, parts(ledger))
     requirement = the_plan.requirement.replace(limit=50.0)
     attempts = [
@@ -145,33 +145,33 @@ def test_a_kind_of_encounter_reads_without_the_robot_named_before(kind: str, sai
     assert met(kind) == said
 
 
-def test_what_was_seen_of_a_run_when_it_was_made_is_what_the_stored_run_shows() -> None:
+def test_what_was_observed_of_a_run_when_it_was_made_is_what_the_stored_run_shows() -> None:
     ledger = MemoryLedger()
-    looks: dict[str, Look] = {}
-    with Simulations(
-        KinematicSimulator(), warehouse(), look=look_at, looked=lambda look: looks.update({look.run_id: look})
-    ) as simulations:
+    cached = CachedLedger(ledger)
+    with Runner(KinematicSimulator(), warehouse(), ledger=cached) as runner:
         brief = Brief(mission=plan().mission, requirement=REQUIREMENT, seed=0, scenario_index=0)
         scenario = WalkGenerator().propose(brief, warehouse()).scenario
         assert scenario is not None
-        made = simulations.submit(scenario, 1).result()
-    assert isinstance(made, FinishedRun) and made.look is None
+        made = runner.submit(scenario, 1).result()
+    assert isinstance(made, FinishedRun) and made.observation is None
     ledger.keep(made.packed)
     stored = ledger.run(made.id)
-    assert looks[made.id] == Look(made.id, mode_of(stored, warehouse()), encounter_of(stored, warehouse()))
-    recalling = Recalling(ledger)
-    recalling.looked(looks[made.id])
     ledger.runs.clear()
-    assert modes_in(recalling, warehouse())(made.id) == mode_of(stored, warehouse())
+    observed = cached.observation(made.id, warehouse())
+    assert observed == observe(stored, warehouse().grid, warehouse())
+    assert (observed.mode, observed.encounter) == (mode_of(stored, warehouse()), encounter_of(stored, warehouse()))
+    assert cached.failure_mode(made.id, warehouse()) == mode_of(stored, warehouse())
 
 
 def test_one_of_every_kind_of_failure_is_confirmed_before_the_second_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
     the_plan, ledger = plan(scenarios=4, refinements=0, repeats=1, confirmations=0), MemoryLedger()
     made = parts(ledger)
-    with made.simulations:
-        found = run_campaign(the_plan, StudyStrategy(the_plan, feedback_from(ledger, the_plan, warehouse())), made)
+    with made.runner:
+        found = run_campaign(
+            the_plan, StudyStrategy(the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse())), made
+        )
         kinds = {m.run_id: "same" if a.index != 2 else "other" for a in found for m in a.measurements}
-        monkeypatch.setattr(confirming, "modes_in", lambda ledger, world: kinds.__getitem__)
+        monkeypatch.setattr(CachedLedger, "failure_mode", lambda self, run_id, world: kinds[run_id])
         always = the_plan.replace(requirement=the_plan.requirement.replace(limit=99.0))
         ordered = confirming._one_of_each_kind(always, found, made)
     assert [a.index for a in ordered] == [0, 2, 1, 3]

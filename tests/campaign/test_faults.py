@@ -6,8 +6,10 @@ import pytest
 from tests.campaign.parts import Counted, MemoryLedger, WalkGenerator, parts, plan, warehouse
 
 from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.feedback import StoredFeedback
 from rvsg.campaign.hybrid import HybridStrategy, MapElitesStrategy
-from rvsg.campaign.loop import feedback_from, run_campaign
+from rvsg.campaign.ledger import CachedLedger
+from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.core.errors import GenerationError
 from rvsg.generation.generator import Proposal
@@ -27,8 +29,8 @@ def run(ledger: MemoryLedger, strategy: type, generator: WalkGenerator, jobs: in
     """Run a campaign; return its attempts and how many runs were simulated."""
     simulator = Counted()
     made = parts(ledger, generator=generator, simulator=simulator, jobs=jobs)
-    with made.simulations:
-        chosen = strategy(the_plan(), feedback_from(ledger, the_plan(), warehouse()), warehouse())
+    with made.runner:
+        chosen = strategy(the_plan(), StoredFeedback(CachedLedger(ledger), the_plan(), warehouse()), warehouse())
         return run_campaign(the_plan(), chosen, made), simulator.runs
 
 

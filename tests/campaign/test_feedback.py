@@ -7,8 +7,8 @@ import pytest
 from tests.campaign.parts import REQUIREMENT, KinematicSimulator, WalkGenerator, measure, plan, warehouse
 
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.feedback import decisive_moments, feedback_of, gaps, separable, touches_of, worst_run
-from rvsg.campaign.observation import passings_of, stops_of
+from rvsg.campaign.feedback import decisive_moments, feedback_of, gaps, separable, worst_run
+from rvsg.campaign.observation import passings_of, stops_of, touches_of
 from rvsg.evaluation.judge import judge
 from rvsg.evaluation.verdict import Verdict
 from rvsg.generation.generator import Proposal

@@ -10,11 +10,12 @@ import pytest
 from tests.campaign.parts import parts, plan, warehouse
 
 from rvsg.campaign import ledger, runner
-from rvsg.campaign.attempt import Attempt, Ledger, Measurement
+from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.execution import Attempted
+from rvsg.campaign.feedback import StoredFeedback
 from rvsg.campaign.hybrid import HybridStrategy, MapElitesStrategy
-from rvsg.campaign.ledger import ASKED_OFTEN, Filed, Filing, whole
-from rvsg.campaign.loop import feedback_from, run_campaign, stream_campaign
+from rvsg.campaign.ledger import ASKED_OFTEN, CachedLedger, Filed, Filing, Ledger, whole
+from rvsg.campaign.loop import run_campaign, stream_campaign
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.core.errors import StoreError
 from rvsg.generation.heuristic import HeuristicGenerator
@@ -33,7 +34,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def made(ledger: Ledger, strategy: Any) -> list[Attempt]:
     wanted = plan(scenarios=3, refinements=2, repeats=2)
-    asking = strategy(wanted, feedback_from(ledger, wanted, warehouse()), warehouse())
+    asking = strategy(wanted, StoredFeedback(CachedLedger(ledger), wanted, warehouse()), warehouse())
     return run_campaign(wanted, asking, parts(ledger, generator=HeuristicGenerator()))
 
 
@@ -72,7 +73,7 @@ def test_a_campaign_holds_few_measurements_at_a_time(tmp_path: Path, monkeypatch
     monkeypatch.setattr(runner, "RECENT", 3)
     wanted = plan(scenarios=6, refinements=1, repeats=3, confirmations=0)
     with SqliteLedger(tmp_path / "ledger.sqlite") as ledger:
-        strategy = StudyStrategy(wanted, feedback_from(ledger, wanted, warehouse()), warehouse())
+        strategy = StudyStrategy(wanted, StoredFeedback(CachedLedger(ledger), wanted, warehouse()), warehouse())
         before = _measurements()
         running = stream_campaign(wanted, strategy, parts(ledger))
         most = max(_measurements() - before for event in running if isinstance(event, Attempted))

@@ -6,12 +6,14 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
-from tests.campaign.parts import MemoryLedger, Noted, WalkGenerator, measure, parts, plan, warehouse
+from tests.campaign.parts import Distance, MemoryLedger, Noted, WalkGenerator, measure, parts, plan, warehouse
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.execution import Limits, account
+from rvsg.campaign.feedback import StoredFeedback
 from rvsg.campaign.hybrid import HybridStrategy
-from rvsg.campaign.loop import feedback_from, run_campaign
+from rvsg.campaign.ledger import CachedLedger
+from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.race import Candidate, estimate, in_the_race, last_written, tried, tuning_of
 from rvsg.campaign.ranking import best_attempt, measured, seeds_of
 from rvsg.core.errors import BudgetSpent, GenerationError, NotRecorded
@@ -35,9 +37,9 @@ def searched(
     **changes: object,
 ) -> list[Attempt]:
     the_plan = plan(**{**PLAN, **changes})
-    strategy = HybridStrategy(the_plan, feedback_from(ledger, the_plan, warehouse()), warehouse())  # type: ignore[arg-type]
+    strategy = HybridStrategy(the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse()), warehouse())  # type: ignore[arg-type]
     made = replace(parts(ledger, generator=generator, jobs=jobs), limits=limits or Limits(), cancelled=cancelled)
-    with made.simulations:
+    with made.runner:
         return run_campaign(the_plan, strategy, made)
 
 
@@ -74,9 +76,11 @@ def test_the_first_run_of_a_changed_configuration_takes_another_seed_in_every_ba
 def test_the_kinds_of_encounter_lend_configurations_to_change(whole: list[Attempt]) -> None:
     the_plan = plan(**PLAN)
     ledger = MemoryLedger()
-    strategy = HybridStrategy(the_plan, feedback_from(ledger, the_plan, warehouse()), warehouse(), explore=1.0)
+    strategy = HybridStrategy(
+        the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse()), warehouse(), explore=1.0
+    )
     made = parts(ledger)
-    with made.simulations:
+    with made.runner:
         run_campaign(the_plan, strategy, made)
     elites = strategy.elites()
     assert len(elites) > 1
@@ -137,13 +141,13 @@ def test_it_is_the_same_for_any_number_of_workers(whole: list[Attempt]) -> None:
 
 def test_the_runs_of_a_batch_begin_before_their_turn_and_no_others() -> None:
     the_plan, ledger = plan(**PLAN), MemoryLedger()
-    simulations = Noted(KinematicSimulator(), warehouse(), measure=measure, known=ledger.find)
-    strategy = HybridStrategy(the_plan, feedback_from(ledger, the_plan, warehouse()), warehouse())
-    made = replace(parts(ledger), simulations=simulations)
-    with simulations:
+    runner = Noted(KinematicSimulator(), warehouse(), measuring=Distance(measure), ledger=CachedLedger(ledger))
+    strategy = HybridStrategy(the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse()), warehouse())
+    made = replace(parts(ledger), runner=runner)
+    with runner:
         run_campaign(the_plan, strategy, made)
-    assert {run for run, _ in simulations.made} == simulations.begun
-    ahead = [begun - k for k, (_, begun) in enumerate(simulations.made)]
+    assert {run for run, _ in runner.made} == runner.begun
+    ahead = [begun - k for k, (_, begun) in enumerate(runner.made)]
     assert max(ahead) >= strategy.batch / 2
 
 

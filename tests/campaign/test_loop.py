@@ -14,6 +14,7 @@ from tests.campaign.parts import (
     REQUIREMENT,
     Counted,
     Deadly,
+    Distance,
     MemoryLedger,
     WalkGenerator,
     measure,
@@ -26,9 +27,11 @@ from tests.coded import coded
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.confirmation import confirm
 from rvsg.campaign.execution import Attempted, account
-from rvsg.campaign.loop import feedback_from, run_campaign
+from rvsg.campaign.feedback import StoredFeedback
+from rvsg.campaign.ledger import CachedLedger
+from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.ranking import best_attempt, confirmations, ranking, rule, worst_by_mean
-from rvsg.campaign.runner import Measuring, Simulations
+from rvsg.campaign.runner import Measuring, Runner
 from rvsg.campaign.strategies import Ask, RandomStrategy, StudyStrategy, UnguidedStrategy
 from rvsg.core.errors import BudgetSpent, SimulationError
 from rvsg.core.seeds import fresh_seeds
@@ -48,8 +51,10 @@ STRATEGIES = [StudyStrategy, UnguidedStrategy, RandomStrategy]
 
 def run(ledger, the_plan=None, strategy=StudyStrategy, **how):
     the_plan = the_plan or plan()
-    with (made := parts(ledger, **how)).simulations:
-        return run_campaign(the_plan, strategy(the_plan, feedback_from(ledger, the_plan, warehouse())), made)
+    with (made := parts(ledger, **how)).runner:
+        return run_campaign(
+            the_plan, strategy(the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse())), made
+        )
 
 
 def confirmations_of(attempts: list[Attempt]) -> list[Attempt]:
@@ -116,7 +121,7 @@ def confirmed_with(values: list[float], *, limit: float | None = 1.0, confirmati
         return Measurement(run_id=made.id, seed=made.seed, outcome="goal", values={"dto": value}, objective=value)
 
     made = dataclasses.replace(parts(MemoryLedger(), jobs=jobs, measure=measured), judge=measuring.judge)
-    with made.simulations:
+    with made.runner:
         attempts = run_campaign(the_plan, RandomStrategy(the_plan), made)
     return confirmations_of(attempts)[0]
 
@@ -153,7 +158,7 @@ def test_a_candidate_that_does_not_always_violate_leaves_runs_for_one_that_does(
         return Measurement(run_id=made.id, seed=made.seed, outcome="goal", values={"dto": value}, objective=value)
 
     made = dataclasses.replace(parts(MemoryLedger(), measure=measured), judge=measuring.judge)
-    with made.simulations:
+    with made.runner:
         attempts = run_campaign(the_plan, RandomStrategy(the_plan), made)
     one, two = confirmations_of(attempts)
     assert one.verdict is not None and two.verdict is not None
@@ -179,8 +184,8 @@ def test_every_scenario_is_confirmed_and_then_others_until_one_always_violates()
         return Measurement(run_id=made.id, seed=made.seed, outcome="goal", values={"dto": value}, objective=value)
 
     made = dataclasses.replace(parts(MemoryLedger(), measure=measured), judge=measuring.judge)
-    strategy = StudyStrategy(the_plan, feedback_from(made.ledger, the_plan, warehouse()))
-    with made.simulations:
+    strategy = StudyStrategy(the_plan, StoredFeedback(made.ledger, the_plan, warehouse()))
+    with made.runner:
         attempts = run_campaign(the_plan, strategy, made)
     confirmed = [(a.confirms, a.verdict.status, a.verdict.runs) for a in confirmations_of(attempts) if a.verdict]
     assert confirmed == [(0, Status.FLAKY, 4), (3, Status.FLAKY, 4), (1, Status.FAIL, 15)]
@@ -199,7 +204,7 @@ def test_a_further_configuration_that_cannot_always_violate_is_dropped_early() -
         return Measurement(run_id=made.id, seed=made.seed, outcome="goal", values={"dto": value}, objective=value)
 
     made = dataclasses.replace(parts(ledger, measure=measured), judge=measuring.judge)
-    with made.simulations:
+    with made.runner:
         *_, last = confirm(the_plan, candidate, first, made, budget=30, only_fail=True)
     assert isinstance(last, Attempted) and last.attempt.verdict is not None
     assert (last.attempt.verdict.violations, last.attempt.verdict.runs) == (11, 13)
@@ -222,8 +227,10 @@ def test_what_ended_without_a_verdict_goes_on_with_the_runs_that_are_left() -> N
 
     def finished(ledger: MemoryLedger) -> list[Attempt]:
         made = dataclasses.replace(parts(ledger, measure=measured), judge=measuring.judge)
-        with made.simulations:
-            return run_campaign(the_plan, StudyStrategy(the_plan, feedback_from(ledger, the_plan, warehouse())), made)
+        with made.runner:
+            return run_campaign(
+                the_plan, StudyStrategy(the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse())), made
+            )
 
     attempts = finished(ledger := MemoryLedger())
     ended = [(a.confirms, a.verdict.status, a.verdict.runs) for a in confirmations_of(attempts) if a.verdict]
@@ -303,7 +310,7 @@ def test_records_do_not_depend_on_the_number_of_jobs(strategy: type, max_in_flig
     assert [a.model_dump_json() for a in one] == [a.model_dump_json() for a in two]
 
 
-class Ahead(Simulations):
+class Ahead(Runner):
     """Begins so many attempts before the first is finished, as that many processes would."""
 
     begun = 0
@@ -314,7 +321,7 @@ class Ahead(Simulations):
 
 
 def ahead_of(ledger: MemoryLedger) -> Ahead:
-    return Ahead(KinematicSimulator(), warehouse(), measure=measure, known=ledger.find)
+    return Ahead(KinematicSimulator(), warehouse(), measuring=Distance(measure), ledger=CachedLedger(ledger))
 
 
 @pytest.mark.exhaustive
@@ -331,8 +338,11 @@ def test_how_far_processes_are_ahead_changes_nothing(
     Ahead.begun = ahead
     ledger = MemoryLedger()
     made = parts(ledger)
-    made = dataclasses.replace(made, simulations=ahead_of(ledger))
-    assert run_campaign(the_plan, strategy(the_plan, feedback_from(ledger, the_plan, warehouse())), made) == one
+    made = dataclasses.replace(made, runner=ahead_of(ledger))
+    assert (
+        run_campaign(the_plan, strategy(the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse())), made)
+        == one
+    )
 
 
 def test_a_strategy_keeps_as_many_attempts_under_way_as_the_plan_says() -> None:
@@ -481,7 +491,7 @@ def test_workers_end_when_their_parent_is_killed(tmp_path: Path) -> None:
         "the_plan = plan(scenarios=1, refinements=0)\n"
         "made = parts(MemoryLedger(), jobs=2)\n"
         "run_campaign(the_plan, RandomStrategy(the_plan), made)\n"
-        "print(*(keeper.process.pid for keeper in made.simulations._executor._pool.keepers), flush=True)\n"
+        "print(*(keeper.process.pid for keeper in made.runner._executor._pool.keepers), flush=True)\n"
         "time.sleep(1000)\n"
     )
     parent = subprocess.Popen(

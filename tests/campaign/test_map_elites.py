@@ -5,9 +5,11 @@ from tests.campaign.parts import MemoryLedger, WalkGenerator, parts, plan, wareh
 from tests.campaign.test_failures import run_of
 
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.feedback import MapCell, encounter_of, failure_map, filled
+from rvsg.campaign.feedback import MapCell, StoredFeedback, failure_map, filled
 from rvsg.campaign.hybrid import MapElitesStrategy
-from rvsg.campaign.loop import feedback_from, run_campaign
+from rvsg.campaign.ledger import CachedLedger
+from rvsg.campaign.loop import run_campaign
+from rvsg.campaign.observation import encounter_of
 from rvsg.campaign.ranking import measured
 from rvsg.core.errors import GenerationError
 from rvsg.generation.generator import Proposal
@@ -18,7 +20,7 @@ PLAN = {"scenarios": 5, "refinements": 3, "repeats": 3, "confirmations": 0, "bud
 
 def searched(ledger: MemoryLedger, generator: object = None) -> list[Attempt]:
     the_plan = plan(**PLAN)
-    strategy = MapElitesStrategy(the_plan, feedback_from(ledger, the_plan, warehouse()), warehouse())  # type: ignore[arg-type]
+    strategy = MapElitesStrategy(the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse()), warehouse())  # type: ignore[arg-type]
     return run_campaign(the_plan, strategy, parts(ledger, generator=generator))
 
 

@@ -7,8 +7,10 @@ import pytest
 from tests.campaign.parts import REQUIREMENT, MemoryLedger, parts, plan, warehouse
 
 from rvsg.campaign.attempt import Attempt, Measurement, Plan
+from rvsg.campaign.feedback import StoredFeedback
 from rvsg.campaign.hybrid import MultiStrategy
-from rvsg.campaign.loop import feedback_from, run_campaign
+from rvsg.campaign.ledger import CachedLedger
+from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.ranking import front_of, hypervolume, share_of, undominated
 from rvsg.evaluation.metrics.registry import measure as measure_all
 from rvsg.scenario.requirement import Requirement
@@ -33,8 +35,8 @@ def the_plan() -> Plan:
 
 def searched(ledger: MemoryLedger) -> list[Attempt]:
     made = parts(ledger, measure=measured)
-    with made.simulations:
-        strategy = MultiStrategy(the_plan(), feedback_from(ledger, the_plan(), warehouse()), warehouse())
+    with made.runner:
+        strategy = MultiStrategy(the_plan(), StoredFeedback(CachedLedger(ledger), the_plan(), warehouse()), warehouse())
         return run_campaign(the_plan(), strategy, made)
 
 

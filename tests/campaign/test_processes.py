@@ -15,6 +15,7 @@ from tests.campaign.test_loop import run
 from tests.coded import coded
 
 from rvsg.campaign.attempt import Attempt, Failure
+from rvsg.campaign.feedback import StoredFeedback
 from rvsg.campaign.runner import FinishedRun, RunMaker
 from rvsg.campaign.worker_pool import ATTEMPTS, Processes
 from rvsg.core.errors import FileError, SimulationError
@@ -58,16 +59,16 @@ def killed_while_it_runs(kills: int, seed: int) -> list[Attempt]:
     made = parts(MemoryLedger(), simulator=Slow(), jobs=2)
 
     def campaign() -> None:
-        from rvsg.campaign.loop import feedback_from, run_campaign
+        from rvsg.campaign.loop import run_campaign
         from rvsg.campaign.strategies import StudyStrategy
 
-        with made.simulations:
-            strategy = StudyStrategy(the_plan, feedback_from(made.ledger, the_plan, warehouse()))
+        with made.runner:
+            strategy = StudyStrategy(the_plan, StoredFeedback(made.ledger, the_plan, warehouse()))
             result.extend(run_campaign(the_plan, strategy, made))
 
     thread = threading.Thread(target=campaign, daemon=True)
     thread.start()
-    executor = made.simulations._executor
+    executor = made.runner._executor
     assert isinstance(executor, Processes)
     for _ in range(kills):
         thread.join(chance.uniform(0.0, 2.5))

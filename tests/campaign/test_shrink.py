@@ -4,11 +4,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.campaign.parts import REQUIREMENT, Counted, Noted, measure, warehouse
+from tests.campaign.parts import REQUIREMENT, Counted, Distance, Noted, measure, warehouse
 from tests.coded import coded
 
 from rvsg.campaign.attempt import Measurement
-from rvsg.campaign.runner import Measuring, Simulations
+from rvsg.campaign.runner import Measuring, Runner
 from rvsg.campaign.smallest_scenario import Shrinking, simpler, size
 from rvsg.cli import main
 from rvsg.core.errors import InputError
@@ -44,7 +44,7 @@ def crowd() -> Scenario:
 def shrinking(simulator: Counted | None = None, **more: object) -> Shrinking:
     return Shrinking(
         requirement=more.pop("requirement", LIMIT),  # type: ignore[arg-type]
-        simulations=Simulations(simulator or Counted(), WORLD, measure=measure),  # type: ignore[arg-type]
+        runner=Runner(simulator or Counted(), WORLD, measuring=Distance(measure)),  # type: ignore[arg-type]
         judge=Measuring(LIMIT).judge,
         repeats=3,
         confirmations=4,
@@ -71,20 +71,20 @@ def test_trials_are_judged_and_neither_packed_nor_measured_otherwise() -> None:
         judged.append(run.seed)
         return measure(run).replace(values={})
 
-    simulations = Simulations(Counted(), WORLD, measure=measure, judged=judge_only)  # type: ignore[arg-type]
-    trial, stored = simulations.submit(crowd(), 1, trial=True), simulations.submit(crowd(), 1)
+    runner = Runner(Counted(), WORLD, measuring=Distance(measure, judge_only))  # type: ignore[arg-type]
+    trial, stored = runner.submit(crowd(), 1, trial=True), runner.submit(crowd(), 1)
     assert trial.measurement() == measure(stored.result().unpack()).replace(values={})  # type: ignore[union-attr]
     assert judged == [1] and stored.measurement().values.keys() == {"dto"}  # type: ignore[union-attr]
-    assert simulations.submit(crowd(), 1, trial=True).measurement() is trial.measurement()
+    assert runner.submit(crowd(), 1, trial=True).measurement() is trial.measurement()
 
 
 def test_trials_that_are_made_in_any_case_begin_at_once_and_no_others() -> None:
-    simulations = Noted(Counted(), WORLD, measure=measure)  # type: ignore[arg-type]
+    runner = Noted(Counted(), WORLD, measuring=Distance(measure))  # type: ignore[arg-type]
     shrinks = shrinking()
-    shrinks.simulations = simulations
+    shrinks.runner = runner
     _, steps = shrinks.smallest(crowd())
-    assert {run for run, _ in simulations.made} == simulations.begun
-    assert [begun for _, begun in simulations.made[:3]] == [3, 3, 3]  # nothing depends on the runs of the original
+    assert {run for run, _ in runner.made} == runner.begun
+    assert [begun for _, begun in runner.made[:3]] == [3, 3, 3]  # nothing depends on the runs of the original
     assert any(step.runs < shrinks.repeats for step in steps)
 
 

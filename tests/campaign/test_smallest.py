@@ -31,7 +31,7 @@ def the_plan(requirement: Requirement = EASY) -> Plan:
 
 def run(ledger: MemoryLedger, requirement: Requirement = EASY, **changes: object) -> list[Attempt]:
     given = made(ledger, requirement, **changes)
-    with given.simulations:
+    with given.runner:
         return run_campaign(the_plan(requirement), RandomStrategy(the_plan(requirement)), given)
 
 
@@ -90,7 +90,7 @@ def test_an_interrupted_end_resumes_to_the_same_records(whole: tuple[MemoryLedge
     assert shrunk(attempts)
     ledger, seen = MemoryLedger(), 0
     given = made(ledger, cancelled=lambda: seen >= len(attempts) - len(shrunk(attempts)))
-    with given.simulations:
+    with given.runner:
         for event in stream_campaign(the_plan(), RandomStrategy(the_plan()), given):
             seen += isinstance(event, Attempted)
     assert not shrunk(ledger.kept)

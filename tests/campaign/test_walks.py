@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from tests.campaign.parts import MemoryLedger, parts, plan, warehouse
 
-from rvsg.campaign.loop import feedback_from, run_campaign
+from rvsg.campaign.feedback import StoredFeedback
+from rvsg.campaign.ledger import CachedLedger
+from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.observation import arrivals, walk_of
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.core import plugins
@@ -123,7 +125,7 @@ def test_a_pause_is_held_at_the_start_only_where_the_first_task_asks_for_it(simu
 
 def test_a_refinement_reads_a_table_the_best_and_all_that_was_tried() -> None:
     ledger, the_plan = MemoryLedger(), plan(scenarios=1, refinements=3, confirmations=0)
-    strategy = StudyStrategy(the_plan, feedback_from(ledger, the_plan, warehouse()))  # type: ignore[arg-type]
+    strategy = StudyStrategy(the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse()))  # type: ignore[arg-type]
     attempts = [a for a in run_campaign(the_plan, strategy, parts(ledger)) if a.purpose == "search"]
     feedback = attempts[-1].brief.feedback
     assert feedback is not None

@@ -15,8 +15,10 @@ from tests.campaign.parts import REQUIREMENT, MemoryLedger, WalkGenerator, parts
 from tests.report.test_conversation import call
 
 from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.feedback import StoredFeedback
 from rvsg.campaign.findings import findings
-from rvsg.campaign.loop import feedback_from, run_campaign
+from rvsg.campaign.ledger import CachedLedger
+from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.strategies import RandomStrategy, StudyStrategy
 from rvsg.cli.tables import ranked_table
 from rvsg.evaluation.judge import judge
@@ -53,8 +55,10 @@ class NastyGenerator(WalkGenerator):
 
 def campaign(ledger: MemoryLedger, generator: object = None, strategy: type = StudyStrategy, **changes: object):
     the_plan = plan(**changes)
-    with (made := parts(ledger, generator=generator)).simulations:
-        attempts = run_campaign(the_plan, strategy(the_plan, feedback_from(ledger, the_plan, warehouse())), made)
+    with (made := parts(ledger, generator=generator)).runner:
+        attempts = run_campaign(
+            the_plan, strategy(the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse())), made
+        )
     return the_plan, attempts
 
 

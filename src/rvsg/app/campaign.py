@@ -15,10 +15,10 @@ from rvsg.app.settings import CampaignConfig, check_stack_named, effective
 from rvsg.app.stored_campaign import StoredCampaign
 from rvsg.app.wiring import COPY, VLM_OPTIONS, Wired, jobs_of, remembered_file, wire
 from rvsg.campaign import confirmation
-from rvsg.campaign.attempt import Attempt, Ledger
+from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.execution import Event, Message, ModelCall
 from rvsg.campaign.findings import entries_of_campaign
-from rvsg.campaign.ledger import Recalling
+from rvsg.campaign.ledger import CachedLedger, Ledger
 from rvsg.campaign.loop import stream_campaign
 from rvsg.campaign.ranking import search_attempts
 from rvsg.core.errors import InputError
@@ -243,13 +243,13 @@ class Campaign(StoredCampaign):
             note(Message(campaign=plan.name, text=text))
 
         with alone_in(self.folder), self._ledger() as store:
-            ledger = Recalling(store)
-            if not self.finished_in(ledger):
+            ledger = CachedLedger(store)
+            if not self.finished_in(store):
                 self.prepare(tell)
             wired.generator.watch(lambda news: note(ModelCall(campaign=plan.name, news=news)))
             workers = jobs or jobs_of(self.config)
-            with wired.simulations(ledger, tell, jobs=workers, executor=executor) as simulations:
-                parts = wired.parts(plan, self.record.judging, ledger, simulations, self._cancelled.is_set)
+            with wired.runner(ledger, tell, jobs=workers, executor=executor) as runner:
+                parts = wired.parts(plan, self.record.judging, ledger, runner, self._cancelled.is_set)
                 try:
                     for event in stream_campaign(plan, wired.strategy(ledger, plan, self.record.strategy), parts):
                         note(event)
@@ -284,7 +284,7 @@ class Campaign(StoredCampaign):
         """
         wired, plan = self._wired, self.plan
         with alone_in(self.folder), self._ledger() as store:
-            ledger = Recalling(store)
+            ledger = CachedLedger(store)
             attempts: list[Attempt] = list(ledger.attempts(plan.name))
             chosen = next((a for a in search_attempts(attempts) if a.index == candidate), None)
             if chosen is None or chosen.proposal.scenario is None:
@@ -293,8 +293,8 @@ class Campaign(StoredCampaign):
                 raise InputError(f"Attempt {candidate} is confirmed already.")
             self.prepare(lambda text: observe(Message(campaign=plan.name, text=text)))
             budget = runs or self.record.judging.max_runs
-            with wired.simulations(ledger, ignore, jobs=jobs or jobs_of(self.config), executor=None) as simulations:
-                parts = wired.parts(plan, self.record.judging, ledger, simulations, self._cancelled.is_set)
+            with wired.runner(ledger, ignore, jobs=jobs or jobs_of(self.config), executor=None) as runner:
+                parts = wired.parts(plan, self.record.judging, ledger, runner, self._cancelled.is_set)
                 for event in confirmation.confirm(plan, chosen, attempts, parts, budget=budget):
                     observe(event)
                 attempts = list(ledger.attempts(plan.name))
@@ -310,12 +310,12 @@ class Campaign(StoredCampaign):
     @property
     def fills_a_map(self) -> bool:
         """Whether the strategy of the campaign looks for every kind of encounter, not only for the worst one."""
-        return bool(getattr(self._wired.strategy_class, "fills_a_map", False))
+        return bool(self._wired.strategy_class.fills_a_map)
 
     @property
     def spends_runs(self) -> bool:
         """Whether its strategy divides the runs of the search among configurations as it sees fit."""
-        return bool(getattr(self._wired.strategy_class, "spends_runs", False))
+        return bool(self._wired.strategy_class.spends_runs)
 
     @property
     def _wired(self) -> Wired:

@@ -8,11 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from rvsg.campaign.attempt import Failure
 from rvsg.campaign.exploration import FEWEST, Exploration, Point, shares_of
-from rvsg.campaign.runner import Measuring, PendingRun, Simulations
+from rvsg.campaign.runner import Measuring, PendingRun, Runner
 from rvsg.campaign.smallest_scenario import Shrinking, Shrunk, Simplification
-from rvsg.core.errors import InputError, SimulationError
+from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.core.outputs import check_writable, write_text
 from rvsg.core.plugins import Spec, ignore
@@ -70,10 +69,10 @@ def explore(
     measuring = Measuring(asked, place)
     with (
         simulator_of(simulator, scenario=family.middle, on_message=on_message) as made,
-        Simulations(made, place, measure=measuring.measure, jobs=jobs, notify=on_message) as simulations,
+        Runner(made, place, measuring=measuring, jobs=jobs, notify=on_message) as runner,
     ):
         submitted = [
-            _submit(simulations, family, values, seed_for(seed, "run", k))
+            _submit(runner, family, values, seed_for(seed, "run", k))
             for k, values in enumerate(_hypercube(family.ranges, runs, seed))
         ]
         points = [_collect(each, asked, on_point) for each in submitted]
@@ -142,19 +141,17 @@ class _Submitted:
     pending: PendingRun | None
 
 
-def _submit(simulations: Simulations, family: ScenarioFamily, values: tuple[float, ...], seed: int) -> _Submitted:
+def _submit(runner: Runner, family: ScenarioFamily, values: tuple[float, ...], seed: int) -> _Submitted:
     scenario = family.at(values)
-    problems = tuple(str(each) for each in validity.check(scenario.people, scenario.mission, simulations.world))
-    return _Submitted(values, seed, problems, None if problems else simulations.submit(scenario, seed))
+    problems = tuple(str(each) for each in validity.check(scenario.people, scenario.mission, runner.world))
+    return _Submitted(values, seed, problems, None if problems else runner.submit(scenario, seed))
 
 
 def _collect(submitted: _Submitted, requirement: Requirement, on_point: Callable[[Point], None]) -> Point:
     """Return a point with what its run measured."""
     point = Point(values=submitted.values, seed=submitted.seed, problems=submitted.problems)
     if submitted.pending is not None:
-        run = submitted.pending.result()
-        if isinstance(run, Failure):
-            raise SimulationError(f"seed {run.seed}: {run.reason}")
+        run = submitted.pending.finished()
         value = run.measurement.objective
         violated = None if value is None else requirement.violated_by(value)
         point = point.replace(objective=value, violated=violated, outcome=run.outcome.value)
@@ -247,11 +244,11 @@ def shrink(
     measuring = Measuring(asked, place)
     with (
         simulator_of(simulator, scenario=scenario, on_message=on_message) as made,
-        Simulations(made, place, measure=measuring.judged, jobs=jobs, notify=on_message) as simulations,
+        Runner(made, place, measuring=measuring, jobs=jobs, notify=on_message) as runner,
     ):
         return Shrinking(
             requirement=asked,
-            simulations=simulations,
+            runner=runner,
             judge=measuring.judge,
             seed=seed,
             repeats=repeats,

@@ -11,6 +11,7 @@ from rvsg.app.folder import CONFIG, reading, store_of
 from rvsg.app.record import CampaignRecord
 from rvsg.app.settings import CampaignConfig, effective, read_campaign_file
 from rvsg.app.wiring import Wired, let_rehearse, proposals_of, wire
+from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.ranking import search_attempts
 from rvsg.core import plugins
 from rvsg.core.documents import record_of
@@ -31,6 +32,7 @@ from rvsg.scenario.builder import WORLD_FOLDER, check_route, with_world_folder
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.scenario.world_lookup import as_world, folder_of
+from rvsg.store.memory import MemoryLedger
 from rvsg.world.world import Route, World
 
 
@@ -191,11 +193,11 @@ def _next_brief(config: CampaignConfig) -> tuple[Brief, Wired]:
     wired = wire(config.model_copy(update=_NO_MODEL))
     plan = wired.plan.replace(proposals=proposals_of(config))
     if store_of(config.folder) is None:
-        return wired.strategy(None, plan).ask()[0].brief, wired
+        return wired.strategy(CachedLedger(MemoryLedger()), plan).ask()[0].brief, wired
     with reading(config.folder) as ledger:
         known = ledger.campaigns()
         record = CampaignRecord.read(ledger.settings(known[0]) or {}) if known else None
-        strategy = wired.strategy(ledger, plan, record.strategy if record else None)
+        strategy = wired.strategy(CachedLedger(ledger), plan, record.strategy if record else None)
         for attempt in search_attempts(list(ledger.attempts(known[0] if known else wired.plan.name))):
             strategy.tell(attempt)
         asks = [ask for ask in strategy.ask() if ask.proposal is None]

@@ -13,7 +13,8 @@ from pydantic import ValidationError
 
 import rvsg
 from rvsg.app.settings import CampaignConfig, file_of, renamed
-from rvsg.campaign.attempt import Ledger, Plan
+from rvsg.campaign.attempt import Plan
+from rvsg.campaign.ledger import Ledger
 from rvsg.core.errors import InputError, InvalidOptions, UnknownName
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record

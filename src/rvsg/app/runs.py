@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
-from rvsg.campaign.attempt import Failure
-from rvsg.campaign.runner import Simulations
-from rvsg.core.errors import InputError, SimulationError
+from rvsg.campaign.runner import Runner
+from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec, ignore
 from rvsg.scenario.builder import check_valid
@@ -147,13 +146,10 @@ def simulate(
     runs = []
     with (
         simulator_of(simulator, stack, scenario=scenario, on_message=on_message) as made,
-        Simulations(made, place, jobs=jobs, notify=on_message) as simulations,
+        Runner(made, place, jobs=jobs, notify=on_message) as runner,
     ):
-        for pending in [simulations.submit(scenario, seed) for seed in wanted]:
-            result = pending.result()
-            if isinstance(result, Failure):
-                raise SimulationError(f"seed {result.seed}: {result.reason}")
-            runs.append(result.unpack())
+        for finished in runner.run(scenario, wanted):
+            runs.append(finished.unpack())
             on_run(runs[-1])
     return RunSet(tuple(runs), scenario, place)
 

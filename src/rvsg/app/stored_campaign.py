@@ -11,11 +11,12 @@ from rvsg.app.commands import command_for, confirm_command
 from rvsg.app.folder import BEST, LEDGER, MATRIX, REPORT, reading, store_of
 from rvsg.app.record import CampaignRecord, paths_of
 from rvsg.app.settings import CampaignConfig, safe_name
-from rvsg.campaign.attempt import Attempt, Ledger, Plan
+from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.execution import runs_of
 from rvsg.campaign.feedback import MapCell as MapCell
 from rvsg.campaign.feedback import failure_map
 from rvsg.campaign.findings import DistinctFailure, Finding, distinct_failures, findings
+from rvsg.campaign.ledger import Ledger
 from rvsg.campaign.ranking import Front as Front
 from rvsg.campaign.ranking import best_attempt, candidates, front_of, search_attempts, standing
 from rvsg.core.errors import InputError, NothingJudged

@@ -20,7 +20,7 @@ import yaml
 from pydantic import Field
 
 from rvsg.campaign.attempt import Failure, Measurement
-from rvsg.campaign.runner import Measuring, Simulations
+from rvsg.campaign.runner import Measuring, Runner
 from rvsg.campaign.suite import (
     Case,
     CaseResult,
@@ -390,7 +390,7 @@ def run_cases(
     """
     for _, alike in groupby(cases, lambda each: id(each.world)):
         of_world = list(alike)
-        with Simulations(simulator, of_world[0].world, jobs=jobs, notify=on_message) as runner:
+        with Runner(simulator, of_world[0].world, jobs=jobs, notify=on_message) as runner:
             for tested in of_world:
                 check_robot(tested.case.scenario, simulator)
                 procedure = judging.replace(max_runs=runs or tested.case.max_runs)
@@ -404,7 +404,7 @@ def run_cases(
 
 
 def _measured_runs(
-    case: Case, measuring: Sequence[Measuring], runner: Simulations, runs: int | None
+    case: Case, measuring: Sequence[Measuring], runner: Runner, runs: int | None
 ) -> tuple[list[Run], list[list[Measurement]]]:
     """Return the runs of a case, and their measurements for each requirement."""
     made: list[Run] = []

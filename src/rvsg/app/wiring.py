@@ -6,7 +6,6 @@ import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +14,9 @@ from pydantic import TypeAdapter, ValidationError
 from rvsg.app.settings import BUDGETS, CampaignConfig
 from rvsg.campaign.attempt import Plan
 from rvsg.campaign.execution import Limits, Parts
-from rvsg.campaign.feedback import look_at, rehearsing
-from rvsg.campaign.ledger import Recalling
-from rvsg.campaign.loop import feedback_from
-from rvsg.campaign.runner import Executor, Measuring, Simulations
+from rvsg.campaign.feedback import StoredFeedback, rehearsing
+from rvsg.campaign.ledger import CachedLedger
+from rvsg.campaign.runner import Executor, Measuring, Runner
 from rvsg.campaign.strategies import Strategy
 from rvsg.core import plugins
 from rvsg.core.errors import FileError, InputError
@@ -86,9 +84,9 @@ class Wired:
     @property
     def strategy_spec(self) -> Spec:
         """The strategy with the options that tell its present form from earlier ones."""
-        return Spec(self.config.strategy, getattr(self.strategy_class, "recorded", {}))
+        return Spec(self.config.strategy, self.strategy_class.recorded)
 
-    def strategy(self, ledger: Any, plan: Plan | None = None, recorded: Spec | None = None) -> Strategy:
+    def strategy(self, ledger: CachedLedger, plan: Plan | None = None, recorded: Spec | None = None) -> Strategy:
         """Return a new strategy that reads its feedback from the ledger.
 
         Args:
@@ -96,32 +94,27 @@ class Wired:
         """
         plan, options = plan or self.plan, {}
         if recorded is not None and recorded.name == self.config.strategy:
-            options = {**getattr(self.strategy_class, "unrecorded", {}), **recorded.options}
-        made: Strategy = self.strategy_class(plan, feedback_from(ledger, plan, self.world), self.world, **options)
+            options = dict(recorded.options)
+        made: Strategy = self.strategy_class(plan, StoredFeedback(ledger, plan, self.world), self.world, **options)
         return made
 
-    def simulations(
-        self, ledger: Recalling, tell: Callable[[str], None], *, jobs: int, executor: Executor | None
-    ) -> Simulations:
+    def runner(
+        self, ledger: CachedLedger, tell: Callable[[str], None], *, jobs: int, executor: Executor | None
+    ) -> Runner:
         """Return what makes the runs; those the ledger holds are not made again."""
-        measuring = Measuring(self.plan.requirement, self.world)
-        return Simulations(
+        return Runner(
             self.simulator,
             self.world,
-            measure=measuring.measure,
-            judged=measuring.judged,
-            made=ledger.made,
-            look=partial(look_at, told=getattr(self.strategy_class, "tells_all", False)),
-            looked=ledger.looked,
+            measuring=Measuring(self.plan.requirement, self.world),
             jobs=jobs,
-            known=ledger.find,
+            ledger=ledger,
             executor=executor or self.executor,
             notify=tell,
             closes=self.own_simulator,
         )
 
     def parts(
-        self, plan: Plan, judging: Procedure, ledger: Any, simulations: Simulations, cancelled: Callable[[], bool]
+        self, plan: Plan, judging: Procedure, ledger: CachedLedger, runner: Runner, cancelled: Callable[[], bool]
     ) -> Parts:
         """Return what the loop works with."""
         measuring = Measuring(
@@ -129,7 +122,7 @@ class Wired:
         )
         return Parts(
             generator=self.generator,
-            simulations=simulations,
+            runner=runner,
             judge=measuring.judge,
             ledger=ledger,
             procedure=judging,
@@ -166,12 +159,13 @@ def wire(
     paths = paths or {}
     world, route = _route_of(config, paths)
     strategy_class = plugins.find("strategy", config.strategy)
+    plugins.check_complete("strategy", strategy_class, Strategy)
     own = simulator is None
     simulator = make_simulator(simulator or config.simulator_spec, stack or config.stack_spec(paths))
     mission, notes = mission_of(world, route, paths.get(config.robot, config.robot), simulator.robots)
     check_mission(mission, world)
     requirement = load_requirement(paths.get(config.requirement, config.requirement), mission.route)
-    also = also_of(config, requirement, mission, paths, several=getattr(strategy_class, "needs_several", False))
+    also = also_of(config, requirement, mission, paths, several=strategy_class.needs_several)
     generator = _generator_of(config, paths, generator, simulator, world)
     plugins.check_options("store", config.store, config.store_options, given=1)
     plan = _plan_of(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import sys
 from array import array
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any, Literal, Protocol
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Literal
 
 from pydantic import AliasChoices, ConfigDict, Field, GetCoreSchemaHandler
 from pydantic_core import core_schema
@@ -17,8 +17,6 @@ from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
-from rvsg.simulation.archive import PackedRun
-from rvsg.simulation.run import Run
 
 _PLACES: dict[tuple[str, ...], dict[str, int]] = {}
 """Where each metric stands, for every list of metrics; all runs of a campaign have the same."""
@@ -175,58 +173,6 @@ class Attempt(Record):
     def lesson(self) -> str:
         """What the generator learnt from the measurements before it."""
         return self.proposal.lesson
-
-
-class Ledger(Protocol):
-    """Where attempts and runs are stored, in order, for good.
-
-    A plug-in of the kind `store` is made with the path that is its own in the campaign's folder, and its options. A
-    run is stored by its content id, possibly before the attempt it belongs to, so that an interruption loses at most
-    the runs in progress.
-
-    A ledger that has a method `attempt` as well, with the name of a campaign and the index of one attempt, which it
-    returns, is read again during a long campaign, so that this one need not keep its attempts in memory.
-    """
-
-    def begin(self, campaign: str, settings: Mapping[str, Any]) -> None:
-        """Store the settings of a new campaign; StoreError if others are stored under that name."""
-        ...
-
-    def settings(self, campaign: str) -> dict[str, Any] | None:
-        """Return the settings of a campaign; None if it was never begun."""
-        ...
-
-    def campaigns(self) -> tuple[str, ...]:
-        """Return the names of all campaigns, in the order they were begun."""
-        ...
-
-    def forget_empty(self, campaign: str) -> bool:
-        """Delete a campaign that has no attempt and return True; return False, changing nothing, where it has one."""
-        return False
-
-    def close(self) -> None:
-        """Release every resource; no other method is called afterwards."""
-        ...
-
-    def keep(self, run: PackedRun) -> None:
-        """Store a run; where its id is known, nothing changes."""
-        ...
-
-    def append(self, attempt: Attempt, runs: Sequence[PackedRun]) -> None:
-        """Store an attempt with its runs, all or nothing; StoreError if its index is taken."""
-        ...
-
-    def attempts(self, campaign: str) -> Iterator[Attempt]:
-        """Return the attempts of a campaign in the order of their index."""
-        ...
-
-    def run(self, run_id: str) -> Run:
-        """Return the run of that id; StoreError if there is none."""
-        ...
-
-    def find(self, run_id: str) -> Run | None:
-        """Return the run of that id, or None."""
-        ...
 
 
 Count = Annotated[int, Field(ge=1, le=100_000)]

@@ -23,8 +23,8 @@ from pathlib import Path
 from typing import Any
 
 import rvsg
-from rvsg.campaign.attempt import Failure
-from rvsg.campaign.runner import FinishedRun, RunMaker, Trial
+from rvsg.campaign.attempt import Failure, Measurement
+from rvsg.campaign.runner import FinishedRun, RunMaker
 from rvsg.campaign.worker_pool import START_S
 from rvsg.core.errors import FileError, InputError, SimulationError, how_to_install
 from rvsg.core.inputs import parse_json, read_text
@@ -149,7 +149,7 @@ class Cluster:
         self._under_way.add(future)
         return Submitted(scenario, seed, trial, future)
 
-    def result(self, submitted: Submitted) -> FinishedRun | Trial | Failure:
+    def result(self, submitted: Submitted) -> FinishedRun | Measurement | Failure:
         """Wait for a run; SimulationError if the whole cluster is gone."""
         killed = _distributed().KilledWorker
         try:
@@ -166,14 +166,14 @@ class Cluster:
         reason = "workers of the cluster died again and again while they ran this scenario"
         return Failure(seed=submitted.seed, reason=reason)
 
-    def _wait(self, future: Any) -> FinishedRun | Trial | Failure:
+    def _wait(self, future: Any) -> FinishedRun | Measurement | Failure:
         """Wait for one future, and look at the cluster from time to time."""
         distributed = _distributed()
         seen = self._now()
         while True:
             failed = future.status == "error"  # then the error is the simulator's, not the connection's
             try:
-                found: FinishedRun | Trial | Failure = future.result(timeout=LOOK_S)
+                found: FinishedRun | Measurement | Failure = future.result(timeout=LOOK_S)
             except distributed.KilledWorker:
                 raise
             except (OSError, CancelledError) as error:
@@ -359,6 +359,6 @@ def keep(token: str, shared: bytes | None) -> None:
             _one_at_a_time.release()
 
 
-def _work(token: str, scenario: Scenario, seed: int, trial: bool) -> FinishedRun | Trial | Failure:
+def _work(token: str, scenario: Scenario, seed: int, trial: bool) -> FinishedRun | Measurement | Failure:
     with _one_at_a_time:  # simulators keep buffers per process, and a Dask worker may have several threads
         return _shared[token](scenario, seed, trial=trial)

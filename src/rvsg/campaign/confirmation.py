@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.execution import Attempted, Confirming, Event, Explaining, Made, Parts, collect, store, submit
 from rvsg.campaign.findings import badness
 from rvsg.campaign.ledger import whole
-from rvsg.campaign.observation import FailureMode, modes_in, usual
+from rvsg.campaign.observation import FailureMode, usual
 from rvsg.campaign.ranking import candidates, confirmations, search_attempts
 from rvsg.core.seeds import fresh_seeds
 from rvsg.evaluation.judge import next_repeats, violated
@@ -70,7 +71,7 @@ def _one_of_each_kind(plan: Plan, found: Sequence[Attempt], parts: Parts) -> lis
     """Return candidates with the first of every kind of failure before the second ones, else in their order."""
     seen: Counter[FailureMode | None] = Counter()
     rank: dict[int, int] = {}
-    mode = modes_in(parts.ledger, parts.simulations.world)
+    mode = partial(parts.ledger.failure_mode, world=parts.runner.world)
     for attempt in found:
         values = [(m.run_id, m.objective) for m in attempt.measurements]
         violating = [run for run, value in values if value is not None and plan.requirement.violated_by(value)]
@@ -146,7 +147,7 @@ def confirm(
     made = Made(measurements=list(known.measurements), failures=list(known.failures)) if known else Made()
     objectives = _objectives(known) if known else []
     count = next_repeats(plan.requirement, objectives, procedure=procedure) if judged else budget
-    ahead = min(max(0, parts.simulations.lookahead - 1), MOST_AHEAD)
+    ahead = min(max(0, parts.runner.lookahead - 1), MOST_AHEAD)
     while count:
         pending = submit(again, seeds[made.count : made.count + count + ahead], parts)
         yield from collect(again, pending[:count], made, parts)

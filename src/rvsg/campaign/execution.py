@@ -10,9 +10,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
-from rvsg.campaign.attempt import Attempt, Failure, Ledger, Measurement, Plan
+from rvsg.campaign.attempt import Attempt, Failure, Measurement, Plan
+from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.ranking import confirmations, search_attempts
-from rvsg.campaign.runner import FinishedRun, PendingRun, Simulations
+from rvsg.campaign.runner import FinishedRun, PendingRun, Runner
 from rvsg.core.errors import BudgetSpent, SimulationError
 from rvsg.core.records import Record
 from rvsg.evaluation.verdict import DEFAULT, Procedure, Verdict
@@ -215,9 +216,9 @@ class Parts:
     """What the loop works with."""
 
     generator: Generator
-    simulations: Simulations
+    runner: Runner
     judge: Judge
-    ledger: Ledger
+    ledger: CachedLedger
     procedure: Procedure = DEFAULT
     """The error rates of a confirmation."""
     cancelled: Callable[[], bool] = lambda: False
@@ -253,7 +254,7 @@ class Made:
 def submit(attempt: Attempt, seeds: Sequence[int], parts: Parts) -> list[PendingRun]:
     """Submit one run of an attempt's scenario for each seed; none if it has no scenario."""
     scenario = attempt.proposal.scenario
-    return [parts.simulations.submit(scenario, seed) for seed in seeds] if scenario else []
+    return [parts.runner.submit(scenario, seed) for seed in seeds] if scenario else []
 
 
 def collect(attempt: Attempt, pending: Sequence[PendingRun], made: Made, parts: Parts) -> Iterator[Event]:

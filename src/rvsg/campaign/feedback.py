@@ -7,27 +7,37 @@ each run is extracted where the run is made: a worker has all of it at hand, the
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.campaign.attempt import Attempt, Measurement
-from rvsg.campaign.observation import FailureMode, Walk, arrivals, mode_of, passings_of, side_of, stops_of, walks_of
+from rvsg.campaign.attempt import Attempt, Measurement, Plan
+from rvsg.campaign.ledger import CachedLedger
+from rvsg.campaign.observation import (
+    FailureMode,
+    RunObservation,
+    Walk,
+    arrivals,
+    encounter_of,
+    observe,
+    passings_of,
+    side_of,
+    stops_of,
+    walks_of,
+)
 from rvsg.campaign.ranking import measured, standing
 from rvsg.core.errors import SimulationError
 from rvsg.core.records import Record
 from rvsg.core.seeds import seed_for
 from rvsg.evaluation.aims import series_name, series_of
-from rvsg.evaluation.detection import contacts
-from rvsg.evaluation.events import Place
 from rvsg.evaluation.naming import WaypointNames
 from rvsg.evaluation.sampled import sampled
 from rvsg.evaluation.statistics import welch
 from rvsg.evaluation.verdict import Verdict
 from rvsg.generation.generator import MET_M, Rehearsal, Rehearse, Walked
-from rvsg.scenario.brief import Encounter, Feedback, HumanInfluence, Moment, Part, PersonAt, Row, Sample, Touched, Tried
+from rvsg.scenario.brief import Encounter, Feedback, HumanInfluence, Moment, Part, PersonAt, Row, Sample, Tried
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario
 from rvsg.scenario.variation import differences
@@ -36,69 +46,13 @@ from rvsg.simulation.run import Run, Trajectory
 from rvsg.world.grid import Grid
 from rvsg.world.world import World
 
-NEAR_M = 2.0
-"""A human nearer than this may influence how the robot drives (the inflation and the social zone end before it)."""
+Floats = NDArray[np.float64]
+
 MEETING_M = 3.0
 """A waypoint at which a human never came nearer than this to the robot played no part in the encounter."""
 
 
-@dataclass(frozen=True)
-class PersonGlance:
-    """One person in a run."""
-
-    name: str
-    closest_gap_m: float
-    share_near: float
-    """Share of the time within `NEAR_M`."""
-    met: dict[str, float]
-    """The smallest gap at each waypoint that the person was nearest to, m."""
-
-
-@dataclass(frozen=True)
-class Glance:
-    """One run."""
-
-    run_id: str
-    completed: bool
-    ended_s: float
-    people: tuple[PersonGlance, ...]
-    touches: tuple[Touched, ...]
-
-
-@dataclass(frozen=True)
-class Look:
-    """What the process that made a run tells of it, so that the campaign seldom unpacks it."""
-
-    run_id: str
-    mode: FailureMode | None
-    """How it fails if it does."""
-    encounter: Encounter | None
-    glance: Glance | None = None
-    """None where hardly any run gets feedback."""
-
-
-def glance_at(run: Run, world: World) -> Glance:
-    """Return what feedback takes of a run."""
-    return glance_of(run, world.grid, world)
-
-
-def glance_of(run: Run, grid: Grid, world: World | None) -> Glance:
-    """Return what feedback takes of a run, in a world that is possibly not known but for its grid."""
-    path, gap, names = run.trajectory, sampled(run, world).gap, WaypointNames(grid)
-    step = max(1, len(path) // 400)
-    people = []
-    for h, name in enumerate(run.human_names):
-        met: dict[str, float] = {}
-        at = names.nearest(path.human_x[::step, h], path.human_y[::step, h])
-        for place, distance in zip(at, gap[::step, h].tolist(), strict=True):
-            met[place] = min(met.get(place, np.inf), distance)
-        closest, near = (float(gap[:, h].min()), float((gap[:, h] < NEAR_M).mean())) if len(path) else (np.inf, 0.0)
-        people.append(PersonGlance(name, closest, near, met))
-    ended = float(path.t[-1]) if len(path) else 0.0
-    return Glance(run.id, run.completed, ended, tuple(people), touches_of(run, grid, world))
-
-
-def influences(people: Sequence[Human], glances: Sequence[Glance]) -> tuple[HumanInfluence, ...]:
+def influences(people: Sequence[Human], observations: Sequence[RunObservation]) -> tuple[HumanInfluence, ...]:
     """Return what each human contributed over all runs: closest gap, share of time near, waypoints without effect.
 
     Args:
@@ -106,8 +60,8 @@ def influences(people: Sequence[Human], glances: Sequence[Glance]) -> tuple[Huma
     """
     planned = {human.name: human for human in people}
     found = []
-    for h, person in enumerate(glances[0].people):
-        seen = [glance.people[h] for glance in glances]
+    for h, person in enumerate(observations[0].people):
+        seen = [each.people[h] for each in observations]
         human = planned.get(person.name)
         path = dict.fromkeys(w for task in human.tasks for w in task.path) if human is not None else {}
         idle = tuple(w for w in path if min(each.met.get(w, np.inf) for each in seen) > MEETING_M)
@@ -121,27 +75,6 @@ def influences(people: Sequence[Human], glances: Sequence[Glance]) -> tuple[Huma
         )
     return tuple(found)
 
-
-def touches_of(run: Run, grid: Grid, world: World | None = None) -> tuple[Touched, ...]:
-    """Return the touches of the robot and a person in a run, as events tell them, in order."""
-    s, names = sampled(run, world), WaypointNames(grid)
-
-    def at(x: float, y: float) -> Place:
-        return Place(x=x, y=y, waypoint=names.nearest(np.array([x]), np.array([y]))[0])
-
-    return tuple(
-        Touched(
-            who=contact.person,
-            at=contact.place.waypoint,
-            time_s=round(contact.time_s, 1),
-            until_s=round(contact.until_s, 1),
-            moved_by=contact.moved_by,
-        )
-        for contact in sorted(contacts(s, at), key=lambda contact: contact.time_s)
-    )
-
-
-Floats = NDArray[np.float64]
 
 APART_S = 3.0
 """Decisive moments of one kind that are closer together than this are one moment."""
@@ -173,9 +106,9 @@ def feedback_of(
         ValueError: The attempt has no objective or no run.
     """
     by_id = {run.id: run for run in runs}
-    return told_of(
+    return feedback_from(
         attempt,
-        [glance_of(run, grid, world) for run in runs],
+        [observe(run, grid, world) for run in runs],
         by_id.__getitem__,
         requirement=requirement,
         grid=grid,
@@ -185,9 +118,9 @@ def feedback_of(
     )
 
 
-def told_of(
+def feedback_from(
     attempt: Attempt,
-    glances: Sequence[Glance],
+    observations: Sequence[RunObservation],
     run_of: Callable[[str], Run],
     *,
     requirement: Requirement,
@@ -196,20 +129,20 @@ def told_of(
     moments: int = 4,
     world: World | None = None,
 ) -> Feedback:
-    """Return what an attempt measured, as `feedback_of` does, from a glance at each run.
+    """Return what an attempt measured, as `feedback_of` does, from what was observed of each run.
 
     Args:
         run_of: Finds a run by its id; asked for the worst run and the mildest one.
     """
     scenario, verdict = attempt.proposal.scenario, attempt.verdict
-    if scenario is None or verdict is None or verdict.mean is None or not glances:
+    if scenario is None or verdict is None or verdict.mean is None or not observations:
         raise ValueError("an attempt without an objective has no feedback")
     worst = run_of(worst_measurement(attempt, requirement).run_id)
     before = previous.verdict if previous else None
-    times = [glance.ended_s for glance in glances if glance.completed]
+    times = [each.ended_s for each in observations if each.completed]
     walks = walks_of(worst, scenario.people, grid)
     mild = mildest_measurement(attempt, requirement)
-    touched = {glance.run_id: glance.touches for glance in glances if glance.touches}
+    touched = {each.run_id: each.touches for each in observations if each.touches}
     return Feedback(
         scenario=scenario,
         analysis="" if attempt.brief.kind == "tune" else attempt.proposal.reasoning,
@@ -224,7 +157,7 @@ def told_of(
         previous_mean=before.mean if before else None,
         separable=separable(before, verdict) if before and before.mean is not None else None,
         moments=decisive_moments(worst, grid, world, at_most=moments),
-        influences=influences(scenario.people.humans, glances),
+        influences=influences(scenario.people.humans, observations),
         series=series(worst, grid, requirement, world),
         series_of=series_name(requirement),
         rows=rows_of(worst, walks, grid, series_of(worst, requirement, world=world)),
@@ -243,6 +176,61 @@ def told_of(
         touches=touched.get(worst.id, ()),
         touches_elsewhere=tuple(touches[0] for run, touches in touched.items() if run != worst.id),
     )
+
+
+class FeedbackSource(Protocol):
+    """What a strategy may ask of attempts that were made. A function of the two arguments of `__call__` is none.
+
+    Derive a source from this class: everything but `__call__` and `attempt` has a default.
+    """
+
+    def __call__(self, attempt: Attempt, previous: Attempt | None) -> Feedback:
+        """Return the feedback on an attempt, compared with the attempt before it (None: the first of its scenario)."""
+        ...
+
+    def encounter(self, attempt: Attempt) -> Encounter | None:
+        """Return the encounter that an attempt shows, which is a small part of the work; None without people."""
+        return self(attempt, None).encounter
+
+    def failures(self, attempt: Attempt) -> tuple[FailureMode, ...]:
+        """Return how the violating runs of an attempt fail; by default of the worst, as far as its encounter tells."""
+        met = self.encounter(attempt) if attempt.violations else None
+        return (FailureMode(place=met.place, person=met.kind, robot=""),) if met is not None else ()
+
+
+class StoredFeedback(FeedbackSource):
+    """Feedback that is computed from the stored runs of a campaign."""
+
+    def __init__(self, ledger: CachedLedger, plan: Plan, world: World) -> None:
+        self._ledger, self._plan, self._world = ledger, plan, world
+
+    def __call__(self, attempt: Attempt, previous: Attempt | None) -> Feedback:
+        """Return the feedback."""
+        requirement, world = self._plan.requirement, self._world
+        found = feedback_from(
+            attempt,
+            [self._ledger.observation(measurement.run_id, world) for measurement in attempt.measurements],
+            self._ledger.run,
+            requirement=requirement,
+            grid=world.grid,
+            previous=previous,
+            world=world,
+        )
+        return found.replace(encounter=self.encounter(attempt))
+
+    def encounter(self, attempt: Attempt) -> Encounter | None:
+        """Return the encounter of the run that is worst for the robot."""
+        worst = worst_measurement(attempt, self._plan.requirement)
+        return self._ledger.observation(worst.run_id, self._world).encounter
+
+    def failures(self, attempt: Attempt) -> tuple[FailureMode, ...]:
+        """Return how each run that violates the requirement fails."""
+        requirement = self._plan.requirement
+        violating = (
+            m for m in attempt.measurements if m.objective is not None and requirement.violated_by(m.objective)
+        )
+        modes = (self._ledger.failure_mode(m.run_id, self._world) for m in violating)
+        return tuple(mode for mode in modes if mode is not None)
 
 
 def with_history(
@@ -526,33 +514,6 @@ def _walked(run: Run, h: int, human: Human, walk: Walk, world: World) -> Walked:
         nearest_m=round(float(away[nearest]), 2),
         nearest_s=round(float(path.t[nearest]), 1),
         met_s=round(float(path.t[met[0]]), 1) if met.size else None,
-    )
-
-
-STRETCHES = ("first third", "middle third", "last third")
-
-
-def encounter_of(run: Run, world: World) -> Encounter | None:
-    """Return the encounter at the closest approach of a run; None for a run without people."""
-    return _encounter(run, mode_of(run, world))
-
-
-def look_at(run: Run, world: World, *, told: bool = False) -> Look:
-    """Return what a campaign asks of a run; `told`: what feedback takes of it as well."""
-    mode = mode_of(run, world)
-    return Look(run.id, mode, _encounter(run, mode), glance_at(run, world) if told else None)
-
-
-def _encounter(run: Run, mode: FailureMode | None) -> Encounter | None:
-    if mode is None:
-        return None
-    path = run.trajectory
-    away = np.hypot(path.human_x - path.x[:, None], path.human_y - path.y[:, None])
-    index, human = (int(k) for k in np.unravel_index(int((away - np.asarray(run.human_radius_m)).argmin()), away.shape))
-    driven = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(path.x), np.diff(path.y)))])
-    share = float(driven[index] / driven[-1]) if driven[-1] > 0.0 else 0.0
-    return Encounter(
-        stretch=STRETCHES[min(2, int(3.0 * share))], place=mode.place, who=run.human_names[human], kind=mode.person
     )
 
 

@@ -30,10 +30,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.feedback import FeedbackSource
 from rvsg.campaign.mutation import CandidateStrategy, Kinds, Met
 from rvsg.campaign.race import Candidate, estimate, in_the_race, last_written, mean_of, tried, tuning_of, written
 from rvsg.campaign.ranking import Tried, lessons_of, remember, tried_by, undominated
-from rvsg.campaign.strategies import Ask, Batches, FeedbackOf
+from rvsg.campaign.strategies import Ask, Batches
 from rvsg.core.seeds import seed_for
 from rvsg.scenario.brief import Brief, Encounter, Feedback
 from rvsg.world.world import World
@@ -57,7 +58,7 @@ class HybridStrategy(CandidateStrategy):
         turns: Share of the runs, less those of the finalists, that go to the turns of a generator with few proposals.
         explore: Share of the changed configurations that are not the best but stand for their kind of failure.
         spread: Whether that share looks for kinds of failure that nothing shows yet, and races make kinds certain.
-            Without it, that share is the worst with their kind of encounter, as in RVSG 0.1.
+            Without it, that share is the worst with their kind of encounter.
         batch: Attempts that may be made side by side.
         finalists: Configurations that are run until their order is settled.
         final_runs: Runs of each finalist.
@@ -65,14 +66,11 @@ class HybridStrategy(CandidateStrategy):
 
     name = "hybrid"
     recorded: ClassVar[Mapping[str, Any]] = {"spread": True, "finalists": 3}
-    """What a campaign's record keeps of this form of the strategy."""
-    unrecorded: ClassVar[Mapping[str, Any]] = {"spread": False, "finalists": 4}
-    """The form that campaigns have whose record keeps nothing."""
 
     def __init__(
         self,
         plan: Plan,
-        feedback_of: FeedbackOf,
+        feedback_of: FeedbackSource,
         world: World | None = None,
         *,
         drafts: float = 0.12,
@@ -318,7 +316,7 @@ class HybridStrategy(CandidateStrategy):
     def _measured(self, candidate: Candidate, attempt: Attempt) -> None:
         super()._measured(candidate, attempt)
         if self.kinds is not None and candidate.runs:
-            self.kinds.place(candidate, self.failures_of(attempt))
+            self.kinds.place(candidate, self.feedback_of.failures(attempt))
 
     def _race(self, count: int, among: Sequence[Candidate] | None = None) -> Batch:
         """Give one more run to a number of the configurations, of all or of some, that may still be the best."""
@@ -361,7 +359,6 @@ class KeepingStrategy(HybridStrategy):
     """
 
     recorded: ClassVar[Mapping[str, Any]] = {}
-    unrecorded: ClassVar[Mapping[str, Any]] = {}
 
     def __init__(self, *args: Any, repeated: float, **options: Any) -> None:
         super().__init__(*args, spread=False, **options)
@@ -424,7 +421,7 @@ class MapElitesStrategy(KeepingStrategy):
             self._place(candidate, attempt)
 
     def _place(self, candidate: Candidate, attempt: Attempt) -> None:
-        encounter = self.encounter_of(attempt) if candidate.runs else None
+        encounter = self.feedback_of.encounter(attempt) if candidate.runs else None
         if encounter is not None:
             self._cells[candidate.index] = encounter
 

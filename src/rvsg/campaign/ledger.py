@@ -1,75 +1,174 @@
-"""Memory of a campaign: what is kept of its attempts and runs, and what is read again from the ledger.
+"""The Ledger, where attempts and runs are stored for good, and the bounded cache that a campaign reads it through.
 
-An attempt takes some 30 kB: its scenario, every metric of every run, and all that its brief tells. A search reads
-hardly any of it again, so a campaign keeps a few numbers of each attempt, and takes as much memory after 20,000 runs as
-after the first thousand.
+An attempt takes some 30 kB: its scenario, every metric of every run, and all that its brief says. A search reads
+hardly any of it again, so a campaign keeps a summary of each attempt and a bounded number of records. It takes as much
+memory after 20,000 runs as after the first thousand, but for the summaries.
 """
 
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
-from typing import Any, TypeVar, cast
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from typing import Any, Generic, Protocol, TypeVar, cast
 
-from rvsg.campaign.attempt import Attempt, Ledger
-from rvsg.campaign.feedback import Glance, Look
+from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.observation import FailureMode, RunObservation, observe
+from rvsg.core.errors import StoreError
 from rvsg.core.records import Record
 from rvsg.scenario.brief import Feedback, Remembered
 from rvsg.scenario.scenario import Scenario
+from rvsg.simulation.archive import PackedRun
 from rvsg.simulation.run import Run
+from rvsg.world.world import World
 
-MOST = 16
-"""Runs kept with their arrays, some 0.3 MB each."""
-MOST_GLANCES = 512
-"""Glances kept, some 4 kB each."""
-MOST_LOOKS = 4096
-"""Looks kept, some 0.3 kB each without their glance."""
+K = TypeVar("K")
+V = TypeVar("V")
+T = TypeVar("T")
+RUNS = 16
+"""Runs in memory with their arrays, some 0.3 MB each."""
+OBSERVATIONS = 4096
+"""Observations of runs in memory, some 4 kB each."""
+ATTEMPTS = 64
+"""Attempts in memory, some 30 kB each, and up to 0.5 MB where the brief holds feedback."""
 
 
-class Recalling:
-    """Wraps a Ledger and keeps the last runs that were made in this process or read."""
+class Ledger(Protocol):
+    """Where attempts and runs are stored, in order, for good.
 
-    def __init__(self, ledger: Ledger) -> None:
-        self._ledger = ledger
-        self._runs: OrderedDict[str, Run] = OrderedDict()
-        self._glances: OrderedDict[str, Glance] = OrderedDict()
-        self._looks: OrderedDict[str, Look] = OrderedDict()
-        self._same: dict[Any, Any] = {}
+    A plug-in of the kind `store` is created with the path that is its own in the campaign's folder, and its options. A
+    run is stored by its content id, possibly before the attempt it belongs to, so that an interruption loses at most
+    the runs in progress. Derive a ledger from this class: `forget_empty` and `attempt` have defaults.
+    """
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._ledger, name)
+    def begin(self, campaign: str, settings: Mapping[str, Any]) -> None:
+        """Store the settings of a new campaign; StoreError if others are stored under that name."""
+        ...
 
-    def made(self, run: Run) -> None:
-        """Keep a run until `MOST` newer ones are kept."""
-        self._runs[run.id] = run
-        self._runs.move_to_end(run.id)
-        if len(self._runs) > MOST:
-            self._runs.popitem(last=False)
+    def settings(self, campaign: str) -> dict[str, Any] | None:
+        """Return the settings of a campaign; None if it was never begun."""
+        ...
 
-    def looked(self, look: Look) -> None:
-        """Keep what was seen of a run until `MOST_LOOKS` others came, its glance until `MOST_GLANCES` did."""
-        mode, encounter = (self._same.setdefault(each, each) for each in (look.mode, look.encounter))
-        self._looks[look.run_id] = Look(look.run_id, mode, encounter)
-        if len(self._looks) > MOST_LOOKS:
-            self._looks.popitem(last=False)
-        if look.glance is not None:
-            self._glances[look.run_id] = look.glance
-            if len(self._glances) > MOST_GLANCES:
-                self._glances.popitem(last=False)
+    def campaigns(self) -> tuple[str, ...]:
+        """Return the names of all campaigns, in the order they were begun."""
+        ...
 
-    def look(self, run_id: str) -> Look | None:
-        """Return what was seen of a run when it was made, but for its glance; None if that is not known any more."""
-        return self._looks.get(run_id)
+    def forget_empty(self, campaign: str) -> bool:
+        """Delete a campaign that has no attempt and return True; return False, changing nothing, where it has one."""
+        return False
 
-    def glance(self, run_id: str) -> Glance | None:
-        """Return what the worker that made a run saw of it; None if that is not known any more."""
-        return self._glances.get(run_id)
+    def close(self) -> None:
+        """Release every resource; no other method is called afterwards."""
+        ...
+
+    def keep(self, run: PackedRun) -> None:
+        """Store a run; where its id is known, nothing changes."""
+        ...
+
+    def append(self, attempt: Attempt, runs: Sequence[PackedRun]) -> None:
+        """Store an attempt with its runs, all or nothing; StoreError if its index is taken."""
+        ...
+
+    def attempts(self, campaign: str) -> Iterator[Attempt]:
+        """Return the attempts of a campaign in the order of their index."""
+        ...
+
+    def attempt(self, campaign: str, index: int) -> Attempt:
+        """Return one attempt of a campaign; StoreError if there is none. By default it looks through `attempts`."""
+        for attempt in self.attempts(campaign):
+            if attempt.index == index:
+                return attempt
+        raise StoreError(f"there is no attempt {index} of campaign {campaign!r}")
 
     def run(self, run_id: str) -> Run:
         """Return the run of that id; StoreError if there is none."""
-        if run_id not in self._runs:
-            self.made(self._ledger.run(run_id))
-        return self._runs[run_id]
+        ...
+
+    def find(self, run_id: str) -> Run | None:
+        """Return the run of that id, or None."""
+        ...
+
+
+class Recent(Generic[K, V]):
+    """A mapping of bounded size that forgets what was used least recently."""
+
+    def __init__(self, most: int) -> None:
+        self.most = most
+        self._kept: OrderedDict[K, V] = OrderedDict()
+
+    def add(self, key: K, value: V) -> V:
+        """Keep a value and return it."""
+        self._kept[key] = value
+        self._kept.move_to_end(key)
+        if len(self._kept) > self.most:
+            self._kept.popitem(last=False)
+        return value
+
+    def get(self, key: K) -> V | None:
+        """Return a value that is still kept; None if it is not."""
+        if key not in self._kept:
+            return None
+        self._kept.move_to_end(key)
+        return self._kept[key]
+
+    def get_or(self, key: K, make: Callable[[K], V]) -> V:
+        """Return a value, made and kept where it is not kept any more."""
+        known = self.get(key)
+        return self.add(key, make(key)) if known is None else known
+
+
+class CachedLedger:
+    """A ledger with what a campaign used last in memory: attempts, runs with their arrays, and observations of runs.
+
+    Args:
+        ledger: Where everything is stored.
+    """
+
+    def __init__(self, ledger: Ledger) -> None:
+        self.ledger = ledger
+        self._attempts: Recent[tuple[str, int], Attempt] = Recent(ATTEMPTS)
+        self._runs: Recent[str, Run] = Recent(RUNS)
+        self._observations: Recent[str, RunObservation] = Recent(OBSERVATIONS)
+
+    def keep(self, run: PackedRun) -> None:
+        """Store a run; where its id is known, nothing changes."""
+        self.ledger.keep(run)
+
+    def append(self, attempt: Attempt, runs: Sequence[PackedRun]) -> None:
+        """Store an attempt with its runs, and keep it in memory."""
+        self.ledger.append(attempt, runs)
+        self._attempts.add((attempt.campaign, attempt.index), attempt)
+
+    def attempts(self, campaign: str) -> Iterator[Attempt]:
+        """Return the attempts of a campaign in the order of their index."""
+        return self.ledger.attempts(campaign)
+
+    def attempt(self, campaign: str, index: int) -> Attempt:
+        """Return one attempt of a campaign; StoreError if there is none."""
+        return self._attempts.get_or((campaign, index), lambda key: self.ledger.attempt(*key))
+
+    def find(self, run_id: str) -> Run | None:
+        """Return the run of that id, or None."""
+        return self._runs.get(run_id) or self.ledger.find(run_id)
+
+    def run(self, run_id: str) -> Run:
+        """Return the run of that id; StoreError if there is none."""
+        return self._runs.get_or(run_id, self.ledger.run)
+
+    def keep_in_memory(self, run: Run) -> None:
+        """Keep a run that was made in this process."""
+        self._runs.add(run.id, run)
+
+    def note(self, observation: RunObservation) -> None:
+        """Keep what was observed of a run where it was made."""
+        self._observations.add(observation.run_id, observation)
+
+    def observation(self, run_id: str, world: World) -> RunObservation:
+        """Return what is observed of a run: as noted, else of the run as it is stored."""
+        return self._observations.get_or(run_id, lambda _: observe(self.run(run_id), world.grid, world))
+
+    def failure_mode(self, run_id: str, world: World) -> FailureMode | None:
+        """Return how a run fails if it does."""
+        return self.observation(run_id, world).mode
 
 
 LAST = 256
@@ -129,20 +228,17 @@ class Filing:
     """Files the attempts of a campaign.
 
     Args:
-        ledger: Where they are stored. One that has no method `attempt`, or keeps everything in memory, is not read
-            again; then attempts are kept as they are.
+        ledger: Where they are stored.
     """
 
-    def __init__(self, ledger: Ledger, campaign: str) -> None:
-        self._reads: Callable[[str, int], Attempt] | None = getattr(ledger, "attempt", None)
+    def __init__(self, ledger: CachedLedger, campaign: str) -> None:
+        self._reads = ledger.attempt
         self._campaign = campaign
         self._last: OrderedDict[int, Attempt] = OrderedDict()
         self._briefs: OrderedDict[int, Attempt] = OrderedDict()
 
     def __call__(self, attempt: Attempt) -> Attempt:
         """Return what stands for a stored attempt."""
-        if self._reads is None:
-            return attempt
         self._keep(attempt)
         return cast(Attempt, Filed(attempt, self))
 
@@ -154,7 +250,6 @@ class Filing:
         """
         kept = self._last if but_brief else self._briefs
         if index not in kept:
-            assert self._reads is not None
             self._keep(self._reads(self._campaign, index))
         kept.move_to_end(index)
         return kept[index]
@@ -165,9 +260,6 @@ class Filing:
         for kept, most in ((self._last, LAST), (self._briefs, LAST_BRIEFS)):
             if len(kept) > most:
                 kept.popitem(last=False)
-
-
-T = TypeVar("T")
 
 
 class Sharing:

@@ -7,11 +7,11 @@ An Ask may name the seeds of its runs; runs that the ledger holds already are no
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from functools import partial
 from itertools import islice
 
-from rvsg.campaign.attempt import Attempt, Ledger, Plan
+from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.confirmation import confirm_all
 from rvsg.campaign.execution import (
     Attempted,
@@ -28,19 +28,15 @@ from rvsg.campaign.execution import (
     store,
     submit,
 )
-from rvsg.campaign.feedback import Glance, Look, encounter_of, glance_at, told_of, worst_measurement
-from rvsg.campaign.ledger import Filing
-from rvsg.campaign.observation import FailureMode, modes_in
+from rvsg.campaign.ledger import CachedLedger, Filing
 from rvsg.campaign.ranking import search_attempts
 from rvsg.campaign.runner import PendingRun
 from rvsg.campaign.smallest_scenario import shrink_all
-from rvsg.campaign.strategies import Ask, FeedbackOf, Strategy
+from rvsg.campaign.strategies import Ask, Strategy
 from rvsg.core.errors import BudgetSpent, GenerationError, NotRecorded
 from rvsg.core.records import text_id
 from rvsg.core.seeds import seed_for
 from rvsg.generation.generator import Call
-from rvsg.scenario.brief import Encounter, Feedback
-from rvsg.world.world import World
 
 WITHOUT_MODEL = "The budget of the model is spent, or its record ends. The search continues without it."
 
@@ -78,52 +74,6 @@ def stream_campaign(plan: Plan, strategy: Strategy, parts: Parts) -> Iterator[Ev
     yield Finished(campaign=plan.name, complete=complete, attempts=len(attempts))
 
 
-class FeedbackFrom:
-    """Computes the feedback on an attempt, or only its encounter, from the stored runs."""
-
-    def __init__(self, ledger: Ledger, plan: Plan, world: World) -> None:
-        self._ledger, self._plan, self._world = ledger, plan, world
-        self._mode = modes_in(ledger, world)
-        self._modes: dict[str, FailureMode | None] = {}
-        self._kinds: dict[FailureMode | None, FailureMode | None] = {}
-
-    def __call__(self, attempt: Attempt, previous: Attempt | None) -> Feedback:
-        """Return the feedback."""
-        requirement, world, run = self._plan.requirement, self._world, self._ledger.run
-        glances = [self._glance(measurement.run_id) for measurement in attempt.measurements]
-        told = told_of(attempt, glances, run, requirement=requirement, grid=world.grid, previous=previous, world=world)
-        return told.replace(encounter=encounter_of(run(worst_measurement(attempt, requirement).run_id), world))
-
-    def _glance(self, run_id: str) -> Glance:
-        """Return what the worker that made a run saw of it, else look at the stored run."""
-        recalled: Callable[[str], Glance | None] = getattr(self._ledger, "glance", lambda _: None)
-        return recalled(run_id) or glance_at(self._ledger.run(run_id), self._world)
-
-    def encounter(self, attempt: Attempt) -> Encounter | None:
-        """Return the encounter alone, which is a small part of the work."""
-        worst = worst_measurement(attempt, self._plan.requirement)
-        recalled: Callable[[str], Look | None] = getattr(self._ledger, "look", lambda _: None)
-        look = recalled(worst.run_id)
-        return encounter_of(self._ledger.run(worst.run_id), self._world) if look is None else look.encounter
-
-    def failures(self, attempt: Attempt) -> tuple[FailureMode, ...]:
-        """Return how each run that violates the requirement fails."""
-        found = []
-        for measurement in attempt.measurements:
-            if measurement.objective is None or not self._plan.requirement.violated_by(measurement.objective):
-                continue
-            if measurement.run_id not in self._modes:
-                mode = self._mode(measurement.run_id)
-                self._modes[measurement.run_id] = self._kinds.setdefault(mode, mode)
-            found.append(self._modes[measurement.run_id])
-        return tuple(mode for mode in found if mode is not None)
-
-
-def feedback_from(ledger: Ledger, plan: Plan, world: World) -> FeedbackOf:
-    """Return the function that computes the feedback on an attempt from the stored runs."""
-    return FeedbackFrom(ledger, plan, world)
-
-
 class _Known:
     """The attempts of a campaign so far, filed, and what every further one is compared with.
 
@@ -131,7 +81,7 @@ class _Known:
         calls: Those of the generator.
     """
 
-    def __init__(self, plan: Plan, ledger: Ledger) -> None:
+    def __init__(self, plan: Plan, ledger: CachedLedger) -> None:
         self._filing = Filing(ledger, plan.name)
         self._first: dict[str, tuple[Attempt, tuple[int, ...]]] = {}
         self.attempts: list[Attempt] = []
@@ -182,14 +132,13 @@ def _search(plan: Plan, strategy: Strategy, known: _Known, parts: Parts) -> Iter
     upcoming: deque[Ask] = deque()
     stopped: GenerationError | None = None
     index = len(known.attempts)
-    if hasattr(strategy, "announce"):
-        strategy.announce = partial(_begin_early, parts=parts)
+    strategy.allow_early_runs(partial(_begin_early, parts=parts))
     while True:
         if not upcoming and not stopped:
             upcoming.extend(strategy.ask()[len(in_progress) :])
             for ask in islice(upcoming, MOST_EARLY):
                 _begin_early(ask, parts)
-        while upcoming and not stopped and len(in_progress) <= parts.simulations.lookahead:
+        while upcoming and not stopped and len(in_progress) <= parts.runner.lookahead:
             ask = upcoming.popleft()
             parts.check()
             if ask.proposal is None:
@@ -219,7 +168,7 @@ def _begin_early(ask: Ask, parts: Parts) -> None:
     """Begin the runs of an ask that needs no generator, while the attempts before it are proposed and collected."""
     if ask.proposal is not None and ask.proposal.scenario is not None:
         for seed in ask.seeds or ():
-            parts.simulations.submit(ask.proposal.scenario, seed)
+            parts.runner.submit(ask.proposal.scenario, seed)
 
 
 def _begin(
@@ -234,7 +183,7 @@ def _begin(
     if proposal is None:
         try:
             parts.limits.check(known.calls)
-            proposal = parts.generator.propose(ask.brief, parts.simulations.world)
+            proposal = parts.generator.propose(ask.brief, parts.runner.world)
         except (BudgetSpent, NotRecorded):
             if ask.instead is None:
                 raise

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.feedback import FeedbackSource
 from rvsg.campaign.observation import FailureMode, seen_as
 from rvsg.campaign.race import Candidate
-from rvsg.campaign.strategies import Ask, BatchStrategy, FeedbackOf
+from rvsg.campaign.strategies import Ask, BatchStrategy
 from rvsg.core.records import Record, text_id
 from rvsg.core.seeds import seed_for
 from rvsg.evaluation.aims import aim_of, moved_by
@@ -312,7 +313,7 @@ class CandidateStrategy(BatchStrategy):
     """
 
     def __init__(
-        self, plan: Plan, feedback_of: FeedbackOf, world: World | None = None, *, final_runs: int = 10
+        self, plan: Plan, feedback_of: FeedbackSource, world: World | None = None, *, final_runs: int = 10
     ) -> None:
         super().__init__(plan, feedback_of, world)
         if world is None:
@@ -403,7 +404,7 @@ class CandidateStrategy(BatchStrategy):
 
     def _place(self, candidate: Candidate, attempt: Attempt) -> None:
         """Note the kind of encounter that a candidate shows."""
-        encounter = self.encounter_of(attempt) if candidate.runs else None
+        encounter = self.feedback_of.encounter(attempt) if candidate.runs else None
         if encounter is not None:
             self._cells[candidate.index] = encounter.replace(stretch="", who="")
 

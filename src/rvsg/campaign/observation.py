@@ -8,22 +8,21 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.campaign.attempt import Attempt, Ledger
+from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.ranking import in_full, measured, standing
 from rvsg.core.records import Record
-from rvsg.evaluation.detection import blocked_goals, place_namer, standstills
+from rvsg.evaluation.detection import blocked_goals, contacts, place_namer, standstills
 from rvsg.evaluation.encounters import encounters_of
-from rvsg.evaluation.events import StandStill
-from rvsg.evaluation.naming import place_name
+from rvsg.evaluation.events import Place, StandStill
+from rvsg.evaluation.naming import WaypointNames, place_name
 from rvsg.evaluation.sampled import Sampled, sampled, stretches
-from rvsg.scenario.brief import Arrival, Passing, Stop
+from rvsg.scenario.brief import Arrival, Encounter, Passing, Stop, Touched
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Human, HumanAgent, HumanConfiguration, decode, goal_names
 from rvsg.simulation.events import PersonPaused, PersonReached, PersonReacted, Recovery
@@ -103,18 +102,6 @@ def usual(modes: Iterable[FailureMode | None]) -> FailureMode | None:
     return counted.most_common(1)[0][0] if counted else None
 
 
-def modes_in(ledger: Ledger, world: World) -> Callable[[str], FailureMode | None]:
-    """Return the function that tells how the run of an id fails: as it was seen when it was made, else as stored."""
-    look: Callable[[str], Any] = getattr(ledger, "look", lambda _: None)
-
-    def mode(run_id: str) -> FailureMode | None:
-        seen = look(run_id)
-        found: FailureMode | None = seen.mode if seen is not None else mode_of(ledger.run(run_id), world)
-        return found
-
-    return mode
-
-
 def candidates(
     attempts: Sequence[Attempt], requirement: Requirement, kind_of: Callable[[Attempt], FailureMode | None]
 ) -> list[Attempt]:
@@ -191,6 +178,8 @@ def _angle(angle: float) -> float:
 
 
 OfWalk = PersonReached | PersonPaused | PersonReacted
+NEAR_M = 2.0
+"""A person nearer than this may influence how the robot drives (the inflation and the social zone end before it)."""
 REACHED_M = 0.6
 """Somebody who is farther than this from the place of the start has left it."""
 MARGIN_M, PASSED_M = 0.1, 0.8
@@ -380,8 +369,6 @@ def _speed(t: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64
 
 
 MOST_PASSINGS = 6
-NEAR_M = 2.0
-"""A person with a smaller gap may keep the planner from finding a way."""
 
 
 def stops_of(run: Run, world: World) -> tuple[Stop, ...]:
@@ -433,4 +420,98 @@ def passings_of(run: Run, world: World) -> tuple[Passing, ...]:
             gap_m=round(each.gap_m, 2),
         )
         for each in sorted(closest, key=lambda each: each.time_s)
+    )
+
+
+STRETCHES = ("first third", "middle third", "last third")
+
+
+@dataclass(frozen=True)
+class PersonObservation:
+    """One person in a run."""
+
+    name: str
+    closest_gap_m: float
+    share_near: float
+    """Share of the time within `NEAR_M`."""
+    met: Mapping[str, float]
+    """The smallest gap at each waypoint that the person was nearest to, m."""
+
+
+@dataclass(frozen=True)
+class RunObservation:
+    """What a search asks of a run besides its metrics.
+
+    It is made where the run is made: a worker has all of the run at hand, the campaign would have to unpack it.
+    """
+
+    run_id: str
+    completed: bool
+    ended_s: float
+    mode: FailureMode | None
+    """How it fails if it does."""
+    encounter: Encounter | None
+    """What it shows at the closest approach; None without people."""
+    people: tuple[PersonObservation, ...]
+    touches: tuple[Touched, ...]
+
+
+def observe(run: Run, grid: Grid, world: World | None = None) -> RunObservation:
+    """Return what a search asks of a run; where the world is not known, without `mode` and `encounter`."""
+    path, gap, names = run.trajectory, sampled(run, world).gap, WaypointNames(grid)
+    step = max(1, len(path) // 400)
+    people = []
+    for h, name in enumerate(run.human_names):
+        met: dict[str, float] = {}
+        at = names.nearest(path.human_x[::step, h], path.human_y[::step, h])
+        for place, distance in zip(at, gap[::step, h].tolist(), strict=True):
+            met[place] = min(met.get(place, math.inf), distance)
+        closest, near = (float(gap[:, h].min()), float((gap[:, h] < NEAR_M).mean())) if len(path) else (math.inf, 0.0)
+        people.append(PersonObservation(name, closest, near, met))
+    mode = mode_of(run, world) if world is not None else None
+    return RunObservation(
+        run_id=run.id,
+        completed=run.completed,
+        ended_s=float(path.t[-1]) if len(path) else 0.0,
+        mode=mode,
+        encounter=_encounter(run, mode) if mode is not None else None,
+        people=tuple(people),
+        touches=touches_of(run, grid, world),
+    )
+
+
+def encounter_of(run: Run, world: World) -> Encounter | None:
+    """Return the encounter at the closest approach of a run; None for a run without people."""
+    return _encounter(run, mode_of(run, world))
+
+
+def _encounter(run: Run, mode: FailureMode | None) -> Encounter | None:
+    if mode is None:
+        return None
+    path = run.trajectory
+    away = np.hypot(path.human_x - path.x[:, None], path.human_y - path.y[:, None])
+    index, human = (int(k) for k in np.unravel_index(int((away - np.asarray(run.human_radius_m)).argmin()), away.shape))
+    driven = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(path.x), np.diff(path.y)))])
+    share = float(driven[index] / driven[-1]) if driven[-1] > 0.0 else 0.0
+    return Encounter(
+        stretch=STRETCHES[min(2, int(3.0 * share))], place=mode.place, who=run.human_names[human], kind=mode.person
+    )
+
+
+def touches_of(run: Run, grid: Grid, world: World | None = None) -> tuple[Touched, ...]:
+    """Return the touches of the robot and a person in a run, as events tell them, in order."""
+    s, names = sampled(run, world), WaypointNames(grid)
+
+    def at(x: float, y: float) -> Place:
+        return Place(x=x, y=y, waypoint=names.nearest(np.array([x]), np.array([y]))[0])
+
+    return tuple(
+        Touched(
+            who=contact.person,
+            at=contact.place.waypoint,
+            time_s=round(contact.time_s, 1),
+            until_s=round(contact.until_s, 1),
+            moved_by=contact.moved_by,
+        )
+        for contact in sorted(contacts(s, at), key=lambda contact: contact.time_s)
     )

@@ -1,18 +1,20 @@
 """The runner: makes runs in this process, in worker processes or on a cluster, and measures them.
 
 What is recorded does not depend on how many workers there are, where they are, or which of them is faster. A run
-whose id is known is not simulated again.
+whose id is known is not simulated again. A run that cannot be made is a Failure; a run whose worker died is repeated by
+the executor, and becomes a Failure if it keeps killing its worker.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Any, Protocol, Self
 
 from rvsg.campaign.attempt import Failure, Measurement
-from rvsg.campaign.feedback import Look
+from rvsg.campaign.ledger import CachedLedger, Recent
+from rvsg.campaign.observation import RunObservation, observe
 from rvsg.campaign.worker_pool import Processes
 from rvsg.core.errors import SimulationError
 from rvsg.evaluation.judge import judge, objective
@@ -25,89 +27,8 @@ from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Outcome, Run, run_id
 from rvsg.world.world import World
 
-
-@dataclass(frozen=True)
-class Trial:
-    """A run that is not stored: nobody asks for more than how it is judged."""
-
-    seed: int
-    outcome: Outcome
-    measurement: Measurement
-
-
-@dataclass(frozen=True)
-class FinishedRun:
-    """A run as it comes back from where it was made: measured, and packed for the store."""
-
-    seed: int
-    outcome: Outcome
-    measurement: Measurement
-    packed: PackedRun
-    look: Look | None = None
-    """What was seen of it where it was made."""
-
-    @property
-    def id(self) -> str:
-        """The run's content id."""
-        return self.packed.id
-
-    def unpack(self) -> Run:
-        """Return the run with its arrays."""
-        return self.packed.unpack()
-
-
-def unmeasured(run: Run, place: World | None = None) -> Measurement:
-    """Return a measurement without any metric, for runs that nobody judges."""
-    return Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values={})
-
-
-@dataclass(frozen=True)
-class RunMaker:
-    """Simulates, measures and packs one run at a time; the same in this process, a worker, or a cluster.
-
-    A run is rounded before it is measured (see `rvsg.simulation.archive`), so that a run read from the store has
-    exactly the metrics it had when it was made.
-    """
-
-    simulator: Simulator
-    world: World
-    measure: Callable[[Run, World], Measurement] = unmeasured
-    judged: Callable[[Run, World], Measurement] | None = None
-    """Measures only what a verdict takes, for trials; `measure` where None."""
-    look: Callable[[Run, World], Look] | None = None
-    """Looks at every run that is stored."""
-
-    def __call__(
-        self, scenario: Scenario, seed: int, *, trial: bool = False, made: Callable[[Run], None] | None = None
-    ) -> FinishedRun | Trial | Failure:
-        """Make one run; a Failure where the simulator cannot.
-
-        Args:
-            trial: Return a Trial, which nobody stores.
-            made: Receives the run with its arrays, rounded, unless it is a trial.
-        """
-        place = scenario.mission.place(self.world)
-        try:
-            run = rounded(self.simulator.run(scenario, place, seed=seed))
-        except SimulationError as error:
-            return Failure(seed=seed, reason=str(error))
-        if trial:
-            return Trial(run.seed, run.outcome, (self.judged or self.measure)(run, place))
-        finished = self._finished(run, place)
-        if made is not None:
-            made(run)
-        return finished if self.look is None else replace(finished, look=self.look(run, self.world))
-
-    def close(self) -> None:
-        """Release what the simulator holds."""
-        self.simulator.close()
-
-    def finished(self, run: Run, scenario: Scenario) -> FinishedRun:
-        """Round, measure and pack a run that was made of a scenario."""
-        return self._finished(rounded(run), scenario.mission.place(self.world))
-
-    def _finished(self, run: Run, place: World) -> FinishedRun:
-        return FinishedRun(run.seed, run.outcome, self.measure(run, place), PackedRun.of(run))
+RECENT = 1000
+"""Results that are kept in memory, packed to some 5 kB each: strategies that race ask for the same runs again."""
 
 
 class Measuring:
@@ -166,8 +87,79 @@ class Measuring:
         )
 
 
-RECENT = 1000
-"""Runs that are kept in memory, packed to some 5 kB each: strategies that race ask for the same runs again."""
+@dataclass(frozen=True)
+class FinishedRun:
+    """A run as it comes back from where it was made: measured, and packed for the store."""
+
+    seed: int
+    outcome: Outcome
+    measurement: Measurement
+    packed: PackedRun
+    observation: RunObservation | None = None
+    """What the process that made it observed; None unless asked for."""
+
+    @property
+    def id(self) -> str:
+        """The run's content id."""
+        return self.packed.id
+
+    def unpack(self) -> Run:
+        """Return the run with its arrays."""
+        return self.packed.unpack()
+
+
+@dataclass(frozen=True)
+class RunMaker:
+    """Simulates, measures and packs one run at a time; the same in this process, a worker, or a cluster.
+
+    A run is rounded before it is measured (see `rvsg.simulation.archive.rounded`), so that a run read from the store
+    has exactly the metrics it had when it was made.
+    """
+
+    simulator: Simulator
+    world: World
+    measuring: Measuring | None = None
+    """Measures every run; None: nobody judges them."""
+    observes: bool = False
+    """Whether every run that is stored is observed."""
+
+    def __call__(
+        self, scenario: Scenario, seed: int, *, trial: bool = False, made: Callable[[Run], None] | None = None
+    ) -> FinishedRun | Measurement | Failure:
+        """Make one run; a Failure where the simulator cannot.
+
+        Args:
+            trial: Return only how the run is judged. Nobody stores it.
+            made: Receives the run with its arrays, rounded, unless it is a trial.
+        """
+        place = scenario.mission.place(self.world)
+        try:
+            run = rounded(self.simulator.run(scenario, place, seed=seed))
+        except SimulationError as error:
+            return Failure(seed=seed, reason=str(error))
+        if trial and self.measuring is not None:
+            return self.measuring.judged(run, place)
+        finished = self._finished(run, place)
+        if made is not None:
+            made(run)
+        if not self.observes:
+            return finished
+        return replace(finished, observation=observe(run, self.world.grid, self.world))
+
+    def close(self) -> None:
+        """Release what the simulator holds."""
+        self.simulator.close()
+
+    def finished(self, run: Run, scenario: Scenario) -> FinishedRun:
+        """Round, measure and pack a run that was made of a scenario."""
+        return self._finished(rounded(run), scenario.mission.place(self.world))
+
+    def _finished(self, run: Run, place: World) -> FinishedRun:
+        if self.measuring is None:
+            measured = Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values={})
+        else:
+            measured = self.measuring.measure(run, place)
+        return FinishedRun(run.seed, run.outcome, measured, PackedRun.of(run))
 
 
 class Executor(Protocol):
@@ -194,7 +186,7 @@ class Executor(Protocol):
         """Start a run and return at once what `result` takes; `trial` is for the `maker`."""
         ...
 
-    def result(self, submitted: Any) -> FinishedRun | Trial | Failure:
+    def result(self, submitted: Any) -> FinishedRun | Measurement | Failure:
         """Wait for a run.
 
         Raises:
@@ -210,47 +202,62 @@ class Executor(Protocol):
 class PendingRun:
     """A run that was submitted; `result` waits for it."""
 
-    def __init__(self, simulations: Simulations, scenario: Scenario, seed: int, *, trial: bool = False) -> None:
+    def __init__(self, runner: Runner, scenario: Scenario, seed: int, *, trial: bool = False) -> None:
         self.scenario = scenario
         self.seed = seed
         self.trial = trial
-        self.run_id = run_id(scenario.id, simulations.simulator.name, simulations.options, seed)
-        self._simulations = simulations
-        self._found: FinishedRun | Trial | Failure | None = None
+        self.run_id = run_id(scenario.id, runner.simulator.name, runner.options, seed)
+        self._runner = runner
+        self._found: FinishedRun | Measurement | Failure | None = None
         self._submitted: Any = None
 
     def result(self) -> FinishedRun | Failure:
         """Return the run, or why the simulator could not make it."""
         found = self._wait()
-        assert not isinstance(found, Trial)
+        assert not isinstance(found, Measurement), "a trial has a measurement and no result"
+        return found
+
+    def finished(self, label: str = "") -> FinishedRun:
+        """Return the run.
+
+        Args:
+            label: What a message about it names besides its seed.
+
+        Raises:
+            SimulationError: The simulator could not make it.
+        """
+        found = self.result()
+        if isinstance(found, Failure):
+            raise SimulationError(f"{label}{', ' if label else ''}seed {found.seed}: {found.reason}")
         return found
 
     def measurement(self) -> Measurement | None:
         """Return what was measured of the run; None where the simulator could not make it."""
         found = self._wait()
-        return None if isinstance(found, Failure) else found.measurement
+        if isinstance(found, Failure):
+            return None
+        return found if isinstance(found, Measurement) else found.measurement
 
-    def _wait(self) -> FinishedRun | Trial | Failure:
+    def _wait(self) -> FinishedRun | Measurement | Failure:
         if self._found is None:
-            self._found = self._simulations._collect(self)
+            self._found = self._runner._collect(self)
         return self._found
 
 
-class Simulations:
+class Runner:
     """Makes and measures the runs of one simulator in one world. A context manager; leaving it ends the workers.
+
+    Everything that simulates goes through it: campaigns, single scenarios, suites, comparisons, explorations. Several
+    variants of the system under test (robot, stack, version, parameters) are several simulators, one runner each.
 
     Args:
         simulator: What makes the runs.
         world: Where they take place.
-        measure: What measures each run, in the process that made it.
-        judged: What measures a trial there, which is not stored; by default the same.
+        measuring: What measures each run, in the process that made it; None where nobody judges them.
         jobs: Worker processes; with 1 everything happens in this process.
-        known: Returns the stored run of an id, or None.
         executor: Where runs are made instead of in `jobs` processes.
+        ledger: Where runs may be stored already; it keeps in memory what is observed of each new one.
         notify: Receives messages for the user, such as that a machine is gone.
-        made: Receives the runs that are made in this process, with their arrays.
-        look: Looks at every run in the process that made it.
-        looked: Receives what `look` saw.
         closes: Close the simulator at the end; its next run makes again what it needs.
     """
 
@@ -259,35 +266,45 @@ class Simulations:
         simulator: Simulator,
         world: World,
         *,
-        measure: Callable[[Run, World], Measurement] = unmeasured,
-        judged: Callable[[Run, World], Measurement] | None = None,
+        measuring: Measuring | None = None,
         jobs: int = 1,
-        known: Callable[[str], Run | None] | None = None,
         executor: Executor | None = None,
+        ledger: CachedLedger | None = None,
         notify: Callable[[str], None] = lambda _: None,
-        made: Callable[[Run], None] | None = None,
-        look: Callable[[Run, World], Look] | None = None,
-        looked: Callable[[Look], None] = lambda _: None,
         closes: bool = False,
     ) -> None:
-        self.closes = closes
         self.simulator = simulator
         self.world = world
         self.options = dict(simulator.options)
-        self._maker = RunMaker(simulator, world, measure, judged, look)
+        self.closes = closes
+        self._maker = RunMaker(simulator, world, measuring, observes=ledger is not None)
         self._executor: Executor | None = executor or (Processes(jobs) if jobs > 1 else None)
-        self._known = known or (lambda _: None)
+        self._ledger = ledger
         self._notify = notify
-        self._made = made
-        self._looked = looked
         self._open: dict[tuple[str, bool], PendingRun] = {}
-        self._recent: dict[tuple[str, bool], FinishedRun | Trial] = {}
+        self._recent: Recent[tuple[str, bool], FinishedRun | Measurement] = Recent(RECENT)
         self._started = False
 
     @property
     def lookahead(self) -> int:
         """Return how many attempts to submit before the first is collected: 0 in one process."""
         return self._ready().size if self._executor else 0
+
+    def run(self, scenario: Scenario, seeds: Iterable[int], *, label: str = "") -> Iterator[FinishedRun]:
+        """Make one run of a scenario for each seed and yield them in this order.
+
+        Args:
+            label: What a message about a run names besides its seed.
+
+        Raises:
+            SimulationError: A run could not be made.
+        """
+        return self.run_each([(scenario, seed) for seed in seeds], label=label)
+
+    def run_each(self, runs: Iterable[tuple[Scenario, int]], *, label: str = "") -> Iterator[FinishedRun]:
+        """Make runs of several scenarios and yield them in the order given; as `run` in everything else."""
+        for pending in [self.submit(scenario, seed) for scenario, seed in runs]:
+            yield pending.finished(label)
 
     def submit(self, scenario: Scenario, seed: int, *, trial: bool = False) -> PendingRun:
         """Ask for a run; it starts at once where there are workers, else when its result is wanted.
@@ -299,39 +316,37 @@ class Simulations:
         key = (pending.run_id, trial)
         if key in self._open:
             return self._open[key]
-        if key in self._recent:
-            pending._found = self._recent[key]
-            return pending
-        stored = None if trial else self._known(pending.run_id)
-        if stored is not None:
-            pending._found = self._maker.finished(stored, scenario)
-            self._remember(key, pending._found)
-            return pending
-        self._open[key] = pending
-        if self._executor:
-            pending._submitted = self._ready().submit(scenario, seed, **{"trial": True} if trial else {})
+        pending._found = self._recent.get(key) or self._stored(pending)
+        if pending._found is None:
+            self._open[key] = pending
+            if self._executor:
+                pending._submitted = self._ready().submit(scenario, seed, trial=trial)
         return pending
 
-    def _collect(self, pending: PendingRun) -> FinishedRun | Trial | Failure:
+    def _stored(self, pending: PendingRun) -> FinishedRun | None:
+        """Return a run that the ledger holds; None if it has to be made."""
+        run = None if pending.trial or self._ledger is None else self._ledger.find(pending.run_id)
+        if run is None:
+            return None
+        finished = self._maker.finished(run, pending.scenario)
+        self._recent.add((pending.run_id, False), finished)
+        return finished
+
+    def _collect(self, pending: PendingRun) -> FinishedRun | Measurement | Failure:
         """Wait for a submitted run. KeyboardInterrupt passes through; what was not collected is lost."""
         if self._executor is None:
-            found = self._maker(pending.scenario, pending.seed, trial=pending.trial, made=self._made)
+            made = self._ledger.keep_in_memory if self._ledger is not None else None
+            found = self._maker(pending.scenario, pending.seed, trial=pending.trial, made=made)
         else:
             found = self._executor.result(pending._submitted)
-        if isinstance(found, FinishedRun) and found.look is not None:
-            self._looked(found.look)
-            found = replace(found, look=None)
+        if isinstance(found, FinishedRun) and found.observation is not None and self._ledger is not None:
+            self._ledger.note(found.observation)
+            found = replace(found, observation=None)
         key = (pending.run_id, pending.trial)
         self._open.pop(key, None)
         if not isinstance(found, Failure):
-            self._remember(key, found)
+            self._recent.add(key, found)
         return found
-
-    def _remember(self, key: tuple[str, bool], run: FinishedRun | Trial) -> None:
-        """Keep a run in memory until `RECENT` newer ones are kept."""
-        self._recent[key] = run
-        if len(self._recent) > RECENT:
-            del self._recent[next(iter(self._recent))]
 
     def __enter__(self) -> Self:
         return self

@@ -12,13 +12,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 from rvsg.campaign.attempt import Attempt, Measurement, Plan
 from rvsg.campaign.execution import Attempted, Event, Made, Parts, Shrinks, collect, store, submit
 from rvsg.campaign.findings import distinct_failures, findings
 from rvsg.campaign.ledger import whole
-from rvsg.campaign.observation import modes_in
-from rvsg.campaign.runner import Simulations
+from rvsg.campaign.runner import Runner
 from rvsg.core.errors import InputError
 from rvsg.core.records import Record
 from rvsg.core.seeds import fresh_seeds
@@ -62,7 +62,7 @@ class Shrinking:
     """
 
     requirement: Requirement
-    simulations: Simulations
+    runner: Runner
     judge: Callable[[Sequence[Measurement]], Verdict]
     seed: int = 0
     repeats: int = 12
@@ -120,7 +120,7 @@ class Shrinking:
         again = True
         while again:
             again = False
-            for what, people in simpler(scenario.people, self.simulations.world.grid):
+            for what, people in simpler(scenario.people, self.runner.world.grid):
                 candidate = self._valid(scenario, people)
                 if candidate is None or candidate.id in tried or size(candidate.people) >= size(scenario.people):
                     continue
@@ -138,7 +138,7 @@ class Shrinking:
 
     def _valid(self, scenario: Scenario, people: HumanConfiguration) -> Scenario | None:
         """Return the scenario with these people, its loops closed again; None if that is not possible."""
-        world = self.simulations.world
+        world = self.runner.world
         mended, _ = repair(people, scenario.mission, world)
         if check(mended, scenario.mission, world):
             return None
@@ -150,7 +150,7 @@ class Shrinking:
         for count, seed in enumerate(seeds, start=1):
             spare = violations + len(seeds) - count + 1 - needed
             for certain in seeds[count - 1 : count + spare]:  # made whatever they show, so workers begin them at once
-                self.simulations.submit(scenario, certain, trial=True)
+                self.runner.submit(scenario, certain, trial=True)
             (measured,) = self._measured(scenario, [seed]) or (None,)
             objective = measured.objective if measured else None
             violations += objective is not None and self.requirement.violated_by(objective)
@@ -160,7 +160,7 @@ class Shrinking:
 
     def _measured(self, scenario: Scenario, seeds: Sequence[int]) -> list[Measurement]:
         """Return the measurements of the runs that could be made."""
-        pending = [self.simulations.submit(scenario, seed, trial=True) for seed in seeds]
+        pending = [self.runner.submit(scenario, seed, trial=True) for seed in seeds]
         found = [run.measurement() for run in pending]
         self.runs += len(found)
         return [measured for measured in found if measured is not None]
@@ -259,8 +259,8 @@ def shrink_all(plan: Plan, attempts: Sequence[Attempt], parts: Parts) -> Iterato
     if not parts.shrink_runs or plan.requirement.threshold is None:
         return
     done = list(attempts)
-    world = parts.simulations.world
-    runs, modes = parts.ledger.run, modes_in(parts.ledger, world)
+    world = parts.runner.world
+    runs, modes = parts.ledger.run, partial(parts.ledger.failure_mode, world=world)
     found = findings(plan, done, run_of=runs, world=world, procedure=parts.procedure, mode_of_run=modes)
     confirmations = {finding.attempt: finding.confirmation for finding in found}
     worst = [confirmations[failure.attempts[0]] for failure in distinct_failures(found)]
@@ -290,7 +290,7 @@ def _shrunk(plan: Plan, confirmation: Attempt, done: Sequence[Attempt], parts: P
 
     shrinking = Shrinking(
         requirement=plan.requirement,
-        simulations=parts.simulations,
+        runner=parts.runner,
         judge=parts.judge,
         seed=plan.seed,
         repeats=REPEATS,

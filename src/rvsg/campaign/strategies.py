@@ -8,12 +8,12 @@ spend the same number of runs, `plan.search_runs`.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Generator, Iterable
-from typing import Protocol
+from collections.abc import Callable, Generator, Iterable, Mapping
+from typing import Any, ClassVar, Protocol
 
-from rvsg.campaign.attempt import Attempt, Ledger, Measurement, Plan
-from rvsg.campaign.feedback import with_history
-from rvsg.campaign.observation import FailureMode
+from rvsg.campaign.attempt import Attempt, Measurement, Plan
+from rvsg.campaign.feedback import FeedbackSource, with_history
+from rvsg.campaign.ledger import Ledger
 from rvsg.campaign.ranking import last_untold, lessons_of, remember
 from rvsg.core.errors import StoreError
 from rvsg.core.records import Record
@@ -21,14 +21,11 @@ from rvsg.core.seeds import seed_for
 from rvsg.evaluation.aims import aim_of, moved_by
 from rvsg.evaluation.judge import judge
 from rvsg.generation.generator import Proposal
-from rvsg.scenario.brief import Brief, Encounter, Feedback, Remembered
+from rvsg.scenario.brief import Brief, Feedback, Remembered
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.archive import PackedRun, arrays_of
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
-
-FeedbackOf = Callable[[Attempt, Attempt | None], Feedback]
-"""Return the feedback on an attempt, compared with the attempt before it (None: the first of its scenario)."""
 
 
 class Ask(Record):
@@ -50,7 +47,19 @@ class Ask(Record):
 
 
 class Strategy(Protocol):
-    """Anything that chooses what to attempt. Made as `Strategy(plan, feedback_of, world, **options)`."""
+    """Anything that chooses what to attempt. Made as `Strategy(plan, feedback_of, world, **options)`.
+
+    Derive a strategy from this class: everything but `name`, `ask` and `tell` has a default.
+    """
+
+    spends_runs: ClassVar[bool] = False
+    """Whether it plans in runs (`plan.search_runs`), not in configurations of `plan.repeats` runs each."""
+    needs_several: ClassVar[bool] = False
+    """Whether it needs further requirements, those in `plan.also`."""
+    fills_a_map: ClassVar[bool] = False
+    """Whether its result is the map of encounters, which is then shown first."""
+    recorded: ClassVar[Mapping[str, Any]] = {}
+    """Options that the record of a campaign keeps, so that it resumes in the form it began with."""
 
     @property
     def name(self) -> str:
@@ -68,12 +77,16 @@ class Strategy(Protocol):
         """Receive an attempt of the search. Attempts arrive in the order of their index."""
         ...
 
+    def allow_early_runs(self, begin: Callable[[Ask], None]) -> None:
+        """Take a function that begins the runs of an ask which is certain before it is asked for."""
+        return
+
 
 Batches = Generator[list[Ask], list[Attempt], None]
 """A search as a coroutine: it yields a batch of asks and receives the attempts of that batch, in order."""
 
 
-class BatchStrategy:
+class BatchStrategy(Strategy):
     """A strategy written as a coroutine over batches of asks.
 
     A batch is chosen from complete batches alone, so the asks are the same for any number of workers, and after a
@@ -82,34 +95,21 @@ class BatchStrategy:
 
     name = "batch"
     spends_runs = True
-    """The plan gives it a number of runs, not of configurations."""
 
-    def __init__(self, plan: Plan, feedback_of: FeedbackOf, world: World | None = None) -> None:
+    def __init__(self, plan: Plan, feedback_of: FeedbackSource, world: World | None = None) -> None:
         self.plan = plan
         self.feedback_of = feedback_of
         self.world = world
         self.attempts: list[Attempt] = []
         self.used: set[tuple[str | None, int]] = set()
         self.announce: Callable[[Ask], None] = lambda _: None
-        """Called with an ask of the next batch as soon as it is certain, so that its runs may begin."""
         self._search: Batches | None = None
         self._batch: list[Ask] = []
         self._results: list[Attempt] = []
 
-    def encounter_of(self, attempt: Attempt) -> Encounter | None:
-        """Return the encounter that an attempt shows, without the rest of its feedback where that can be had."""
-        alone: Callable[[Attempt], Encounter | None] | None = getattr(self.feedback_of, "encounter", None)
-        return alone(attempt) if alone is not None else self.feedback_of(attempt, None).encounter
-
-    def failures_of(self, attempt: Attempt) -> tuple[FailureMode, ...]:
-        """Return how the violating runs of an attempt fail; of the worst its encounter where no more can be had."""
-        known: Callable[[Attempt], tuple[FailureMode, ...]] | None = getattr(self.feedback_of, "failures", None)
-        if known is not None:
-            return known(attempt)
-        if not attempt.violations:
-            return ()
-        met = self.encounter_of(attempt)
-        return (FailureMode(place=met.place, person=met.kind, robot=""),) if met is not None else ()
+    def allow_early_runs(self, begin: Callable[[Ask], None]) -> None:
+        """Have `announce` begin the runs of an ask of the next batch."""
+        self.announce = begin
 
     def search(self) -> Batches:
         """Yield batches of asks; receive their attempts."""
@@ -153,7 +153,7 @@ class BatchStrategy:
             self._batch.append(ask)
 
 
-class StudyStrategy:
+class StudyStrategy(Strategy):
     """The study's method: refine a scenario from what it measured, then ask for one that differs from all before.
 
     A refinement reads the feedback on the last valid configuration of the scenario; as long as a scenario has none,
@@ -162,10 +162,8 @@ class StudyStrategy:
     """
 
     name = "study"
-    tells_all = True
-    """Nearly every run of the search gets feedback."""
 
-    def __init__(self, plan: Plan, feedback_of: FeedbackOf, world: World | None = None) -> None:
+    def __init__(self, plan: Plan, feedback_of: FeedbackSource, world: World | None = None) -> None:
         self.plan = plan
         self.feedback_of = feedback_of
         self.attempts: list[Attempt] = []
@@ -257,12 +255,12 @@ class StudyStrategy:
         )
 
 
-class UnguidedStrategy:
+class UnguidedStrategy(Strategy):
     """The study's baseline: every attempt a new scenario, without a requirement, feedback or memory."""
 
     name = "unguided"
 
-    def __init__(self, plan: Plan, feedback_of: FeedbackOf | None = None, world: World | None = None) -> None:
+    def __init__(self, plan: Plan, feedback_of: FeedbackSource | None = None, world: World | None = None) -> None:
         self.plan = plan
         self.answered = 0
 
@@ -292,7 +290,7 @@ class RandomStrategy(UnguidedStrategy):
     name = "random"
 
 
-Made = Callable[[Plan, FeedbackOf, World], Strategy]
+Made = Callable[[Plan, FeedbackSource, World], Strategy]
 
 
 def check_strategy(made: Made, plan: Plan, scenario: Scenario, world: World) -> None:
@@ -307,7 +305,7 @@ def check_strategy(made: Made, plan: Plan, scenario: Scenario, world: World) -> 
         told = _play(made, plan, scenario if answered else None, world)
         assert not answered or told, "it asks for nothing at all"
         for cut in (0, 1, len(told) // 2, len(told)):
-            strategy = made(plan, _feedback, world)
+            strategy = made(plan, _MadeUpFeedback(), world)
             for attempt in told[:cut]:
                 strategy.tell(attempt)
             asks = strategy.ask()
@@ -351,7 +349,7 @@ def check_ledger(opened: Callable[[], Ledger], attempt: Attempt, run: Run) -> No
 
 def _play(made: Made, plan: Plan, scenario: Scenario | None, world: World) -> list[Attempt]:
     """Everything a strategy asks for, where the generator always answers `scenario` (None: with nothing valid)."""
-    strategy = made(plan, _feedback, world)
+    strategy = made(plan, _MadeUpFeedback(), world)
     told: list[Attempt] = []
     spent: set[tuple[str, int]] = set()
     while asks := strategy.ask():
@@ -384,17 +382,18 @@ def _answered(plan: Plan, strategy: str, index: int, ask: Ask, scenario: Scenari
     )
 
 
-def _feedback(attempt: Attempt, previous: Attempt | None) -> Feedback:
-    scenario, verdict = attempt.proposal.scenario, attempt.verdict
-    assert scenario is not None and verdict is not None and verdict.mean is not None
-    before = previous.verdict.mean if previous and previous.verdict else None
-    return Feedback(
-        scenario=scenario,
-        objectives=verdict.objectives,
-        mean=verdict.mean,
-        interval=(verdict.mean, verdict.mean),
-        previous_mean=before,
-    )
+class _MadeUpFeedback(FeedbackSource):
+    def __call__(self, attempt: Attempt, previous: Attempt | None) -> Feedback:
+        scenario, verdict = attempt.proposal.scenario, attempt.verdict
+        assert scenario is not None and verdict is not None and verdict.mean is not None
+        before = previous.verdict.mean if previous and previous.verdict else None
+        return Feedback(
+            scenario=scenario,
+            objectives=verdict.objectives,
+            mean=verdict.mean,
+            interval=(verdict.mean, verdict.mean),
+            previous_mean=before,
+        )
 
 
 def _refuses(action: Callable[[], object], what: str) -> None:

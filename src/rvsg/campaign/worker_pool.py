@@ -31,12 +31,12 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any
 
-from rvsg.campaign.attempt import Failure
+from rvsg.campaign.attempt import Failure, Measurement
 from rvsg.core.errors import SimulationError
 from rvsg.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
-    from rvsg.campaign.runner import FinishedRun, RunMaker, Trial
+    from rvsg.campaign.runner import FinishedRun, RunMaker
 
 
 READY = b"ready"
@@ -161,7 +161,7 @@ class Task:
     seed: int
     trial: bool = False
     deaths: int = 0
-    future: Future[FinishedRun | Trial | Failure] = field(default_factory=Future)
+    future: Future[FinishedRun | Measurement | Failure] = field(default_factory=Future)
 
 
 class Processes:
@@ -191,7 +191,7 @@ class Processes:
         self._pool.add(task)
         return task
 
-    def result(self, submitted: Task) -> FinishedRun | Trial | Failure:
+    def result(self, submitted: Task) -> FinishedRun | Measurement | Failure:
         """Wait for a run; SimulationError if workers cannot start."""
         return submitted.future.result()
 
@@ -257,7 +257,7 @@ class _Pool:
             return None
         return self.waiting.popleft()
 
-    def done(self, keeper: _Keeper) -> Future[FinishedRun | Trial | Failure]:
+    def done(self, keeper: _Keeper) -> Future[FinishedRun | Measurement | Failure]:
         """Note that a worker did the first of its tasks; return where its result goes."""
         with self.changed:
             task = keeper.tasks.popleft()

@@ -160,8 +160,9 @@ def check_complete(kind: str, plugin: object, protocol: type) -> None:
     members = [name for name in dir(protocol) if not name.startswith("_")]
     missing = [name for name in members if not hasattr(plugin, name)]
     if missing:
+        name = plugin.__name__ if isinstance(plugin, type) else type(plugin).__name__
         raise InputError(
-            f"The {kind} {type(plugin).__name__} lacks {', '.join(missing)}. Derive it from "
+            f"The {kind} {name} lacks {', '.join(missing)}. Derive it from "
             f"{protocol.__module__}.{protocol.__name__}, which has defaults for what is optional."
         )
 

@@ -7,13 +7,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.ledger import Ledger
 from rvsg.core.errors import StoreError
 from rvsg.core.records import canonical_json
 from rvsg.simulation.archive import PackedRun
 from rvsg.simulation.run import Run
 
 
-class MemoryLedger:
+class MemoryLedger(Ledger):
     """A Ledger of dictionaries; `runs` holds the packed runs by id, `kept` the attempts in the order they came."""
 
     def __init__(self) -> None:

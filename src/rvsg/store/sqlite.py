@@ -25,7 +25,7 @@ from sqlalchemy.exc import DatabaseError, IntegrityError
 
 import rvsg
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.ledger import Sharing
+from rvsg.campaign.ledger import Ledger, Sharing
 from rvsg.core.errors import InputError, StoreError
 from rvsg.core.records import canonical_json, text_id
 from rvsg.simulation.archive import PackedRun, unpack
@@ -132,7 +132,7 @@ class _Kept(NamedTuple):
     checksum: Any
 
 
-class SqliteLedger:
+class SqliteLedger(Ledger):
     """A ledger in one SQLite file, made where absent. Use it as a context manager, or `close` it.
 
     NewerStore where a newer RVSG wrote it.

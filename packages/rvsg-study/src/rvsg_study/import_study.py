@@ -14,7 +14,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rvsg.campaign.attempt import Attempt, Failure, Ledger, Measurement
+from rvsg.campaign.attempt import Attempt, Failure, Measurement
+from rvsg.campaign.ledger import Ledger
 from rvsg.core.errors import FileError, UnknownName
 from rvsg.core.files import write_whole
 from rvsg.core.inputs import read_bytes

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.campaign.attempt import Attempt, Ledger, Measurement
+from rvsg.campaign.attempt import Attempt, Measurement
+from rvsg.campaign.ledger import Ledger
 from rvsg.evaluation.diversity import positions
 from rvsg.evaluation.metrics.registry import measure
 from rvsg.scenario.requirement import Requirement

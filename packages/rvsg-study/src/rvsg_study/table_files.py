@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from rvsg.campaign.attempt import Ledger
+from rvsg.campaign.ledger import Ledger
 from rvsg.core.errors import InputError
 from rvsg.evaluation.statistics import magnitude_of
 from rvsg_study.figures import ABSENT, can_draw, write_repeat_figures
