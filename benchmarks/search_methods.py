@@ -186,7 +186,7 @@ def _row(key: tuple[str, str, str, int], wired: Wired) -> Row:
     calls = calls_of(search_attempts(attempts))
     found = [a.proposal.scenario for a in measured(attempts) if a.verdict and a.verdict.violations]
     scenarios = [scenario for scenario in found if scenario is not None]
-    row = Row(
+    return Row(
         method=key[0],
         route=key[1],
         requirement=key[2],
@@ -211,8 +211,6 @@ def _row(key: tuple[str, str, str, int], wired: Wired) -> Row:
         broken_cells=broken,
         curve=curve(attempts, wired),
     )
-    ledger.close()
-    return row
 
 
 def _searched(wired: Wired, ledger: CachedLedger, parts: Parts) -> list[Attempt]:
