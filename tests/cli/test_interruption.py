@@ -85,7 +85,6 @@ def test_ctrl_c_while_the_workers_start_ends_in_order_and_resumes(tmp_path: Path
         "import os, signal, sys\n"
         "import subprocess\n"
         "from rvsg.cli import main\n"
-        "from rvsg.campaign import processes\n"
         "original = subprocess.Popen\n"
         "def begun_with_ctrl_c(*how, **more):\n"
         "    subprocess.Popen = original\n"

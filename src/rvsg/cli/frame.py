@@ -11,6 +11,7 @@ import sys
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
+from importlib.metadata import entry_points
 from typing import Annotated, Any, NamedTuple
 
 import typer
@@ -19,7 +20,6 @@ from typer.core import TyperCommand, TyperGroup
 import rvsg
 from rvsg.cli.console import as_started
 from rvsg.cli.interruption import interruptible
-from rvsg.core import plugins
 from rvsg.core.errors import Interrupted, RvsgError
 
 HELP = """Find, confirm and explain human behaviours that make a mobile robot violate its requirements, in simulation.
@@ -46,7 +46,7 @@ class Verb(NamedTuple):
 
 def installed_verbs() -> dict[str, Verb]:
     """Return the verbs that other installed distributions register."""
-    tables = [plugins.find("verb", name) for name in plugins.names("verb")]
+    tables = [entry.load() for entry in sorted(entry_points(group="rvsg.verbs"))]
     return {name: verb for table in tables for name, verb in table.items()}
 
 

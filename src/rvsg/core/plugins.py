@@ -28,7 +28,6 @@ KINDS = {
     "metric": "rvsg.metrics",
     "signal": "rvsg.signals",
     "stack": "rvsg.stacks",
-    "verb": "rvsg.verbs",
 }
 """Every kind of plug-in, with its entry point group."""
 

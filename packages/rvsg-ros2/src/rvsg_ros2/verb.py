@@ -9,7 +9,7 @@ import typer
 
 from rvsg.cli import console
 from rvsg.cli.arguments import AsJson, StackOption
-from rvsg.cli.frame import Verb, verb
+from rvsg.cli.frame import verb
 from rvsg.cli.options import pairs
 
 app = verb(no_args_is_help=True, help="Check a running ROS 2 navigation; write or scale Nav2's parameters.")
@@ -104,8 +104,3 @@ def new_params(
     else:
         write_whole(out, text)
         console.say(f"wrote {out}")
-
-
-VERBS = {
-    "ros2": Verb("rvsg_ros2.verb", "Check a running ROS 2 navigation, or scale Nav2's parameters for a faster clock"),
-}
