@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.simulation.test_people import CORRECT, crowd_of, human, world_with
 
-from rvsg.core.compiled import kernel
+from rvsg.core.kernels import kernel
 from rvsg.core.records import Pose
 from rvsg.core.references import refer
 from rvsg.scenario.scenario import Behaviour, HumanAgent, reaction_of

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from tests.coded import coded, nearest
 
 import rvsg
-from rvsg.core.compiled import kernel
 from rvsg.core.errors import InputError, InvalidOptions, SimulationError, UnknownName
+from rvsg.core.kernels import kernel
 from rvsg.core.records import Pose
 from rvsg.robots.robot import Planner, Robot, load_robot
 from rvsg.scenario.scenario import HumanAgent

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from rvsg.core.compiled import kernel
+from rvsg.core.kernels import kernel
 from rvsg.core.records import Pose
 from rvsg.evaluation.detection import events_of
 from rvsg.robots.robot import Robot, load_robot

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.simulation.tiago import TIAGO
 
-from rvsg.core.compiled import kernel
+from rvsg.core.kernels import kernel
 from rvsg.core.records import Pose
 from rvsg.simulation.embedded.sensing.localisation import (
     MAX_PARTICLES,

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rvsg.core.compiled import kernel
 from rvsg.core.errors import InvalidOptions
+from rvsg.core.kernels import kernel
 from rvsg.simulation.embedded.navigation.planners import heap, smac_2d, theta_star
 from rvsg.simulation.embedded.rehearsal import rehearsal
 from rvsg.simulation.embedded.simulator import simulate_agents

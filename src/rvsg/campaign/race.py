@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.campaign.attempt import Attempt
-from rvsg.core.compiled import inner, kernel
+from rvsg.core.kernels import inner, kernel
 from rvsg.scenario.brief import Tried, Tuning
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario

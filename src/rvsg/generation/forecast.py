@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.core.compiled import inner, kernel
+from rvsg.core.kernels import inner, kernel
 from rvsg.generation.workplaces import Point, WalkingGraph, walking_graph
 from rvsg.scenario.brief import Feedback
 from rvsg.scenario.requirement import Aim

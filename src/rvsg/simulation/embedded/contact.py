@@ -7,10 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.core.compiled import inner
+from rvsg.core.kernels import inner
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.people.contact import TOUCH_M, note_overlap, note_touch, robot_gap
-from rvsg.simulation.embedded.people.crowd import CrowdRef
+from rvsg.simulation.embedded.people.crowd import Crowd
 from rvsg.simulation.embedded.people.motion import off_walls
 
 Floats = NDArray[np.float64]
@@ -20,8 +20,8 @@ LEAST_M = 1e-4
 """Overlaps below this do not hold the base back."""
 
 
-@inner
-def touch_people(crowd: CrowdRef, t: float, body: Floats, x: float, y: float, yaw: float, bumper_s: float) -> float:
+@inner(cached=True)
+def touch_people(crowd: Crowd, t: float, body: Floats, x: float, y: float, yaw: float, bumper_s: float) -> float:
     """Resolve the contacts of the base after its step from the pose (x, y, yaw); return the change of its speed, m/s.
 
     A person who walks is moved out of the way unless walls or other people are there. Where a person stands or is
@@ -70,7 +70,7 @@ def touch_people(crowd: CrowdRef, t: float, body: Floats, x: float, y: float, ya
 
 
 @inner
-def _give_way(crowd: CrowdRef, i: int, dx: float, dy: float) -> None:
+def _give_way(crowd: Crowd, i: int, dx: float, dy: float) -> None:
     """Move a person by (dx, dy) as far as walls allow, and not at all into somebody else."""
     x, y = off_walls(crowd, crowd.x[i] + dx, crowd.y[i] + dy)
     for j in range(crowd.x.size):
@@ -84,7 +84,7 @@ def _give_way(crowd: CrowdRef, i: int, dx: float, dy: float) -> None:
 
 
 @inner
-def deepest(crowd: CrowdRef, x: float, y: float, yaw: float) -> float:
+def deepest(crowd: Crowd, x: float, y: float, yaw: float) -> float:
     """Return the largest overlap of a person with the robot at a pose; 0 where there is none."""
     found = 0.0
     for i in range(crowd.x.size):
@@ -94,7 +94,7 @@ def deepest(crowd: CrowdRef, x: float, y: float, yaw: float) -> float:
 
 
 @inner
-def _hold_back(crowd: CrowdRef, body: Floats, x: float, y: float, yaw: float) -> float:
+def _hold_back(crowd: Crowd, body: Floats, x: float, y: float, yaw: float) -> float:
     """Shorten the base's last step so that no overlap grows; return the change of its speed, m/s."""
     allowed = max(LEAST_M, deepest(crowd, x, y, yaw))
     if deepest(crowd, body[base.X], body[base.Y], body[base.YAW]) <= allowed:

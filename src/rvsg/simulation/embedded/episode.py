@@ -11,9 +11,8 @@ import numpy as np
 from numba import float64, int64
 from numpy.typing import NDArray
 
-from rvsg.core.aside import compile_aside
-from rvsg.core.compiled import compile_for, inner, is_cached, is_compiled, kernel, type_of
 from rvsg.core.errors import SimulationError
+from rvsg.core.kernels import compile_aside, compile_for, inner, is_cached, kernel, type_of
 from rvsg.core.references import refer
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
@@ -29,15 +28,15 @@ from rvsg.simulation.embedded.navigation.behaviour_tree import (
 from rvsg.simulation.embedded.navigation.controllers import dwb
 from rvsg.simulation.embedded.navigation.planners.choice import plan_outside
 from rvsg.simulation.embedded.people.behaviour import tick
-from rvsg.simulation.embedded.people.crowd import PERIOD_S, Crowd, CrowdRef
-from rvsg.simulation.embedded.scene import Scene, SceneRef
+from rvsg.simulation.embedded.people.crowd import PERIOD_S, Crowd
+from rvsg.simulation.embedded.scene import Scene
 from rvsg.simulation.embedded.sensing.lidar import place_legs
 from rvsg.simulation.embedded.sensing.localisation import ACTIVE, localise
 from rvsg.simulation.embedded.sensing.monitor import keep_returns, scale_command
 from rvsg.simulation.embedded.sensing.perception import update_global, update_local
 from rvsg.simulation.embedded.sensing.safety import watch_zones
 from rvsg.simulation.embedded.stack import LIDAR_TICKS
-from rvsg.simulation.embedded.state import Settings, State, StateRef
+from rvsg.simulation.embedded.state import Settings, State
 from rvsg.simulation.embedded.walls import touch_walls
 
 Floats = NDArray[np.float64]
@@ -139,7 +138,7 @@ def prepare(state: State, settings: Settings, phases: Floats) -> None:
     begin_following(state, settings.robot_start_s)
 
 
-@inner
+@inner(cached=True)
 def update_maps(scene: Scene, state: State, settings: Settings, t: float) -> None:
     """Update each costmap that is due or to be cleared, with the latest scans.
 
@@ -215,14 +214,14 @@ class Asked(NamedTuple):
     """Doors and trolleys: they move after every tick of the people."""
 
 
-def bind(scene: Scene, state: State, crowd: Crowd) -> tuple[SceneRef, StateRef, CrowdRef]:
+def bind(scene: Scene, state: State, crowd: Crowd) -> tuple[Scene, State, Crowd]:
     """Return the three large tuples by reference."""
     parts = {name: refer(getattr(state, name)) for name in ("stack", "walls", "own")}
     return refer(scene), refer(state, **parts), refer(crowd)
 
 
 @kernel
-def begin(scene: SceneRef, state: StateRef, settings: Settings, crowd: CrowdRef, phases: Floats, loop: Floats) -> None:
+def begin(scene: Scene, state: State, settings: Settings, crowd: Crowd, phases: Floats, loop: Floats) -> None:
     """Set everything as it is 2 s before the start. `phases` (s) of smoother, local and global costmap."""
     prepare(state, settings, phases)
     for side in range(state.stack.lidars.shape[0]):
@@ -234,7 +233,7 @@ def begin(scene: SceneRef, state: StateRef, settings: Settings, crowd: CrowdRef,
 
 
 @inner
-def walk_people(state: StateRef, crowd: CrowdRef, loop: Floats, t: float) -> bool:
+def walk_people(state: State, crowd: Crowd, loop: Floats, t: float) -> bool:
     """Move the people where they are due; whether they were."""
     if t < loop[PEOPLE_T] - 1e-9:
         return False
@@ -245,7 +244,7 @@ def walk_people(state: StateRef, crowd: CrowdRef, loop: Floats, t: float) -> boo
 
 
 @inner
-def take_scans(scene: SceneRef, state: StateRef, settings: Settings, crowd: CrowdRef, k: int) -> None:
+def take_scans(scene: Scene, state: State, settings: Settings, crowd: Crowd, k: int) -> None:
     """Take the scans that are due."""
     t = k * base.STEP_S
     lidars = state.stack.lidars
@@ -261,7 +260,7 @@ def take_scans(scene: SceneRef, state: StateRef, settings: Settings, crowd: Crow
 
 
 @inner
-def obey(state: StateRef, loop: Floats, t: float) -> None:
+def obey(state: State, loop: Floats, t: float) -> None:
     """Carry out the answer of a whole stack: its velocity goes to the base as it is."""
     if loop[VALID] != 0.0:
         command(state, loop[COMMAND_V], loop[COMMAND_SIDE], loop[COMMAND_W], True, t)
@@ -271,8 +270,8 @@ def obey(state: StateRef, loop: Floats, t: float) -> None:
         state.nav[st.RESULT] = int(loop[RESULT])
 
 
-@inner
-def decide(scene: SceneRef, state: StateRef, settings: Settings, loop: Floats, asked: Asked, k: int) -> int:
+@inner(cached=True)
+def decide(scene: Scene, state: State, settings: Settings, loop: Floats, asked: Asked, k: int) -> int:
     """Let the navigation stack act; return what is due outside, or OVER where nothing is."""
     t = k * base.STEP_S
     if t < settings.robot_start_s:
@@ -292,7 +291,7 @@ def decide(scene: SceneRef, state: StateRef, settings: Settings, loop: Floats, a
 
 
 @inner
-def write_rows(settings: Settings, state: StateRef, crowd: CrowdRef, intervals: Floats, record: Recording, loop: Floats,
+def write_rows(settings: Settings, state: State, crowd: Crowd, intervals: Floats, record: Recording, loop: Floats,
                k: int) -> bool:  # fmt: skip
     """Write the rows of trajectory and log that are due; return whether the run is over."""
     t = k * base.STEP_S
@@ -313,10 +312,10 @@ def write_rows(settings: Settings, state: StateRef, crowd: CrowdRef, intervals: 
 
 @kernel
 def go_on(
-    scene: SceneRef,
-    state: StateRef,
+    scene: Scene,
+    state: State,
     settings: Settings,
-    crowd: CrowdRef,
+    crowd: Crowd,
     intervals: Floats,
     record: Recording,
     loop: Floats,
@@ -403,7 +402,7 @@ class Outside:
     probe_ticks: int = 5
 
 
-def _compile(scene: SceneRef, state: StateRef, settings: Settings, crowd: CrowdRef, *rest: Any) -> None:
+def _compile(scene: Scene, state: State, settings: Settings, crowd: Crowd, *rest: Any) -> None:
     """Compile the loop for these arguments, in two processes at once; `rest` are the other arguments of `go_on`."""
     scenes, states, numbers, people = (type_of(value) for value in (scene, state, settings, crowd))
     intervals, record, loop, asked = (type_of(value) for value in rest)
@@ -412,15 +411,15 @@ def _compile(scene: SceneRef, state: StateRef, settings: Settings, crowd: CrowdR
         [
             (decide, (scenes, states, numbers, loop, asked, int64)),
             (update_maps, (scenes, states, numbers, float64)),
-            (touch_walls, (states.field_dict["walls"], *pose)),
+            (touch_walls, (states.fields["walls"], *pose)),
             (touch_people, (people, *pose, float64)),
         ]
     )
-    compile_for(walk_people, states, people, loop, float64)
-    compile_for(take_scans, scenes, states, numbers, people, int64)
+    compile_for(walk_people, (states, people, loop, float64))
+    compile_for(take_scans, (scenes, states, numbers, people, int64))
     if elsewhere is not None:
         elsewhere.wait()
-    compile_for(go_on, scenes, states, numbers, people, intervals, record, loop, asked)
+    compile_for(go_on, (scenes, states, numbers, people, intervals, record, loop, asked))
 
 
 class Episode:
@@ -450,7 +449,7 @@ class Episode:
         state.nav[dwb.ALL_SCORES] = 1 if self.outside.probe is not None else 0
         self._references = bind(scene, state, crowd)
         scene_, state_, crowd_ = self._references
-        if not is_compiled(go_on) and not is_cached(go_on):
+        if not is_cached(go_on):
             _compile(scene_, state_, settings, crowd_, intervals, record, self._loop, self._asked)
         begin(scene_, state_, settings, crowd_, phases, self._loop)
 

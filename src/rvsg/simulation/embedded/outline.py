@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.core.compiled import inner
+from rvsg.core.kernels import inner
 
 Floats = NDArray[np.float64]
 

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from rvsg.core.compiled import inner, kernel
 from rvsg.core.errors import InputError
-from rvsg.core.references import by_reference
+from rvsg.core.kernels import inner, kernel
 from rvsg.robots.robot import Robot
 from rvsg.simulation.embedded.navigation.costmap import (
     FREE,
@@ -61,9 +60,6 @@ class Scene(NamedTuple):
     tile_columns: int
     tile_rows: int
     tile_reach: float
-
-
-SceneRef = by_reference(Scene)
 
 
 class Surroundings:

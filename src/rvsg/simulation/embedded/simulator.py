@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.core.compiled import cache_folder, is_cached
 from rvsg.core.errors import InputError, SimulationError
+from rvsg.core.kernels import cache_folder, is_cached, seal_cache
 from rvsg.core.records import Pose
 from rvsg.core.seeds import stream
 from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
@@ -394,6 +394,8 @@ def warm_up(report: Callable[[str], None] | None = None) -> float:
     for name in PROFILES:
         simulate_agents(world, route, humans, options=profile(name))
     taken = time.perf_counter() - started
+    if fresh:
+        seal_cache()
     if fresh and report is not None:
         report(f"compiled in {taken:.0f} s, kept in {cache_folder()}")
     return taken

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.core.references import by_reference
 from rvsg.robots.polygons import distance, inside, padded, reach, rectangle
 from rvsg.robots.robot import Robot
 
@@ -143,9 +142,6 @@ class Stack(NamedTuple):
     dwb_oscillation_v: float
     dwb_oscillation_m: float
     dwb_oscillation_rad: float
-
-
-StackRef = by_reference(Stack)
 
 
 def padded_footprint(robot: Robot) -> Floats:

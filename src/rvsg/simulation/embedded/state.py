@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.core.references import by_reference
 from rvsg.robots.robot import Robot
 from rvsg.simulation.embedded.base import new_body
 from rvsg.simulation.embedded.navigation.controllers import dwb
@@ -119,9 +118,6 @@ class State(NamedTuple):
     stack: Stack
     walls: Walls
     own: Localisation
-
-
-StateRef = by_reference(State)
 
 
 def new_state(

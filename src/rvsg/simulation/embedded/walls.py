@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.core.compiled import inner, kernel
+from rvsg.core.kernels import inner, kernel
 from rvsg.core.records import Pose
-from rvsg.core.references import by_reference, refer
+from rvsg.core.references import refer
 from rvsg.robots.polygons import reach, rectangle
 from rvsg.robots.robot import Robot
 from rvsg.simulation.embedded import base
@@ -74,9 +74,6 @@ class Walls(NamedTuple):
     cuts: Floats
     contacts: Floats
     counts: NDArray[np.int64]
-
-
-WallsRef = by_reference(Walls)
 
 
 def reach_of(outline: Sequence[tuple[float, float]]) -> float:
@@ -248,7 +245,7 @@ def push_out(walls: Walls, x: float, y: float, yaw: float) -> tuple[float, float
     return x, y, yaw
 
 
-@inner
+@inner(cached=True)
 def touch_walls(walls: Walls, t: float, body: Floats, x: float, y: float, yaw: float) -> float:
     """Let the base slide or hold it back after its step from the pose (x, y, yaw); return the change of its speed, m/s.
 

@@ -15,7 +15,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from rvsg.core.compiled import kernel
+from rvsg.core.kernels import kernel
 from rvsg.core.records import Record
 from rvsg.core.seeds import stream
 from rvsg.robots.polygons import distance, padded, reach

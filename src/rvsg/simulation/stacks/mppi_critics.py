@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.core.compiled import kernel
-from rvsg.core.references import by_reference, refer
+from rvsg.core.kernels import kernel
+from rvsg.core.references import refer
 from rvsg.simulation.embedded.base import wrap
 
 Floats = NDArray[np.float64]
@@ -96,10 +96,6 @@ class Work(NamedTuple):
     """(2, T): v and w."""
     history: Floats
     """(2, 4)"""
-
-
-NumbersRef: Any = by_reference(Numbers)
-WorkRef: Any = by_reference(Work)
 
 
 def bind(m: Work, p: Numbers) -> tuple[Any, Any]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from rvsg.core.compiled import kernel
+from rvsg.core.kernels import kernel
 from rvsg.robots.polygons import distance, padded, reach, rectangle
 from rvsg.robots.robot import Robot
 from rvsg.simulation.embedded.navigation.costmap import FREE, UNKNOWN, outline_hits

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.core.compiled import inner, kernel
+from rvsg.core.kernels import inner, kernel
 from rvsg.simulation.embedded.sensing.lidar import FAR
 
 Floats = NDArray[np.float64]

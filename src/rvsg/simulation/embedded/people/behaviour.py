@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from rvsg.core.compiled import inner, kernel
+from rvsg.core.kernels import inner, kernel
 from rvsg.simulation.embedded.people.acceleration import find_obstacle, push_pairs, sum_groups, total_force
 from rvsg.simulation.embedded.people.contact import TOUCH_M, may_touch, note_overlap, note_touch, robot_gap, separate
-from rvsg.simulation.embedded.people.crowd import Crowd, CrowdRef
+from rvsg.simulation.embedded.people.crowd import Crowd
 from rvsg.simulation.embedded.people.forces import or_zero, wrap
 from rvsg.simulation.embedded.people.log import REACTED, note_until
 from rvsg.simulation.embedded.people.motion import (
@@ -40,7 +40,7 @@ WAITED_S = 15.0
 
 @kernel
 def tick(
-    crowd: CrowdRef,
+    crowd: Crowd,
     t_s: float,
     dt_s: float,
     robot_x: float,

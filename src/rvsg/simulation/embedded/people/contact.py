@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.core.compiled import inner
+from rvsg.core.kernels import inner
 from rvsg.simulation.embedded.people.crowd import Crowd
 from rvsg.simulation.embedded.people.log import AGAIN_S, FIRST, TOUCHED, UNTIL, note_until
 from rvsg.simulation.embedded.people.motion import off_walls

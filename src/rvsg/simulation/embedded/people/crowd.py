@@ -13,7 +13,6 @@ from pydantic import Field
 
 from rvsg.core.errors import InputError
 from rvsg.core.records import Record
-from rvsg.core.references import by_reference
 from rvsg.core.seeds import stream
 from rvsg.robots.polygons import reach, rectangle
 from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
@@ -160,9 +159,6 @@ class Crowd(NamedTuple):
     events: Floats  # (E, COLUMNS), see `log`
     event_count: Ints  # rows that are used, events that found none
     open: Ints  # (N, KINDS) row of the present event, -1 none
-
-
-CrowdRef = by_reference(Crowd)
 
 
 def begins_early(chance: float, seed: int) -> bool:

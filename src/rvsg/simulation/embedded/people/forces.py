@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from rvsg.core.compiled import inner, kernel
+from rvsg.core.kernels import inner, kernel
 
 LAMBDA = 2.0
 GAMMA = 0.35

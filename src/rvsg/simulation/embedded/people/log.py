@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from rvsg.core.compiled import inner
+from rvsg.core.kernels import inner
 from rvsg.simulation.embedded.people.crowd import Crowd
 
 TOUCHED, STUCK, PAUSED, REACTED, REACHED = range(5)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.core.compiled import kernel
+from rvsg.core.kernels import kernel
 from rvsg.world.world import Polygon, SolidObject, World
 
 Floats = NDArray[np.float64]

@@ -23,8 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from rvsg.core.compiled import inner
-from rvsg.core.references import by_reference
+from rvsg.core.kernels import inner
 from rvsg.robots.robot import Lidar
 from rvsg.simulation.embedded.base import wrap
 from rvsg.simulation.embedded.sensing.lidar import LEG_RADIUS_M, cast_disc, cast_edge
@@ -97,9 +96,6 @@ class Localisation(NamedTuple):
     range_max: float
     differential: bool
     """The motion model: that of a base that cannot move sideways, or of one that can."""
-
-
-LocalisationRef = by_reference(Localisation)
 
 
 def known_offset(x: float, y: float) -> Localisation:

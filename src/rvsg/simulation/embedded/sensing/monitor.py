@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from rvsg.core.compiled import inner
+from rvsg.core.kernels import inner
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.scene import Scene
 from rvsg.simulation.embedded.sensing.lidar import FAR

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.core.compiled import inner, kernel
+from rvsg.core.kernels import inner, kernel
 from rvsg.simulation.embedded.base import wrap
 from rvsg.simulation.embedded.navigation.controllers.rollouts import Rollouts, ends_of, is_free
 from rvsg.simulation.embedded.navigation.controllers.samples import (

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.core.compiled import inner, kernel
+from rvsg.core.kernels import inner, kernel
 from rvsg.simulation.embedded.navigation.controllers.samples import (
     SAMPLE_DT,
     SAMPLE_SIDE,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rvsg.core.compiled import inner
+from rvsg.core.kernels import inner
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.navigation.planners.navfn import plan
 from rvsg.simulation.embedded.navigation.planners.smac_2d import plan_smac

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.core.compiled import inner
+from rvsg.core.kernels import inner
 
 Floats = NDArray[np.float64]
 

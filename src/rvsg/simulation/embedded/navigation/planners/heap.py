@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.core.compiled import inner
+from rvsg.core.kernels import inner
 
 Ints = NDArray[np.int32]
 

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.core.compiled import inner, kernel
+from rvsg.core.kernels import inner, kernel
 from rvsg.simulation.embedded.navigation.costmap import INSCRIBED, UNKNOWN
 from rvsg.simulation.embedded.navigation.planners.ends import on_grid, straight
 from rvsg.simulation.embedded.navigation.planners.heap import pop, push

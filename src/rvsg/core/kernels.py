@@ -1,0 +1,228 @@
+"""Compiled kernels: numba's decorator with the options of RVSG, and the folder that keeps the compiled code.
+
+Numba's cache knows the source of a function's own module only. Here the folder is also named by everything else that a
+module's kernels depend on: the constants it reads, the modules of the kernels it calls, the versions and the processor.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import pickle
+import pickletools
+import stat
+import subprocess
+import sys
+import tempfile
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache, partial
+from pathlib import Path
+from types import ModuleType
+from typing import Any, TypeVar, cast, overload
+
+import llvmlite
+import llvmlite.binding
+import numba
+import numpy as np
+
+from rvsg.core.files import write_whole
+
+F = TypeVar("F", bound=Callable[..., object])
+
+FORMAT = 4
+"""Raise it to make every compiled kernel obsolete."""
+MANIFEST = "manifest.json"
+_PACKAGE = __name__.split(".", maxsplit=1)[0]
+
+
+@overload
+def kernel(function: F) -> F: ...
+@overload
+def kernel(*, arrays: bool) -> Callable[[F], F]: ...
+
+
+def kernel(function: Any = None, *, arrays: bool = False) -> Any:
+    """Compile a function at its first call from Python or from a kernel, or load it from the cache.
+
+    Arithmetic follows IEEE 754: division by zero gives an infinity or NaN.
+
+    Args:
+        arrays: it makes arrays, for the reader; see `inner`.
+    """
+    return partial(kernel, arrays=arrays) if function is None else _compiled(function, _nrt=True)
+
+
+@overload
+def inner(function: F) -> F: ...
+@overload
+def inner(*, arrays: bool = ..., cached: bool = ...) -> Callable[[F], F]: ...
+
+
+def inner(function: Any = None, *, arrays: bool = False, cached: bool = False) -> Any:
+    """Compile a function that only kernels call; it has no entry point for Python.
+
+    Args:
+        arrays: it makes arrays, or gets new ones from what it calls, so it counts the references to arrays. Others
+            borrow those of their arguments, by numba's option `_nrt`, which makes runs a tenth faster.
+        cached: keep it in the cache by itself, so that another process can compile it beforehand.
+    """
+    if function is None:
+        return partial(inner, arrays=arrays, cached=cached)
+    return _compiled(function, cached=cached, no_cpython_wrapper=True, _nrt=arrays)
+
+
+def type_of(value: Any) -> Any:
+    """Return numba's type of a value."""
+    return cast(Any, numba.typeof)(value)
+
+
+def is_cached(function: Callable[..., object]) -> bool:
+    """Return whether this process has compiled a kernel, or the cache holds it."""
+    dispatcher = cast(Any, function)
+    name = f"{dispatcher.py_func.__module__.rsplit('.', 1)[-1]}.{dispatcher.py_func.__qualname__}-*.nbi"
+    return bool(dispatcher.overloads) or any(Path(dispatcher.stats.cache_path).glob(name))
+
+
+def compile_for(function: Callable[..., object], kinds: tuple[Any, ...]) -> None:
+    """Compile a function for types of arguments, or load it from the cache."""
+    cast(Any, function).compile(kinds)
+
+
+def compile_aside(work: Sequence[tuple[Any, tuple[Any, ...]]]) -> subprocess.Popen[bytes] | None:
+    """Begin to compile cached functions for types of arguments in another process; None on a single processor.
+
+    Wait for the process before the functions are used. What it has not compiled is compiled where it is needed.
+    """
+    if (os.cpu_count() or 1) < 2:
+        return None
+    named = [(function.py_func.__module__, function.py_func.__qualname__, kinds) for function, kinds in work]
+    code = (
+        "import importlib, pickle, sys\n"
+        "for module, name, kinds in pickle.load(sys.stdin.buffer):\n"
+        "    getattr(importlib.import_module(module), name).compile(kinds)"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, env=environment)  # noqa: S603
+    assert process.stdin is not None
+    with contextlib.suppress(BrokenPipeError):  # it is dead already
+        process.stdin.write(pickle.dumps(named))
+        process.stdin.close()
+    return process
+
+
+@cache
+def cache_folder() -> Path:
+    """Return the folder of compiled kernels: in NUMBA_CACHE_DIR, XDG_CACHE_HOME, ~/.cache or the temporary folder.
+
+    It belongs to the user and is closed to others, because code in it is run. What is damaged in it is removed.
+    """
+    choices: list[str | Path | None] = [
+        os.environ.get("NUMBA_CACHE_DIR"),
+        Path(os.environ["XDG_CACHE_HOME"]) / "rvsg" if os.environ.get("XDG_CACHE_HOME") else None,
+        "~/.cache/rvsg",
+    ]
+    name = f"kernels-{FORMAT}-py{sys.version_info[0]}{sys.version_info[1]}-numba{numba.__version__}"
+    for choice in filter(None, choices):
+        with contextlib.suppress(OSError, RuntimeError):
+            folder = Path(str(choice)).expanduser() / name
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            with contextlib.suppress(FileExistsError):
+                folder.mkdir(mode=0o700)
+            if _is_private(folder) and os.access(folder, os.W_OK):
+                _remove_damaged(folder)
+                return folder
+    root = tempfile.mkdtemp(prefix="rvsg-kernels-")
+    os.environ["NUMBA_CACHE_DIR"] = root  # processes that this one starts take the same
+    folder = Path(root) / name
+    folder.mkdir(mode=0o700)
+    return folder
+
+
+def seal_cache() -> None:
+    """Note the checksums of what the cache holds, so that another process finds out what is damaged."""
+    folder = cache_folder()
+    with contextlib.suppress(OSError):
+        write_whole(
+            folder / MANIFEST, json.dumps({str(p.relative_to(folder)): _digest(p) for p in _data_files(folder)})
+        )
+
+
+def _is_private(folder: Path) -> bool:
+    found = folder.lstat()
+    ours = not hasattr(os, "getuid") or (found.st_uid == os.getuid() and not found.st_mode & 0o077)
+    return stat.S_ISDIR(found.st_mode) and ours
+
+
+def _remove_damaged(folder: Path) -> None:
+    """Remove compiled code that is not as it was sealed, and indices that cannot be read."""
+    try:
+        sealed = json.loads((folder / MANIFEST).read_bytes())
+    except (OSError, ValueError):
+        sealed = {}
+    for path in _data_files(folder):
+        if sealed.get(str(path.relative_to(folder)), digest := _digest(path)) != digest:
+            path.unlink(missing_ok=True)
+            index = path.name.removesuffix(".nbc").rsplit(".", 1)[0] + ".nbi"
+            path.with_name(index).unlink(missing_ok=True)
+    for path in folder.glob("*/*/*.nbi"):
+        try:
+            with path.open("rb") as file:  # numba's version, then the index; nothing of it is run
+                deque(pickletools.genops(file), maxlen=0)
+                deque(pickletools.genops(file), maxlen=0)
+        except Exception:
+            path.unlink(missing_ok=True)
+
+
+def _data_files(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*/*/*.nbc"))
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _compiled(function: Any, *, cached: bool = True, **options: Any) -> Any:
+    module = sys.modules.get(function.__module__)
+    cached = cached and module is not None and function.__module__.split(".", maxsplit=1)[0] == _PACKAGE
+    config, njit = cast(Any, numba.config), cast(Any, numba.njit)
+    before = config.CACHE_DIR
+    if cached:
+        config.CACHE_DIR = str(cache_folder() / _content(cast(ModuleType, module)))
+    try:
+        return njit(error_model="numpy", cache=cached, no_cfunc_wrapper=True, **options)(function)
+    finally:
+        config.CACHE_DIR = before
+
+
+_CONTENTS: dict[str, str] = {}
+
+
+def _content(module: ModuleType) -> str:
+    """Return the hash of what the kernels of a module depend on, as it is when its first kernel is defined."""
+    if module.__name__ not in _CONTENTS:
+        _CONTENTS[module.__name__] = ""  # modules that import each other
+        found = hashlib.sha256(f"{FORMAT} {llvmlite.__version__} {llvmlite.binding.get_host_cpu_name()}".encode())
+        found.update(Path(str(module.__file__)).read_bytes())
+        for piece in sorted(_pieces(module)):
+            found.update(piece.encode())
+        _CONTENTS[module.__name__] = found.hexdigest()[:16]
+    return _CONTENTS[module.__name__]
+
+
+def _pieces(module: ModuleType) -> Iterator[str]:
+    """Yield the constants of a module, its imported ones too, and the content of modules whose kernels it calls."""
+    for name, value in vars(module).items():
+        other = value if isinstance(value, ModuleType) else sys.modules.get(getattr(value, "__module__", None) or "")
+        if isinstance(value, bool | int | float | str | tuple | np.generic):
+            yield f"{name}={value!r}"
+        elif isinstance(value, np.ndarray):
+            yield f"{name}={value.dtype}{value.shape}{hashlib.sha256(value.tobytes()).hexdigest()}"
+        elif isinstance(value, type) and issubclass(value, tuple):
+            yield f"{name}={value.__module__}{getattr(value, '_fields', '')}"
+        elif other is not None and other is not module and "_nrt" in getattr(value, "targetoptions", ()):
+            yield f"{name}={_content(other)}"
+        elif isinstance(value, ModuleType) and value.__name__.startswith(f"{_PACKAGE}.simulation"):
+            yield f"{name}={_content(value)}"
