@@ -44,7 +44,7 @@ def hall(side: int, seed: int = 1) -> np.ndarray:
 
 def measure(side: int) -> dict[str, object]:
     """Seconds of import (with labels, grid and routes), saving and pictures."""
-    from rvsg.world.creation import world_from_map
+    from rvsg.world.creation import world_from
     from rvsg.world.drawing import grid_picture, labelled_map, png_bytes
     from rvsg.world.drawing.birdseye import birdseye
     from rvsg.world.schema import save_world
@@ -59,7 +59,7 @@ def measure(side: int) -> dict[str, object]:
             "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
         )
         begin = time.perf_counter()
-        world = world_from_map(folder / "map.yaml", name="hall").world
+        world = world_from("map", folder / "map.yaml", name="hall").world
         seconds["import, labels, grid, routes"] = time.perf_counter() - begin
         for step, make in (
             ("save", lambda: save_world(world, folder / "world")),
@@ -122,7 +122,7 @@ def measure_mesh(megabytes: float) -> dict[str, object]:
     """Seconds and memory of the import of a building of one mesh."""
     import resource
 
-    from rvsg.world.creation import world_from_sdf
+    from rvsg.world.creation import world_from
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -137,7 +137,7 @@ def measure_mesh(megabytes: float) -> dict[str, object]:
         size = (folder / "building.stl").stat().st_size
         del triangles, records
         busy, begin = time.process_time(), time.perf_counter()
-        world = world_from_sdf(folder / "building.sdf", name="building").world
+        world = world_from("sdf", folder / "building.sdf", name="building").world
         return {
             "megabytes": round(size / 1e6, 1),
             "areas": len(world.areas),

@@ -16,8 +16,8 @@ import yaml
 
 import rvsg
 from rvsg import Spec
+from rvsg.app.runs import load_recordings
 from rvsg.campaign.suite import SuiteResult
-from rvsg_exchange.formats import load_recordings
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 pytestmark = pytest.mark.slow

@@ -11,6 +11,7 @@ import yaml
 
 import rvsg
 from rvsg.app.playback import trace
+from rvsg.app.runs import load_recordings
 from rvsg.cli import main
 from rvsg.core.errors import InputError, UnknownName
 from rvsg.evaluation.metrics.registry import measure
@@ -18,7 +19,7 @@ from rvsg.scenario.builder import save_scenario
 from rvsg.simulation.archive import rounded
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg_exchange.exporters import foxglove_layout
-from rvsg_exchange.formats import export, import_agents, load_recordings
+from rvsg_exchange.formats import export, import_agents
 
 
 @pytest.fixture(scope="module")

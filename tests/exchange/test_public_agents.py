@@ -16,7 +16,7 @@ import pytest
 import yaml
 
 import rvsg
-from rvsg.world.creation import world_from_map
+from rvsg.world.creation import world_from
 from rvsg.world.world import World
 from rvsg_exchange.formats import import_agents
 
@@ -91,7 +91,7 @@ def room(folder: Path, half_m: float) -> World:
         f"image: map.pgm\nresolution: 0.1\norigin: [{-half_m}, {-half_m}, 0]\nnegate: 0\noccupied_thresh: 0.65\n"
         "free_thresh: 0.196\n"
     )
-    return world_from_map(folder / "map.yaml", name="room").world
+    return world_from("map", folder / "map.yaml", name="room").world
 
 
 @pytest.fixture(scope="module")

@@ -97,9 +97,9 @@ def test_public_maps_have_distinct_row_positions_and_exact_neighbours(name: str)
     path = MAPS / f"{name}.yaml"
     if not path.exists():
         pytest.skip("the public maps are not at hand")
-    from rvsg.world.creation import world_from_map
+    from rvsg.world.creation import world_from
 
-    world = world_from_map(path, name=name).world
+    world = world_from("map", path, name=name).world
     facts = world_facts(world)
     for key in ("rows", "columns"):
         values = [line["at"] for line in facts[key]]

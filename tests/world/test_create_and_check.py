@@ -11,12 +11,13 @@ from PIL import Image
 from tests.coded import coded
 from tests.published_data import published_data
 
+from rvsg.core import plugins
 from rvsg.core.documents import DocumentError
-from rvsg.core.errors import FileError
+from rvsg.core.errors import FileError, InputError
 from rvsg.robots.robot import load_robot
 from rvsg.world.areas import unknown_areas
 from rvsg.world.checks import Remark, check_world
-from rvsg.world.creation import Created, largest_part, world_from_map, world_from_objects, world_from_sdf, write_readme
+from rvsg.world.creation import Created, largest_part, world_from, write_readme
 from rvsg.world.drawing import grid_picture, labelled_map
 from rvsg.world.drawing.birdseye import birdseye
 from rvsg.world.grid import GridSpec
@@ -48,7 +49,7 @@ def write_map(folder: Path, pixels: np.ndarray, origin: str = "[-3, 1, 0]") -> P
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Created]:
     folder = tmp_path_factory.mktemp("made")
-    created = world_from_map(write_map(folder, hall()), name="hall")
+    created = world_from("map", write_map(folder, hall()), name="hall")
     save_world(created.world, folder / "hall")
     write_readme(created, folder / "hall", ["warning: x"])
     return folder / "hall", created
@@ -102,7 +103,7 @@ def test_proposed_routes_join_different_places_on_ways_the_robot_can_drive(made:
 
 
 def test_a_turned_map_is_laid_straight_and_says_so(tmp_path: Path) -> None:
-    created = world_from_map(write_map(tmp_path, hall(), "[-3, 1, 0.3]"), name="hall")
+    created = world_from("map", write_map(tmp_path, hall(), "[-3, 1, 0.3]"), name="hall")
     assert created.world.occupancy.origin.yaw == 0.0
     assert any("turned" in note for note in created.notes)
 
@@ -111,7 +112,7 @@ def test_a_map_on_which_nobody_fits_is_refused_by_name(tmp_path: Path) -> None:
     pixels = np.zeros((40, 40), np.uint8)
     pixels[18:22] = 254
     with pytest.raises(FileError, check=coded("grid-no-room")):
-        world_from_map(write_map(tmp_path, pixels), name="hall")
+        world_from("map", write_map(tmp_path, pixels), name="hall")
 
 
 def test_our_own_objects_and_a_gazebo_world_become_worlds_too(tmp_path: Path) -> None:
@@ -122,7 +123,7 @@ def test_our_own_objects_and_a_gazebo_world_become_worlds_too(tmp_path: Path) ->
             ("w", "wall", -6, 0, 0.2, 10.2), ("r", "rack", 0, 0, 4, 1))
     )  # fmt: skip
     (tmp_path / "o.yaml").write_text("objects:\n" + text)
-    world = world_from_objects(tmp_path / "o.yaml", name="w").world
+    world = world_from("objects", tmp_path / "o.yaml", name="w").world
     assert {"Rack"} <= {a.name for a in world.areas}
     links = "".join(
         f"<model name='{n}'><pose>{x} {y} 1 0 0 0</pose><link name='l'><collision name='c'><geometry><box>"
@@ -131,7 +132,7 @@ def test_our_own_objects_and_a_gazebo_world_become_worlds_too(tmp_path: Path) ->
                               ("wall_4", -6, 0, 0.2, 10.2), ("rack", 0, 0, 4, 1))
     )  # fmt: skip
     (tmp_path / "w.sdf").write_text(f"<sdf version='1.7'><world name='w'>{links}</world></sdf>")
-    other = world_from_sdf(tmp_path / "w.sdf", name="w").world
+    other = world_from("sdf", tmp_path / "w.sdf", name="w").world
     assert (other.occupancy.cells == world.occupancy.cells).all()
     assert "Rack" in {a.name for a in other.areas}
 
@@ -141,13 +142,13 @@ def test_a_world_without_walls_gets_floor_round_its_objects(tmp_path: Path) -> N
         "objects:\n  - {name: a, kind: rack, box: {center: [0, 0, 1], size: [4, 1, 2]}}\n"
         "  - {name: b, kind: rack, box: {center: [0, 4, 1], size: [4, 1, 2]}}\n"
     )
-    created = world_from_objects(tmp_path / "o.yaml", name="w")
+    created = world_from("objects", tmp_path / "o.yaml", name="w")
     assert any("no wall encloses" in note for note in created.notes)
     assert created.world.occupancy.cells.shape == (180, 160)
     assert {"Rack 1", "Rack 2"} <= {area.name for area in created.world.areas}
     assert len(created.world.routes) >= 1
     wide = load_robot("tiago_omni").replace(footprint=((4, 4), (-4, 4), (-4, -4), (4, -4)))
-    assert world_from_objects(tmp_path / "o.yaml", name="w", robot=wide).world.routes == ()
+    assert world_from("objects", tmp_path / "o.yaml", name="w", robot=wide).world.routes == ()
 
 
 def test_a_label_outside_the_map_is_told_with_its_line(folder: Path) -> None:
@@ -209,7 +210,7 @@ def test_a_route_that_cannot_be_driven_is_told_with_its_line(folder: Path, start
 def test_a_goal_behind_a_wall_cannot_be_planned(tmp_path: Path) -> None:
     pixels = hall()
     pixels[:, 200:204] = 0
-    created = world_from_map(write_map(tmp_path, pixels), name="hall", grid_spec=GridSpec(spacing_m=1.0))
+    created = world_from("map", write_map(tmp_path, pixels), name="hall", grid_spec=GridSpec(spacing_m=1.0))
     save_world(created.world, tmp_path / "w")
     replace_routes(tmp_path / "w", "name: r, start: {x: 0, y: 3}, goal: {x: 12, y: 3}, time_limit_s: 60")
     assert found(check_world(tmp_path / "w"), "route-no-way").serious
@@ -236,7 +237,7 @@ def test_isolated_parts_and_unknown_space_are_told(tmp_path: Path) -> None:
     pixels[:, 200:204] = 0
     pixels[5:235, 210:390] = 205
     pixels[100:160, 260:320] = 254
-    created = world_from_map(write_map(tmp_path, pixels), name="hall", grid_spec=GridSpec(isolated_parts=True))
+    created = world_from("map", write_map(tmp_path, pixels), name="hall", grid_spec=GridSpec(isolated_parts=True))
     save_world(created.world, tmp_path / "w")
     remarks = check_world(tmp_path / "w")
     found(remarks, "floor-isolated")
@@ -266,9 +267,9 @@ def _public_maps() -> list[Path]:
 def test_every_public_map_becomes_a_world_with_pictures_or_is_refused_with_a_reason(path: Path) -> None:
     if path.stem == "nav2_testmap":  # 1 x 1 m
         with pytest.raises(FileError, check=coded("grid-no-room")):
-            world_from_map(path, name="w")
+            world_from("map", path, name="w")
         return
-    world = world_from_map(path, name="w").world
+    world = world_from("map", path, name="w").world
     assert len(world.grid.valid) >= 30
     assert len(largest_part(world.grid)) > 0.7 * len(world.grid.valid)
     assert len(world.areas) >= 4
@@ -422,3 +423,11 @@ def test_a_world_with_a_faulty_route_is_still_refused_with_every_mistake_of_its_
         load_world(folder)
     wrong = {(problem.key, problem.code) for problem in told.value.problems}
     assert wrong >= {(("routes", 0, "start", "x"), "document"), (("routes", 0, "time_limit_s"), "document")}
+
+
+def test_a_gazebo_world_without_its_reader_says_how_to_install_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(plugins, "_registered", lambda _kind: {})
+    with pytest.raises(InputError, match=r"\[exchange\]", check=coded("format-not-installed")):
+        world_from("sdf", tmp_path / "w.sdf", name="w")

@@ -10,7 +10,7 @@ from shapely import Polygon
 
 from rvsg.core.errors import FileError, InputError
 from rvsg.world.areas import propose_areas
-from rvsg.world.creation import Created, mapped, world_from_sdf
+from rvsg.world.creation import Created, mapped, world_from
 from rvsg.world.rooms import Choices
 from rvsg.world.space import Space, human_space, human_space_of
 from rvsg_exchange.sdf import load_sdf
@@ -66,7 +66,7 @@ def ring(*, ceilings: bool, door: bool = True, gate: bool = False, yard: str = "
 
 def made(tmp_path: Path, text: str, **choices: tuple[tuple[float, float], ...]) -> Created:
     (tmp_path / "b.world").write_text(text)
-    return world_from_sdf(tmp_path / "b.world", name="b", choices=Choices(**choices))
+    return world_from("sdf", tmp_path / "b.world", name="b", choices=Choices(**choices))
 
 
 def floor(tmp_path: Path, text: str, **choices: tuple[tuple[float, float], ...]) -> Space:

@@ -16,9 +16,10 @@ from tests.published_data import published_data
 
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError
+from rvsg.world.creation import WorldSource
 from rvsg.world.world import Polygon
 from rvsg_exchange.mesh import turned_profile
-from rvsg_exchange.sdf import SdfWorld, load_sdf
+from rvsg_exchange.sdf import load_sdf
 from rvsg_exchange.solid import solid_objects
 
 BOX = "<collision name='c'>{pose}<geometry><box><size>{size}</size></box></geometry></collision>"
@@ -52,7 +53,7 @@ def write_model(models: Path, name: str, inside: str) -> Path:
     return folder
 
 
-def only(world: SdfWorld):
+def only(world: WorldSource):
     assert len(world.objects) == 1
     return world.objects[0]
 

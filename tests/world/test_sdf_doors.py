@@ -8,11 +8,11 @@ import pytest
 
 from rvsg.scenario.scenario import HumanConfiguration, Mission
 from rvsg.scenario.validity import check
-from rvsg.world.creation import world_from_sdf
+from rvsg.world.creation import WorldSource, world_from
 from rvsg.world.schema import save_world
 from rvsg.world.world import Door
 from rvsg.world.world_folder import load_world
-from rvsg_exchange.sdf import SdfWorld, load_sdf
+from rvsg_exchange.sdf import load_sdf
 
 SWING = "<axis><xyz>0 0 1</xyz><limit><lower>0</lower><upper>1.57</upper></limit></axis>"
 SLIDE = "<axis><xyz>0 1 0</xyz><limit><lower>0</lower><upper>1.0</upper></limit></axis>"
@@ -48,12 +48,12 @@ ROOM = "".join(
 )
 
 
-def read(tmp_path: Path, models: str) -> SdfWorld:
+def read(tmp_path: Path, models: str) -> WorldSource:
     (tmp_path / "r.world").write_text(f'<sdf version="1.7"><world name="w">{ROOM}{models}</world></sdf>')
     return load_sdf(tmp_path / "r.world")
 
 
-def only(world: SdfWorld) -> Door:
+def only(world: WorldSource) -> Door:
     (found,) = world.doors
     assert not [thing for thing in world.objects if thing.kind == "entrance"]
     return found
@@ -126,7 +126,7 @@ def test_the_doors_of_a_urdf_room_are_found(tmp_path: Path) -> None:
 
 def test_an_imported_door_is_listed_saved_and_can_be_closed(tmp_path: Path) -> None:
     read(tmp_path, door())
-    created = world_from_sdf(tmp_path / "r.world", name="r")
+    created = world_from("sdf", tmp_path / "r.world", name="r")
     assert any("entrance" in note and "doors.yaml" in note for note in created.notes)
     save_world(created.world, tmp_path / "r")
     world = load_world(tmp_path / "r")

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rvsg.app.campaign import Campaign
-from rvsg.app.runs import simulate
+from rvsg.app.runs import RunSet, simulate
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.ranking import best_attempt
 from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.core.files import write_whole
 from rvsg.core.inputs import parse_json, read_text
 from rvsg.core.outputs import check_writable
-from rvsg.core.plugins import Spec, ignore
+from rvsg.core.plugins import Spec, find_format, ignore
 from rvsg.report.film import Shot, shot_of_run
 from rvsg.report.film import check_film as check_film
 from rvsg.report.film import write_film as write_film
@@ -29,13 +29,12 @@ from rvsg.scenario.world_lookup import load_world, world_of
 from rvsg.simulation.archive import PackedRun, rounded
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.simulation.embedded.trace import Trace, trace_run
+from rvsg.simulation.exporter import Exportable, Exporter
 from rvsg.simulation.run import Run
 from rvsg.simulation.run_files import holds_runs, read_runs
 from rvsg.simulation.simulators import make_simulator
 from rvsg.simulation.stacks.registry import StackLike
 from rvsg.world.world import World
-from rvsg_exchange.bag import write_bag
-from rvsg_exchange.bag_messages import rosbags_types
 
 if TYPE_CHECKING:
     from rvsg.app.campaign import Campaign
@@ -143,7 +142,7 @@ class Traced:
         """
         check_trace_file(path)
         if path.suffix == ".mcap":
-            write_bag(self.run, self.world, path, trace=self.trace)
+            _bag_exporter().write(Exportable(world=self.world, runs=(self.run,), trace=self.trace), path)
         else:
             write_whole(path, trace_text(self))
 
@@ -159,7 +158,37 @@ def check_trace_file(path: Path, *, bag_only: bool = False) -> None:
     if path.suffix not in kinds:
         raise FileError(path, f"the name must end in {' or '.join(kinds)}.")
     if path.suffix == ".mcap":
-        rosbags_types()
+        _bag_exporter().check()
+
+
+def _bag_exporter() -> Exporter:
+    exporter: Exporter = find_format("exporter", "mcap", "bag")()
+    return exporter
+
+
+def check_bag(path: Path | None, runs: int) -> None:
+    """Check before a simulation that its bag can be written; None: there is none.
+
+    Raises:
+        InputError: several runs are asked for, the file has another ending, or rosbags is not installed.
+    """
+    if path is None:
+        return
+    if runs > 1:
+        raise InputError("--bag writes one run, and --repeats asks for several. Leave one of them out.")
+    check_trace_file(path, bag_only=True)
+    check_writable(path)
+
+
+def write_bag_of(
+    runs: RunSet, path: Path, scenario: Scenario, *, simulator: Spec, stack: StackLike | None, world: World
+) -> None:
+    """Write one run as a bag, with all that the robot sees where the simulator can record that."""
+    if simulator.name == "embedded":
+        traced = trace(scenario, runs.runs[0].seed, simulator=simulator, stack=stack, world=world)
+        Traced(trace=traced, world=world).write(path)
+    else:
+        _bag_exporter().write(Exportable(world=world, runs=runs.runs), path)
 
 
 def check_trace_files(source: Path, paths: Sequence[Path]) -> None:

@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
 from rvsg.campaign.runner import Runner
+from rvsg.core import plugins
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec, ignore
 from rvsg.scenario.builder import check_valid
 from rvsg.scenario.scenario import Scenario
-from rvsg.scenario.world_lookup import world_of
+from rvsg.scenario.world_lookup import as_world, world_of
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Outcome, Run
 from rvsg.simulation.run_files import once, read_runs, runs_text
@@ -240,3 +241,77 @@ def _line(x: NDArray[np.float64], y: NDArray[np.float64], colour: str, opacity: 
         f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="0.08" opacity="{opacity:.2f}">'
         f"<title>{html.escape(name)}</title></polyline>"
     )
+
+
+RECORDINGS = (".mcap", ".db3")
+
+
+def load_recordings(
+    paths: Sequence[str | Path],
+    *,
+    world: World | str | Path | None = None,
+    route: str | None = None,
+    people_topic: str | None = None,
+    robot_topic: str | None = None,
+) -> tuple[RunSet, tuple[str, ...]]:
+    """Load recordings of a robot as runs; return them and what they lack.
+
+    Args:
+        paths: rosbag2 folders, or `.mcap` or `.db3` files.
+        route: the route of the world that the robot drove.
+    """
+    place = as_world(world) if world is not None else None
+    if route is not None and place is None:
+        raise InputError("--route needs the world it is in: add --world (in Python world=).")
+    driven = place.route(route) if route is not None and place is not None else None
+    read = plugins.find_format("recording", "rosbag2", "bag")
+    runs, notes = [], []
+    for path in paths:
+        found = read(Path(path), world=place, route=driven, people_topic=people_topic, robot_topic=robot_topic)
+        runs.append(found.run)
+        notes += [f"{path}: {note}" for note in found.notes]
+    return RunSet(tuple(runs), None, place), tuple(notes)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Loaded:
+    """Runs of files, and what a person should know of them."""
+
+    runs: RunSet
+    notes: tuple[str, ...] = ()
+
+
+def load_any(
+    paths: Sequence[str | Path],
+    *,
+    world: World | str | Path | None = None,
+    route: str | None = None,
+    people_topic: str | None = None,
+    robot_topic: str | None = None,
+) -> Loaded:
+    """Load files of runs, or recordings; duplicates count once.
+
+    Raises:
+        InputError: files of both kinds are given, or options of recordings for files of runs.
+    """
+    recordings = [path for path in paths if is_recording(path)]
+    if not recordings:
+        if route or people_topic or robot_topic:
+            raise InputError(
+                "--route, --people-topic and --robot-topic are for recordings (.mcap, .db3, a rosbag2 folder)."
+            )
+        given = read_runs([Path(path) for path in paths])
+        different = once(given)
+        twice = len(given) - len(different)
+        said = f"{twice} of {len(given)} runs are given twice and count once."
+        return Loaded(runs=RunSet(tuple(different)), notes=(said,) if twice else ())
+    if len(recordings) < len(paths):
+        raise InputError("Judge recordings and simulated runs one after the other: they are of different scenarios.")
+    runs, notes = load_recordings(paths, world=world, route=route, people_topic=people_topic, robot_topic=robot_topic)
+    return Loaded(runs=runs, notes=notes)
+
+
+def is_recording(path: str | Path) -> bool:
+    """Return whether a path is a recording: a rosbag2 folder, an MCAP or an SQLite file."""
+    path = Path(path)
+    return path.suffix in RECORDINGS or (path / "metadata.yaml").is_file()

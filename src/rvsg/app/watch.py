@@ -15,6 +15,7 @@ import numpy as np
 from rvsg.app.campaign import Campaign, campaigns_in
 from rvsg.app.folder import LEDGER, alone_in, reading
 from rvsg.app.proposal import brief_of, make_generator
+from rvsg.app.runs import is_recording, load_recordings
 from rvsg.app.suites import Suite, SuiteCase, SuiteHead, requirement_of, run_cases
 from rvsg.app.wiring import let_rehearse
 from rvsg.campaign.findings import Entry, remembered
@@ -49,7 +50,6 @@ from rvsg.simulation.stacks.registry import StackChoice
 from rvsg.store.knowledge_base import KnowledgeBase
 from rvsg.store.knowledge_search import open_knowledge
 from rvsg.world.world import World
-from rvsg_exchange.formats import is_recording, load_recordings
 
 Stamp = tuple[tuple[str, int, int], ...]
 

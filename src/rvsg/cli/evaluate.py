@@ -43,9 +43,9 @@ def evaluate(
     import rvsg
     from rvsg.app import judgement
     from rvsg.app.judgement import describe_judgement
+    from rvsg.app.runs import load_any
     from rvsg.core.outputs import write_text
     from rvsg.scenario.builder import load_scenario_in
-    from rvsg_exchange.formats import load_any
 
     if feedback is not None:
         judgement.check_feedback_file(feedback, scenario)

@@ -56,9 +56,9 @@ def robots(
 def _print_urdf(path: Path) -> None:
     import yaml
 
-    from rvsg_exchange.urdf import read_urdf
+    from rvsg.core.plugins import find_format
 
-    found = read_urdf(path)
+    found = find_format("robot", "urdf")(path)
     print(yaml.safe_dump(found.values, sort_keys=False, default_flow_style=None, width=120), end="")
     for sentence in found.missing:
         print(f"# {sentence}")

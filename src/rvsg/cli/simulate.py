@@ -46,11 +46,11 @@ def simulate(
     RVSG checks the scenario first: it simulates no unknown waypoint and no path through an obstacle.
     """
     import rvsg
+    from rvsg.app.playback import check_bag, write_bag_of
     from rvsg.cli.options import spec, stack_spec, states
     from rvsg.core.outputs import check_writable, write_text
     from rvsg.scenario.builder import load_changed
     from rvsg.simulation.run_files import runs_text
-    from rvsg_exchange.formats import check_bag, write_bag_of
 
     check_writable(out)
     check_bag(bag, repeats)

@@ -99,7 +99,8 @@ def new(
     given = {key: value for key, value in locals().items() if key not in ("folder", "no_simulation", "json", "robot")}
     given |= {name: [_numbers(f"--{name}", "X,Y", at) for at in given[name] or ()] for name in ("indoors", "outdoors")}
     from rvsg.simulation.route_trial import trial_of
-    from rvsg.world.new_world import create_world, other_robot, world_summary
+    from rvsg.world.creation import create_world, other_robot
+    from rvsg.world.world_folder import world_summary
 
     driver = other_robot(robot)
     trial = None if no_simulation else trial_of(driver, progress=say)
@@ -120,7 +121,7 @@ def copy(
     Edit a shipped world there, or give its map to your navigation: the folder
     holds it as map.yaml.
     """
-    from rvsg.world.new_world import copy_world
+    from rvsg.world.creation import copy_world
     from rvsg.world.world_folder import load_world
 
     copy_world(load_world(world), folder, force=force)
@@ -144,7 +145,8 @@ def check(
     """
     from rvsg.simulation.route_trial import trial_of
     from rvsg.world.checks import check_world
-    from rvsg.world.new_world import folder_named, other_robot
+    from rvsg.world.creation import other_robot
+    from rvsg.world.world_folder import folder_named
 
     driver = other_robot(robot)
     trial = None if no_simulation else trial_of(driver, progress=say)
@@ -175,7 +177,7 @@ def draw(
     Labelled map, grid of waypoints and bird's-eye view as PNG, or an SVG plan. A grid with too many names for one
     picture is also drawn in parts.
     """
-    from rvsg.world.new_world import draw_world
+    from rvsg.world.drawing import draw_world
     from rvsg.world.world_folder import load_world
 
     folder = out or (Path(world) / "pictures" if Path(world).is_dir() else Path())
@@ -196,8 +198,7 @@ def show(
 
     Grid, areas with their waypoints, routes in words, activities.
     """
-    from rvsg.world.new_world import world_summary
-    from rvsg.world.world_folder import load_world
+    from rvsg.world.world_folder import load_world, world_summary
 
     loaded = load_world(world)
     if json:
@@ -209,8 +210,7 @@ def show(
 @app.command("list")
 def list_worlds(json: AsJson = False) -> None:
     """List the worlds that ship with RVSG."""
-    from rvsg.world.new_world import size_m, world_summary
-    from rvsg.world.world_folder import load_world, shipped_worlds
+    from rvsg.world.world_folder import load_world, shipped_worlds, size_m, world_summary
 
     worlds = [load_world(name) for name in shipped_worlds()]
     if json:
@@ -287,8 +287,8 @@ def _numbers(option: str, form: str, text: str) -> tuple[float, ...]:
 
 
 def _show_world(world: World) -> None:
-    from rvsg.world.new_world import size_m
     from rvsg.world.passages import route_paragraph
+    from rvsg.world.world_folder import size_m
 
     wide, high = size_m(world)
     grid = world.grid
@@ -316,8 +316,7 @@ def _show_world(world: World) -> None:
 
 
 def _show_created(created: Created, remarks: tuple[Remark, ...], folder: Path) -> None:
-    from rvsg.world.new_world import size_m
-    from rvsg.world.world_folder import shipped_worlds
+    from rvsg.world.world_folder import shipped_worlds, size_m
 
     world = created.world
     wide, high = size_m(world)

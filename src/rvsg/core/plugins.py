@@ -16,7 +16,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from rvsg.core.errors import InputError, UnknownName
+from rvsg.core.errors import InputError, UnknownName, how_to_install
 from rvsg.core.records import Record
 
 KINDS = {
@@ -28,6 +28,10 @@ KINDS = {
     "metric": "rvsg.metrics",
     "signal": "rvsg.signals",
     "stack": "rvsg.stacks",
+    "world": "rvsg.worlds",
+    "exporter": "rvsg.exporters",
+    "recording": "rvsg.recordings",
+    "robot": "rvsg.robots",
 }
 """Every kind of plug-in, with its entry point group."""
 
@@ -79,6 +83,20 @@ def find(kind: str, name: str) -> Any:
         raise InputError(
             f'Cannot load the {kind} "{name}" ({registered[name].value}): {error}. Check that its package is installed.'
         ) from error
+
+
+def find_format(kind: str, name: str, extra: str = "exchange") -> Any:
+    """Return the reader or writer of a file format, which may be in a distribution that is not installed.
+
+    Raises:
+        InputError: no installed distribution knows the format; says how to install the one that does.
+    """
+    if name not in _registered(kind):
+        raise InputError(
+            f'The format "{name}" needs a package that is not installed: {how_to_install(extra)}.',
+            code="format-not-installed",
+        )
+    return find(kind, name)
 
 
 def origin(point: EntryPoint) -> str:

@@ -1,49 +1,31 @@
-"""From a robot's map or a Gazebo world to a world of its own: grid, first labels and routes, all to be edited."""
+"""New world folders from a Nav2 map, a Gazebo world or a file of objects: grid, proposed labels and routes, README."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Protocol, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
-from rvsg.core.documents import read_document
-from rvsg.core.errors import FileError, InputError
-from rvsg.robots.robot import Robot
+from rvsg.core import plugins
+from rvsg.core.documents import keys_of, read_document
+from rvsg.core.errors import FileError, InputError, InvalidOptions
+from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
 from rvsg.world.areas import propose_areas
+from rvsg.world.checks import Remark, check_world
 from rvsg.world.grid import Grid, GridSpec
 from rvsg.world.lattice import build_grid, build_world, fitting_spacing
 from rvsg.world.occupancy import load_nav2_map, occupancy_from_objects, upright
 from rvsg.world.rooms import Choices, main_part, within
-from rvsg.world.routes import Trial, propose_routes, route_notes
-from rvsg.world.schema import COARSEST_M, FARTHEST_M, FINEST_M, HIGHEST_LIDAR_M, ObjectsFile, one_line
+from rvsg.world.routes import Trial, clearance_m, propose_routes, route_notes
+from rvsg.world.schema import COARSEST_M, FARTHEST_M, FINEST_M, HIGHEST_LIDAR_M, ObjectsFile, one_line, save_world
 from rvsg.world.space import Bools, Frame, Space, covered_cells, frame_of, human_space_of, main_floor
 from rvsg.world.world import Area, Door, OccupancyMap, SolidObject, World
-from rvsg_exchange.sdf import Progress, load_sdf
-
-KINDS: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = (
-    (("hospital", "clinic", "ward", "patient", "nurse", "care"), ("trolley", "wheelchair", "moved_object")),
-    (("shop", "supermarket", "retail", "bookstore", "mall", "market"), ("trolley", "child", "moved_object")),
-    (("airport", "station", "museum", "terminal", "library"), ("trolley", "child", "wheelchair")),
-    (("school", "kindergarten", "home", "house", "apartment", "residential"), ("child",)),
-    (("warehouse", "factory", "workshop", "shelf", "pallet", "rack"), ("trolley", "moved_object")),
-    (("office", "meeting", "laboratory", "lab"), ("trolley", "moved_object")),
-)
-"""Words of a place, and who takes part there. The first kind that is named counts."""
-
-
-def usual_actors(texts: Iterable[str]) -> tuple[str, ...]:
-    """Return what generators may use in a place, told by its name, its title and its labels; nothing if none fits."""
-    for text in texts:
-        words = set(re.findall(r"[a-z]+", text.lower()))
-        for named, actors in KINDS:
-            if words & {form for word in named for form in (word, f"{word}s")}:
-                return actors
-    return ()
-
 
 OPEN_M = 2.0
 RESOLUTIONS_M = (0.05, 0.1, 0.2)
@@ -53,7 +35,34 @@ MOST_LINES_OF_CORRIDORS = 260  # long corridors have few waypoints on many lines
 MOST_WAYPOINTS, MOST_CROSSINGS = 1500, 39_000
 FINER = (1.0, 0.75, 0.5, 0.35, 0.25, 0.18, 0.12)
 CONNECTED, HALF = 0.97, 0.5
+LIDAR_HEIGHT_M = 0.21
+ROBOT_CLEARANCE_M = 0.3
 NO_CHOICES = Choices()
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorldSource:
+    """What a file says of a building: a map, or solid objects from which one is drawn."""
+
+    objects: tuple[SolidObject, ...] = ()
+    occupancy: OccupancyMap | None = None
+    doors: tuple[Door, ...] = ()
+    overhead: NDArray[np.float64] | None = None
+    """The faces over people's heads, seen from above (n, 3, 2); None where there are none."""
+    notes: tuple[str, ...] = ()
+
+
+class WorldReader(Protocol):
+    """A reader of a file format, registered under `rvsg.worlds` by the name of the format."""
+
+    def __call__(self, path: Path, *, lidar_height_m: float, progress: Progress | None, **options: Any) -> WorldSource:
+        """Read a file; raise FileError for one that cannot be used.
+
+        Args:
+            lidar_height_m: Height of the lidar plane above the floor.
+            progress: Called with a line of text as the work proceeds.
+        """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,134 +74,246 @@ class Created:
     notes: tuple[str, ...]
 
 
-def world_from_map(
-    path: str | Path,
+class SourceOptions(TypedDict, total=False):
+    """Options that mean something for some sources only; lengths in metres."""
+
+    free_thresh: float | None
+    model_path: Sequence[Path] | None
+    without: Sequence[str] | None
+    box_for_unreadable: bool
+    lenient: bool
+    floor: float
+    resolution: float | None
+    lidar_height: float
+    indoors: Sequence[tuple[float, float]] | None
+    """Points on floor that is inside the building, whatever it looks like."""
+    outdoors: Sequence[tuple[float, float]] | None
+
+
+_GOES_WITH: dict[str, tuple[str, ...]] = dict.fromkeys(SourceOptions.__annotations__, ("sdf",))
+_GOES_WITH |= {"free_thresh": ("map",)}
+_GOES_WITH |= dict.fromkeys(("resolution", "lidar_height", "indoors", "outdoors"), ("sdf", "objects"))
+_PARAMETERS = {
+    "model_path": "model_paths",
+    "floor": "floor_m",
+    "resolution": "resolution_m",
+    "lidar_height": "lidar_height_m",
+}
+"""The parameters of `world_from` and of the readers whose names differ from those of the options."""
+
+
+def create_world(
+    folder: Path,
     *,
-    name: str,
+    map_file: Path | None = None,
+    sdf: Path | None = None,
+    objects: Path | None = None,
     title: str = "",
-    grid_spec: GridSpec | None = None,
-    free_thresh: float | None = None,
-    trial: Trial | None = None,
+    spacing: float | None = None,
+    human_clearance: float = 0.3,
+    robot_clearance: float | None = None,
+    force: bool = False,
     robot: Robot | None = None,
-) -> Created:
-    """Return a world from a Nav2 map: labels from free-standing obstacles and open floor, routes between them.
+    trial: Trial | None = None,
+    progress: Progress | None = None,
+    **options: Unpack[SourceOptions],
+) -> tuple[Created, tuple[Remark, ...]]:
+    """Create a world folder from a map, a Gazebo world or a file of objects.
 
-    A map with a turned origin is laid along the axes of its frame. Raises FileError for a map that cannot be used.
+    Lengths are in metres. Labels and routes are proposals; the README in the folder says how to edit them.
+
+    Args:
+        folder: Where to write the world; its name becomes the world's.
+        map_file: A Nav2 map; or give `sdf` or `objects` instead.
+        force: Overwrite a world that is in the folder.
+        robot: The robot that routes are proposed for; None: the default robot.
+        trial: Drives every proposed route; routes that the robot cannot drive alone are not proposed.
+
+    Returns:
+        The world with notes on how it was made, and what `check_world` says of it.
+
+    Raises:
+        InputError: not exactly one source, or an option that means nothing for it.
+        FileError: a source that cannot be read, or a folder that is occupied.
     """
-    read = load_nav2_map(path, free_thresh=free_thresh)
-    occupancy = upright(read.occupancy)
-    notes = list(read.notes)
-    if occupancy is not read.occupancy and read.occupancy.origin.yaw:
-        notes.append(
-            f"the map was turned by its origin's yaw of {read.occupancy.origin.yaw:g} rad onto the axes of the map "
-            "frame; positions are the same."
+    source, path = _only_source({"map": map_file, "sdf": sdf, "objects": objects})
+    _refuse_unused(source, options)
+    _refuse_occupied(folder, force=force)
+    if robot_clearance is None:
+        robot_clearance = ROBOT_CLEARANCE_M if robot is None else clearance_m(robot)
+    spec = _grid_spec(spacing, human_clearance, robot_clearance)
+    created = world_from(
+        source,
+        path,
+        name=folder.resolve().name,
+        title=title,
+        grid_spec=spec,
+        progress=progress,
+        trial=trial,
+        robot=robot,
+        **_parameters(source, options),
+    )
+    return created, save_created(created, folder, trial=trial, robot=robot)
+
+
+def save_created(
+    created: Created, folder: Path, *, trial: Trial | None = None, robot: Robot | None = None
+) -> tuple[Remark, ...]:
+    """Write a new world into a folder with its README; return what `check_world` says of it."""
+    save_world(created.world, folder)
+    remarks = check_world(folder, trial=trial, robot=robot)
+    write_readme(created, folder, [f"{'error' if r.serious else 'warning'}: {r.problem.message}" for r in remarks])
+    return remarks
+
+
+def copy_world(world: World, folder: Path, *, force: bool = False) -> None:
+    """Write a world into a folder of its own, with the map that the robot localises in (`map.yaml` with `map.png`).
+
+    Raises:
+        FileError: the folder is occupied, or cannot be written.
+        InputError: a world without the specification of its grid.
+    """
+    _refuse_occupied(folder, force=force)
+    save_world(world, folder)
+
+
+def other_robot(name: str | Path | None) -> Robot | None:
+    """Return a shipped robot or the robot of a file; None for the default one, for which the worlds are written."""
+    return None if name is None or str(name) == DEFAULT_ROBOT else load_robot(name)
+
+
+def _only_source(sources: dict[str, Path | None]) -> tuple[str, Path]:
+    given = [(name, path) for name, path in sources.items() if path is not None]
+    if len(given) != 1:
+        options = " and ".join(f"--{name}" for name, _ in given) or "none"
+        raise InputError(f"give exactly one of --map, --sdf and --objects; got {options}", code="world-source")
+    return given[0]
+
+
+def _refuse_unused(source: str, options: SourceOptions) -> None:
+    """Refuse options that mean nothing for a source."""
+    usual = {"lidar_height": LIDAR_HEIGHT_M, "floor": 0.0}
+    useless = [
+        f"--{name.replace('_', '-')} goes with {' or '.join(f'--{s}' for s in _GOES_WITH[name])}"
+        for name, value in options.items()
+        if value is not False and value not in (None, [], (), usual.get(name)) and source not in _GOES_WITH[name]
+    ]
+    if useless:
+        raise InputError(f"{'; '.join(useless)}; got --{source}", code="option-unused")
+
+
+def _refuse_occupied(folder: Path, *, force: bool) -> None:
+    """Refuse a folder that holds something, unless it may be overwritten."""
+    if folder.exists() and not folder.is_dir():
+        raise FileError(folder, "this is a file; expected the name of a folder to make")
+    if (folder / "world.yaml").exists() and not force:
+        raise FileError(
+            folder, "the folder already holds a world; --force replaces it, with all your edits", code="world-exists"
         )
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / "world.yaml").exists() and not force:
+        raise FileError(
+            folder, "the folder is not empty; choose a new one, or --force to write into it", code="folder-not-empty"
+        )
+
+
+def _grid_spec(spacing: float | None, human_clearance: float, robot_clearance: float) -> GridSpec:
     try:
-        return _created(name, title, (), occupancy, grid_spec, str(path), notes, trial=trial, robot=robot)
-    except FileError:
-        raise
-    except InputError as error:
-        raise FileError(path, f"{error}", code=error.code) from None
+        return GridSpec(spacing_m=spacing, human_clearance_m=human_clearance, robot_clearance_m=robot_clearance)
+    except ValidationError as error:
+        listed = "; ".join(f"{d['loc'][0]}: {d['msg'].lower()}, got {d['input']}" for d in error.errors())
+        raise InvalidOptions(f"these values make no grid: {listed}", keys_of(error)) from None
 
 
-def world_from_sdf(
+def _parameters(source: str, options: SourceOptions) -> dict[str, Any]:
+    """Return the options of a source that were given as parameters of `world_from`."""
+    given: dict[str, Any] = {
+        name: value
+        for name, value in options.items()
+        if value is not None and value not in ([], ()) and source in _GOES_WITH[name]
+    }
+    choices = Choices(tuple(given.pop("indoors", ())), tuple(given.pop("outdoors", ())))
+    return {"choices": choices} | {_PARAMETERS.get(name, name): value for name, value in given.items()}
+
+
+def world_from(
+    kind: str,
     path: str | Path,
     *,
     name: str,
     title: str = "",
     grid_spec: GridSpec | None = None,
-    model_paths: Sequence[Path] = (),
-    lidar_height_m: float = 0.21,
-    floor_m: float = 0.0,
+    lidar_height_m: float = LIDAR_HEIGHT_M,
     resolution_m: float | None = None,
-    box_for_unreadable: bool = False,
-    lenient: bool = False,
-    without: Sequence[str] = (),
     choices: Choices = NO_CHOICES,
     progress: Progress | None = None,
     trial: Trial | None = None,
     robot: Robot | None = None,
+    **options: Any,
 ) -> Created:
-    """Make a world from a Gazebo world: its solid objects, the map a lidar would draw of them, labels and routes.
+    """Return a world made of a file: its map, or the one a lidar would draw of its objects; labels and routes.
 
-    The options are those of `load_sdf`; `choices` says what of the floor is inside. Raises DocumentError with all that
-    is wrong in the SDF files, and InputError for a size out of range.
+    Args:
+        kind: The name of the format: `map` (Nav2), `objects` (objects.yaml), `sdf` (Gazebo or URDF), or a plug-in's.
+        choices: What of the floor is inside.
+        options: Options of the reader of that format.
+
+    Raises:
+        FileError: The file cannot be used; DocumentError with all that is wrong in SDF files.
+        InputError: A size out of range, or the format needs a package that is not installed.
     """
-    _refuse_absurd_sizes(resolution_m, lidar_height_m, floor_m)
-    read = load_sdf(
-        path,
-        model_paths=model_paths,
-        lidar_height_m=lidar_height_m,
-        floor_m=floor_m,
-        box_for_unreadable=box_for_unreadable,
-        lenient=lenient,
-        without=without,
-        progress=progress,
-    )
-    if progress:
-        progress(f"Drawing the map, the grid and proposals for labels and routes from {len(read.objects)} objects")
+    _refuse_absurd_sizes(resolution_m, lidar_height_m, options.get("floor_m", 0.0))
+    read: WorldReader = plugins.find_format("world", kind)
+    source = read(Path(path), lidar_height_m=lidar_height_m, progress=progress, **options)
+    if progress and source.objects:
+        progress(f"Drawing the map, the grid and proposals for labels and routes from {len(source.objects)} objects")
+    notes = list(source.notes)
     try:
-        notes = list(read.notes)
-        occupancy = mapped(read.objects, resolution_m, notes, choices, read.overhead)
-        return _created(
-            name,
-            title,
-            read.objects,
-            occupancy,
-            grid_spec,
-            str(path),
-            notes,
-            doors=read.doors,
+        occupancy = source.occupancy
+        if occupancy is None:
+            occupancy = mapped(source.objects, resolution_m, notes, choices, source.overhead)
+        spec = fitting_spec(grid_spec or GridSpec(), human_space_of(source.objects, occupancy))
+        world = build_world(
+            name=name,
+            title=title or name.replace("_", " ").replace("-", " ").capitalize(),
+            objects=source.objects,
+            occupancy=occupancy,
+            areas=propose_areas(source.objects, occupancy),
+            grid_spec=spec,
             lidar_height_m=lidar_height_m,
-            trial=trial,
-            robot=robot,
+            doors=source.doors,
         )
+        world = _with_proposals(world, Path(path).stem, notes, trial, robot)
     except FileError:
         raise
     except InputError as error:
-        raise FileError(path, _why_not(error, read.objects), code=error.code) from None
+        raise FileError(path, _why_not(error, source.objects), code=error.code) from None
+    return Created(world=world, source=str(path), notes=tuple(notes))
 
 
-def world_from_objects(
-    path: str | Path,
-    *,
-    name: str,
-    title: str = "",
-    grid_spec: GridSpec | None = None,
-    lidar_height_m: float = 0.21,
-    resolution_m: float | None = None,
-    choices: Choices = NO_CHOICES,
-    trial: Trial | None = None,
-    robot: Robot | None = None,
-) -> Created:
-    """Return a world from our own file of objects (oriented boxes and polygons), mapped as a lidar would see them."""
-    _refuse_absurd_sizes(resolution_m, lidar_height_m)
-    file, _ = read_document(Path(path), ObjectsFile)
-    objects = tuple(entry.solid(lidar_height_m) for entry in file.objects)
-    try:
-        notes: list[str] = []
-        occupancy = mapped(objects, resolution_m, notes, choices)
-        return _created(
-            name,
-            title,
-            objects,
-            occupancy,
-            grid_spec,
-            str(path),
-            notes,
-            lidar_height_m=lidar_height_m,
-            trial=trial,
-            robot=robot,
+def read_nav2_source(
+    path: Path, *, lidar_height_m: float, progress: Progress | None, free_thresh: float | None = None
+) -> WorldSource:
+    """Return the map of a Nav2 map file; one with a turned origin is laid along the axes of its frame."""
+    read = load_nav2_map(path, free_thresh=free_thresh)
+    occupancy = upright(read.occupancy)
+    notes = read.notes
+    if occupancy is not read.occupancy and read.occupancy.origin.yaw:
+        notes += (
+            f"the map was turned by its origin's yaw of {read.occupancy.origin.yaw:g} rad onto the axes of the map "
+            "frame; positions are the same.",
         )
-    except FileError:
-        raise
-    except InputError as error:
-        raise FileError(path, _why_not(error, objects), code=error.code) from None
+    return WorldSource(occupancy=occupancy, notes=notes)
+
+
+def read_objects_source(path: Path, *, lidar_height_m: float, progress: Progress | None) -> WorldSource:
+    """Return the objects of our own file (oriented boxes and polygons)."""
+    file, _ = read_document(path, ObjectsFile)
+    return WorldSource(objects=tuple(entry.solid(lidar_height_m) for entry in file.objects))
 
 
 def _why_not(error: InputError, objects: Sequence[SolidObject]) -> str:
     """Return why there is no world; where nobody fits, with the object that covers most of the floor."""
-    if error.code not in ("grid-no-room", "map-no-floor"):
+    if error.code not in ("grid-no-room", "map-no-floor") or not objects:
         return str(error)
     largest = max(objects, key=lambda thing: thing.box.size[0] * thing.box.size[1])
     wide, high = largest.box.size[:2]
@@ -264,39 +385,15 @@ def _fitting_resolution(objects: Sequence[SolidObject]) -> float:
     return fits[0] if fits else RESOLUTIONS_M[-1]
 
 
-def _created(
-    name: str,
-    title: str,
-    objects: Sequence[SolidObject],
-    occupancy: OccupancyMap,
-    spec: GridSpec | None,
-    source: str,
-    notes: list[str],
-    *,
-    doors: Sequence[Door] = (),
-    lidar_height_m: float = 0.21,
-    trial: Trial | None = None,
-    robot: Robot | None = None,
-) -> Created:
-    spec = fitting_spec(spec or GridSpec(), human_space_of(objects, occupancy))
-    areas = propose_areas(objects, occupancy)
-    world = build_world(
-        name=name,
-        title=title or name.replace("_", " ").replace("-", " ").capitalize(),
-        objects=objects,
-        occupancy=occupancy,
-        areas=areas,
-        grid_spec=spec,
-        lidar_height_m=lidar_height_m,
-        doors=doors,
-    )
+def _with_proposals(world: World, stem: str, notes: list[str], trial: Trial | None, robot: Robot | None) -> World:
+    """Return the world with the areas that people can reach, its usual actors and proposed routes; add to the notes."""
     main = largest_part(world.grid)
     reached = tuple(area for area in world.areas if main & set(area.waypoints))
     if len(reached) < len(world.areas):
         left = [area for area in world.areas if area not in reached]
         notes.append(f"people cannot walk to {len(left)} places found: not labelled. A finer grid may reach them.")
         reached = renumbered(reached)
-    texts = (name, title, Path(source).stem, " ".join(f"{area.name} {area.kind}" for area in reached))
+    texts = (world.name, world.title, stem, " ".join(f"{area.name} {area.kind}" for area in reached))
     world = replace(world, areas=reached, actors=usual_actors(texts))
     if world.actors:
         notes.append(f"generators may use {', '.join(world.actors)}, as usual here: see actors in world.yaml.")
@@ -309,7 +406,28 @@ def _created(
             "no route is proposed: on the ways between areas the robot does not fit, or it does "
             "not arrive when it drives alone. Write some into routes.yaml; `rvsg world check` drives them."
         )
-    return Created(world=world, source=source, notes=tuple(notes))
+    return world
+
+
+KINDS: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = (
+    (("hospital", "clinic", "ward", "patient", "nurse", "care"), ("trolley", "wheelchair", "moved_object")),
+    (("shop", "supermarket", "retail", "bookstore", "mall", "market"), ("trolley", "child", "moved_object")),
+    (("airport", "station", "museum", "terminal", "library"), ("trolley", "child", "wheelchair")),
+    (("school", "kindergarten", "home", "house", "apartment", "residential"), ("child",)),
+    (("warehouse", "factory", "workshop", "shelf", "pallet", "rack"), ("trolley", "moved_object")),
+    (("office", "meeting", "laboratory", "lab"), ("trolley", "moved_object")),
+)
+"""Words of a place, and who takes part there. The first kind that is named counts."""
+
+
+def usual_actors(texts: Iterable[str]) -> tuple[str, ...]:
+    """Return what generators may use in a place, told by its name, its title and its labels; nothing if none fits."""
+    for text in texts:
+        words = set(re.findall(r"[a-z]+", text.lower()))
+        for named, actors in KINDS:
+            if words & {form for word in named for form in (word, f"{word}s")}:
+                return actors
+    return ()
 
 
 def fitting_spec(spec: GridSpec, space: Space) -> GridSpec:

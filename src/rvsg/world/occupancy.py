@@ -376,7 +376,7 @@ def occupancy_from_objects(
     if frame.shape[0] * frame.shape[1] > MOST_DRAWN_CELLS:
         raise InputError(
             f"a map of {frame.shape[1]} x {frame.shape[0]} cells at {resolution_m} m is too large "
-            f"(at most {MOST_CELLS} cells): give a coarser resolution",
+            f"(at most {MOST_DRAWN_CELLS} cells): give a coarser resolution",
             code="map-too-large",
         )
     edges = outline_cells(outlines, frame)

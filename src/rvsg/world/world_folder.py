@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -17,6 +18,7 @@ from rvsg.core.inputs import exists, is_dir
 from rvsg.core.records import Pose
 from rvsg.world.lattice import build_world
 from rvsg.world.occupancy import occupancy_from_objects, read_map
+from rvsg.world.passages import route_paragraph
 from rvsg.world.schema import DerivedMap, DoorsFile, LabelsFile, ObjectsFile, RouteEntry, RoutesFile, WorldFile
 from rvsg.world.space import in_same_space
 from rvsg.world.world import Area, Door, OccupancyMap, Route, SolidObject, World
@@ -349,3 +351,49 @@ def _route(entry: RouteEntry, world: World) -> Route:
         purpose=entry.purpose,
         description=entry.description,
     )
+
+
+def folder_named(name: Path) -> Path:
+    """Return the folder of a world: the named one, or that of the shipped world of this name."""
+    shipped = str(name) in shipped_worlds() and not (name / "world.yaml").is_file()
+    return SHIPPED / str(name) if shipped else name
+
+
+def size_m(world: World) -> tuple[float, float]:
+    """Return the width and the height of a world's map in metres."""
+    rows, columns = world.occupancy.cells.shape
+    return columns * world.occupancy.resolution, rows * world.occupancy.resolution
+
+
+def world_summary(world: World) -> dict[str, Any]:
+    """Return what a world holds, as plain data."""
+    wide, high = size_m(world)
+    return {
+        "name": world.name,
+        "title": world.title,
+        "id": world.id,
+        "size_m": [round(wide, 3), round(high, 3)],
+        "objects": len(world.objects),
+        "grid": {
+            "rows": list(world.grid.rows),
+            "columns": list(world.grid.columns),
+            "valid_waypoints": len(world.grid.valid),
+            "hops": len(world.grid.hops),
+        },
+        "areas": [
+            {"name": a.name, "kind": a.kind, "region": a.region, "waypoints": list(a.waypoints)} for a in world.areas
+        ],
+        "routes": [
+            {
+                "name": r.name,
+                "purpose": r.purpose,
+                "time_limit_s": r.time_limit_s,
+                "description": route_paragraph(world, r),
+            }
+            for r in world.routes
+        ],
+        "doors": [
+            {"name": d.name, "kind": d.kind, "state": d.state, "width_m": round(d.width_m, 3)} for d in world.doors
+        ],
+        "activities": list(world.activities),
+    }

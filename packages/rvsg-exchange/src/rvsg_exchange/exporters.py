@@ -1,12 +1,4 @@
-"""OpenSCENARIO DSL in the dialect of scenario-execution (https://github.com/IntelLabs/scenario_execution).
-
-The robot is initialised and drives the route with Nav2; people are run by HuNavSim from its agents file, since the
-dialect has no action for people who walk and react.
-
-Nav2 goals: a route as the YAML of a `NavigateThroughPoses` action goal.
-
-Send it with `ros2 action send_goal /navigate_through_poses nav2_msgs/action/NavigateThroughPoses "$(cat goals.yaml)"`.
-"""
+"""Exporters: tables, rosbag2, HuNavSim agents, Nav2 goals, OpenSCENARIO DSL, Gazebo worlds and the Foxglove layout."""
 
 from __future__ import annotations
 
@@ -24,12 +16,18 @@ import shapely
 import yaml
 from numpy.typing import NDArray
 
-from rvsg.core.errors import InputError, how_to_install
+from rvsg.core.errors import InputError, UnknownName, how_to_install
 from rvsg.core.files import write_whole
 from rvsg.core.records import Pose
-from rvsg.scenario.scenario import Scenario
+from rvsg.scenario.scenario import Scenario, decode
+from rvsg.simulation.exporter import Exportable, Exporter
 from rvsg.simulation.run import Run
 from rvsg.world.world import Polygon, Route, SolidObject, World
+from rvsg_exchange import hunav_agents
+from rvsg_exchange.bag import write_bag
+from rvsg_exchange.bag_messages import rosbags_types
+
+DIALECTS = ("flat", "block", "v2")
 
 
 def scenario_osc(scenario: Scenario, world: World, *, agents_file: str = "agents.yaml") -> str:
@@ -266,9 +264,133 @@ def write_parquet(runs: Iterable[Run], path: Path) -> None:
     write_whole(path, sink.getvalue())
 
 
-LAYOUT = Path(__file__).with_name("foxglove_layout.json")
-
-
 def foxglove_layout() -> str:
     """Return a layout as Foxglove imports it: the map with robot and people, and plots of speed and acceleration."""
-    return LAYOUT.read_text(encoding="utf-8")
+    return Path(__file__).with_name("foxglove_layout.json").read_text(encoding="utf-8")
+
+
+def _scenario_in(source: Exportable) -> tuple[Scenario, World]:
+    if source.scenario is None or source.world is None:
+        raise InputError("This is a format of scenarios: give the scenario, not its runs.")
+    return source.scenario, source.world
+
+
+class Csv(Exporter):
+    """Trajectories as CSV."""
+
+    takes = "runs"
+
+    def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
+        """Write a row for each sample of robot and people."""
+        write_csv(source.runs, path)
+        return ()
+
+
+class Parquet(Exporter):
+    """Trajectories as Parquet."""
+
+    takes = "runs"
+
+    def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
+        """Write a row for each sample of robot and people."""
+        write_parquet(source.runs, path)
+        return ()
+
+
+class Mcap(Exporter):
+    """A run as rosbag2 for Foxglove, RViz and `ros2 bag play`."""
+
+    takes = "runs"
+
+    def check(self) -> None:
+        """Raise InputError where rosbags is not installed."""
+        rosbags_types()
+
+    def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
+        """Write the one run that a bag holds, with its trace where there is one."""
+        if len(source.runs) > 1:
+            raise InputError(f"A bag holds one run, and {len(source.runs)} are given. Give the scenario and --seed.")
+        if source.world is None:
+            raise InputError("A bag holds the map: say with --world (in Python world=) which world the run is of.")
+        write_bag(source.runs[0], source.world, path, trace=source.trace)
+        return ()
+
+
+class HunavAgents(Exporter):
+    """The people of a scenario as an agents file of HuNavSim."""
+
+    def __init__(self, dialect: hunav_agents.Dialect = "block") -> None:
+        if dialect not in DIALECTS:
+            raise UnknownName("dialect", dialect, DIALECTS)
+        self.dialect = dialect
+
+    def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
+        """Write the agents; return what HuNavSim does not hold of them."""
+        scenario, world = _scenario_in(source)
+        agents = decode(scenario.people, world.grid)
+        file, notes = hunav_agents.export_agents(agents, map_name=world.name, dialect=self.dialect)
+        hunav_agents.write_agents(file, path)
+        return notes
+
+
+class Nav2Goals(Exporter):
+    """The route of a scenario as the goal of Nav2's `NavigateThroughPoses`."""
+
+    def __init__(self, release: Release = "jazzy") -> None:
+        if release not in RELEASES:
+            raise UnknownName("release", release, RELEASES)
+        self.release = release
+
+    def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
+        """Write the poses in the map frame."""
+        scenario, world = _scenario_in(source)
+        write_whole(path, goals_yaml(scenario.mission.route, world, release=self.release))
+        return ()
+
+
+class InitialPose(Exporter):
+    """The start of a scenario's route as a message for `/initialpose`."""
+
+    def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
+        """Write the pose in the map frame."""
+        scenario, world = _scenario_in(source)
+        write_whole(path, initial_pose_yaml(scenario.mission.route, world))
+        return ()
+
+
+class OpenScenario(Exporter):
+    """A scenario as OpenSCENARIO DSL."""
+
+    def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
+        """Write the scenario in the dialect of scenario-execution."""
+        write_whole(path, scenario_osc(*_scenario_in(source)))
+        return ()
+
+
+class Gazebo(Exporter):
+    """A world as SDF, with the people of a run as actors."""
+
+    takes = "either"
+
+    def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
+        """Write the world; a scenario without a run has no course of its people."""
+        if source.world is None or (source.scenario is None and not source.runs):
+            raise InputError('"sdf" is a format of scenarios: give the scenario, not its runs.')
+        if not source.runs:
+            write_whole(path, world_sdf(source.world))
+            return ("A scenario has no recorded course of its people; export a run to get actors.",)
+        if len(source.runs) != 1:
+            raise InputError(f"A Gazebo world replays one run, and {len(source.runs)} are given.")
+        write_whole(path, world_sdf(source.world, source.runs[0]))
+        return ()
+
+
+class FoxgloveLayout(Exporter):
+    """The layout for Foxglove that fits the bags."""
+
+    takes = "nothing"
+
+    def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
+        """Write the layout."""
+        write_whole(path, foxglove_layout())
+        return ()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from itertools import count
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from rvsg.core.documents import DocumentError, Problem
 from rvsg.core.errors import FileError, InputError
+from rvsg.world.creation import LIDAR_HEIGHT_M, Progress, WorldSource
 from rvsg.world.world import WIDTHS_M, Door, Point, SolidObject
 from rvsg_exchange import mesh
 from rvsg_exchange.mesh import SHAPES, Triangles, heightmap, numbers
@@ -171,20 +172,7 @@ def in_walls(leaves: Sequence[Leaf], solids: Sequence[SolidObject]) -> list[Leaf
 
 
 LARGEST_M = 1000.0
-LIDAR_HEIGHT_M = 0.21
 ASKED = "left out because of --without"
-Progress = Callable[[str], None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class SdfWorld:
-    """What a Gazebo world reduces to, and what was left out or replaced on the way."""
-
-    objects: tuple[SolidObject, ...]
-    notes: tuple[str, ...] = ()
-    doors: tuple[Door, ...] = ()
-    overhead: NDArray[np.float64] | None = None
-    """The faces over people's heads, seen from above (n, 3, 2); None where there are none."""
 
 
 def load_sdf(
@@ -197,7 +185,7 @@ def load_sdf(
     lenient: bool = False,
     without: Sequence[str] = (),
     progress: Progress | None = None,
-) -> SdfWorld:
+) -> WorldSource:
     """Read a `.world`, `.sdf` or `.urdf` file.
 
     Args:
@@ -237,7 +225,7 @@ def load_sdf(
             code="sdf-nothing-solid",
         )
     above = np.concatenate(reader.overhead) if reader.overhead else np.empty((0, 3, 2))
-    return SdfWorld(
+    return WorldSource(
         objects=objects, notes=(*notes, *reader.all_notes()), doors=doors, overhead=above if len(above) else None
     )
 

@@ -9,9 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from rvsg.core.errors import InputError, RvsgError
-from rvsg.world.checks import check_world
-from rvsg.world.creation import world_from_map, world_from_sdf, write_readme
-from rvsg.world.schema import save_world
+from rvsg.world.creation import save_created, world_from
 from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.frame import Page, address, field, load, page, problem, tag, text_input
 from rvsg_studio.received import KINDS, forget, received
@@ -104,7 +102,5 @@ def make_world(files: list[Path], folder: Path) -> None:
     if len(maps) + len(gazebo) != 1:
         raise InputError("Give exactly one map .yaml (with its picture) or one .sdf or .world file.")
     name = folder.name
-    created = world_from_map(maps[0], name=name) if maps else world_from_sdf(gazebo[0], name=name, lenient=True)
-    save_world(created.world, folder)
-    remarks = check_world(folder)
-    write_readme(created, folder, [f"{'error' if r.serious else 'warning'}: {r.problem.message}" for r in remarks])
+    created = world_from("map", maps[0], name=name) if maps else world_from("sdf", gazebo[0], name=name, lenient=True)
+    save_created(created, folder)
