@@ -142,8 +142,15 @@ def lines_of_tests() -> int:
 
 
 def same_names() -> dict[str, int]:
-    """Return file names that stand in more than one place, with how many; `__init__.py` aside."""
-    counted = Counter(path.name for path in sources() if not path.name.startswith("__"))
+    """Return file names that stand in more than one package, with how many.
+
+    A verb of the command line and a page of the studio are named after what they open, so they do not count.
+    """
+    counted = Counter(
+        path.name
+        for path in sources()
+        if not path.name.startswith(("__", "verb")) and path.parent.name not in ("cli", "pages")
+    )
     return {name: count for name, count in counted.items() if count > 1}
 
 

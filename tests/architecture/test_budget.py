@@ -11,17 +11,15 @@ def test_nothing_is_over_budget() -> None:
     assert excesses() == []
 
 
-def test_no_file_name_stands_in_two_packages_without_its_entry() -> None:
-    allowed = set(BUDGET["names"]["shared"])
-    assert {name for name in same_names() if name not in allowed} == set()
+def test_no_further_file_name_stands_in_two_packages() -> None:
+    assert sorted(same_names()) == BUDGET["names"]["shared"]
 
 
 def test_the_product_imports_no_mock() -> None:
-    found = [
+    found = {
         str(path.relative_to(ROOT))
         for path in sources()
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.ImportFrom | ast.Import)
-        and any("mock" in name for name in (getattr(node, "module", None) or "", *(each.name for each in node.names)))
-    ]
-    assert found == BUDGET["names"]["mock"]
+        if isinstance(node, ast.ImportFrom) and node.module is not None and node.module.startswith("unittest")
+    }
+    assert found == set()
