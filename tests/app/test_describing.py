@@ -11,7 +11,7 @@ from tests.generation.loopback import says, serving
 import rvsg
 from rvsg.app.description import open_session, revised
 from rvsg.world.world import Description
-from rvsg_studio.text_pieces import difference
+from rvsg_studio.model_questions import difference
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 import rvsg
-from rvsg_studio.jobs import Jobs
+from rvsg_studio.workspace import Jobs
 from rvsg_studio.world_editor import folder_of_world
 
 HOSTILE = "<img src=x onerror=alert(1)><script>alert(2)</script>"

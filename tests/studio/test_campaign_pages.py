@@ -10,7 +10,7 @@ import yaml
 from tests.studio.conftest import HOSTILE, Server, axe_violations, confirmed, fits, waited
 
 import rvsg
-from rvsg_studio.notes import notes_of
+from rvsg_studio.workspace import notes_of
 
 Show = Callable[..., Any]
 PATIENT = 300_000

@@ -22,7 +22,7 @@ from rvsg.app.matrix import Matrix
 from rvsg.app.proposal import proposal_json, propose
 from rvsg.scenario.builder import load_scenario_in, save_scenario
 from rvsg.simulation.run_files import runs_text
-from rvsg_studio.notes import notes_of
+from rvsg_studio.workspace import notes_of
 
 Open = Callable[[str], Any]
 PATIENT = 300_000

@@ -14,7 +14,7 @@ from tests.studio.conftest import Server, axe_violations, confirmed, fits, waite
 
 import rvsg
 from rvsg.scenario.builder import load_scenario_in
-from rvsg_studio.notes import STATES, notes_of
+from rvsg_studio.workspace import STATES, notes_of
 
 Show = Callable[..., Any]
 PATIENT = 600_000

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rvsg_studio.guard import Guard
+from rvsg_studio.server import Guard
 
 PORT = 8420
 HOST = f"127.0.0.1:{PORT}"

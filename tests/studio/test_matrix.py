@@ -12,7 +12,7 @@ from tests.studio.conftest import Server, axe_violations, waited
 
 import rvsg
 from rvsg.app.matrix import Matrix
-from rvsg_studio.jobs import Jobs
+from rvsg_studio.workspace import Jobs
 
 Show = Callable[..., Any]
 PATIENT = 600_000

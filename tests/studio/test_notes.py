@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rvsg.core.errors import FileError
-from rvsg_studio.notes import FILE, Note, note, notes_of
+from rvsg_studio.workspace import FILE, Note, note, notes_of
 
 
 def test_a_note_is_kept_and_changed_in_part(tmp_path: Path) -> None:

@@ -14,9 +14,8 @@ from rvsg.core.errors import InputError
 from rvsg.evaluation.judge import load_requirement
 from rvsg_studio.estimate import estimate
 from rvsg_studio.listing import FoundCampaign
-from rvsg_studio.scenario_trial import empty_scenario, scenario_of, try_out, with_person
-from rvsg_studio.text_pieces import named_in
-from rvsg_studio.transcripts import conversations_of
+from rvsg_studio.model_questions import conversations_of, named_in
+from rvsg_studio.scenario_editor import empty_scenario, scenario_of, try_out, with_person
 
 
 def test_a_scenario_is_built_repaired_and_tried_as_simulate_does() -> None:

@@ -32,7 +32,6 @@ from rvsg.app.settings import (
     called,
     check_stack_named,
     effective,
-    renamed,
     safe_name,
 )
 from rvsg.app.wiring import jobs_of, wire
@@ -89,7 +88,7 @@ class Matrix:
         Raises:
             InputError: the folder holds a matrix with other settings.
         """
-        asked = {**renamed(from_file), **renamed(given)}
+        asked = {**from_file, **given}
         stored = _stored(Path(asked["out"])) if asked.get("out") else {}
         begun_in = stored.pop(FROM, None) or str(Path.cwd())
         product = itertools.product(*(_names(stored.get(key, [])) for key in LISTED))
@@ -317,7 +316,7 @@ def _stored(folder: Path) -> dict[str, Any]:
     try:
         if not exists(file):
             return {}
-        stored = renamed(parse_json(read_text(file), file))
+        stored: dict[str, Any] = parse_json(read_text(file), file)
         besides = {key: stored[key] for key in (FROM, PAIRS) if key in stored}
         TypeAdapter(list[Pair]).validate_python(besides.get(PAIRS, []))
         CampaignFile.model_validate({key: value for key, value in stored.items() if key not in besides})

@@ -12,7 +12,7 @@ from typing import Any, Self
 from pydantic import ValidationError
 
 import rvsg
-from rvsg.app.settings import CampaignConfig, file_of, renamed
+from rvsg.app.settings import CampaignConfig, file_of
 from rvsg.campaign.attempt import Plan
 from rvsg.campaign.ledger import Ledger
 from rvsg.core.errors import InputError, InvalidOptions, UnknownName
@@ -79,7 +79,10 @@ class CampaignRecord(Record):
         values = dict(settings)
         begun_in = values.pop(FROM, None)
         try:
-            config = CampaignConfig.model_validate(renamed(values["config"]))
+            stored = dict(values["config"])
+            if "abreast" in stored:  # the name of RVSG 0.1
+                stored["max_in_flight"] = stored.pop("abreast")
+            config = CampaignConfig.model_validate(stored)
             values["config"] = config.deciding()
             values.setdefault("generator", config.generator_spec)
             values.setdefault("strategy", Spec(config.strategy))

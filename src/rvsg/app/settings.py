@@ -14,9 +14,8 @@ from typing import Annotated, Any, Literal, Self
 
 import pydantic
 import yaml
-from pydantic import BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
-from rvsg.campaign.attempt import InFlight
 from rvsg.core.documents import Document, keys_of, mistakes_of, parse_yaml, read_yaml, validated
 from rvsg.core.errors import InputError, InvalidOptions
 from rvsg.core.plugins import Spec
@@ -34,7 +33,6 @@ PATHS = ("out", "prompts", "replay", "junit", "moved", "knowledge")
 """Keys whose value is a path. `world` and `requirement` are paths where such a file exists beside the campaign file."""
 MACHINE = ("jobs", "executor", "executor_options")
 """Keys of the machine, not of the campaign: where and by how many workers runs are made."""
-RENAMED = {"abreast": "max_in_flight"}
 BUDGETS = ("budget_calls", "budget_tokens", "budget_usd")
 """Keys that limit what the calls of a model cost."""
 BESIDE = (*MACHINE, "store", "store_options", "out", "fail_on_violation", "junit", "shrink_runs", *BUDGETS)
@@ -48,8 +46,6 @@ class CampaignConfig(Record):
     `generator` None is `random` for the strategy `random`, `vlm` where a model or a replay is named, else `heuristic`.
     `jobs` None is one per core. `out` None is a folder under `runs/` named for the settings.
     """
-
-    model_config = ConfigDict(populate_by_name=True)
 
     world: str = "warehouse"
     route: str = "route_1"
@@ -74,7 +70,7 @@ class CampaignConfig(Record):
     shrink_runs: Annotated[int, Field(ge=0, le=1_000_000)] = 200
     budget_runs: Annotated[int | None, Field(ge=1, le=10_000_000)] = None
     memory: Annotated[int, Field(ge=0, le=1000)] = 10
-    max_in_flight: InFlight = 1
+    max_in_flight: Annotated[int, Field(ge=1, le=1000)] = 1
     error_rate: Annotated[float, Field(gt=0, lt=0.5)] = DEFAULT.error_rate
     rare: Annotated[float, Field(gt=0, lt=0.5)] = DEFAULT.rare
     often: Annotated[float, Field(gt=0, lt=0.5)] = DEFAULT.often
@@ -209,7 +205,7 @@ def _settings(document: Document, path: Path) -> dict[str, Any]:
     if document.value is None:
         return {}
     validated(document, CampaignFile)
-    values = renamed(document.value)
+    values = dict(document.value)
     for key in PATHS:
         if isinstance(values.get(key), str):
             values[key] = str(path.parent / values[key])
@@ -219,11 +215,6 @@ def _settings(document: Document, path: Path) -> dict[str, Any]:
         elif isinstance(values.get(key), str):
             values[key] = _beside(path, values[key])
     return values
-
-
-def renamed(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return settings under their present names; RVSG 0.1 called `max_in_flight` `abreast`."""
-    return {RENAMED.get(key, key): value for key, value in values.items()}
 
 
 def _beside(path: Path, name: str) -> str:
@@ -249,7 +240,7 @@ def file_of(reference: str) -> str:
 
 def effective(stored: dict[str, Any] | None, from_file: dict[str, Any], from_options: dict[str, Any]) -> CampaignConfig:
     """Return the configuration: the stored settings or the defaults, then the file, then the options."""
-    values = {**renamed(stored or {}), **renamed(from_file), **renamed(from_options)}
+    values = {**(stored or {}), **from_file, **from_options}
     try:
         return CampaignConfig(**values)
     except pydantic.ValidationError as error:

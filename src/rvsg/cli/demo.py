@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rvsg.cli.arguments import AsJson, JobsPerCore
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
+from rvsg.cli.options import AsJson, JobsPerCore
 from rvsg.core.errors import UnknownName
 
 if TYPE_CHECKING:

@@ -38,7 +38,7 @@ CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
 class Verb(NamedTuple):
-    """A verb of the command line: the module that holds its `app`, and its line in the help."""
+    """A verb of the command line: its Typer as MODULE:ATTRIBUTE (MODULE alone: its `app`), and its line in the help."""
 
     module: str
     help: str
@@ -94,7 +94,9 @@ def full_command(verbs: Mapping[str, Verb], name: str) -> Any:
 
 @cache
 def _command_of(module: str, name: str) -> Any:
-    command = typer.main.get_command(importlib.import_module(module).app)
+    path, _, attribute = module.partition(":")
+    app = getattr(importlib.import_module(path), attribute or "app")
+    command = typer.main.get_command(app)
     command.name = name
     return command
 

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from rvsg.cli.arguments import AsJson
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
+from rvsg.cli.options import AsJson
 
 app = verb()
 

@@ -1,4 +1,4 @@
-"""`rvsg report`: write the page of stored campaigns, and print their results."""
+"""The results of stored campaigns: `rvsg report`, and `rvsg confirm` for one more candidate."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rvsg.cli.arguments import AsJson, FailOnViolation, Junit
 from rvsg.cli.console import as_started, console, print_json, say
 from rvsg.cli.frame import verb
+from rvsg.cli.options import AsJson, FailOnViolation, JobsPerCore, Junit
 
 if TYPE_CHECKING:
     from rvsg.app.campaign import Campaign
+
 
 app = verb()
 
@@ -102,3 +103,33 @@ def _show_all(folder: Path, campaigns: list[Campaign]) -> None:
 def _resume(folder: Path) -> str:
     """Return the sentence with the command that resumes a folder."""
     return f" Resume with: {as_started(shlex.join(['rvsg', 'run', '--out', str(folder)]))}"
+
+
+confirm_app = verb()
+
+
+@confirm_app.command()
+def confirm(
+    campaign: Annotated[Path, typer.Argument(help="The folder of a campaign.")],
+    candidate: Annotated[int, typer.Argument(help="The attempt to confirm, as `rvsg run` and `rvsg report` list it.")],
+    runs: Annotated[int | None, typer.Option(min=1, help="Confirmation runs, at most. [30]")] = None,
+    jobs: JobsPerCore = None,
+    json: AsJson = False,
+) -> None:
+    """Confirm a candidate of a finished search in runs with new seeds, and write the report again.
+
+    A candidate is a configuration that violated the requirement in the search. The campaign itself confirms the worst
+    configuration of every scenario, until its budget of confirmation runs is spent.
+    """
+    import rvsg
+    from rvsg.report.terminal import describe_finding
+
+    opened = rvsg.Campaign.open(campaign)
+    made = opened.confirm(candidate, runs=runs, jobs=jobs)
+    finding = next(each for each in opened.findings if each.confirmation == made.index)
+    page = opened.report()
+    if json:
+        print_json(finding.model_dump(mode="json"))
+    for line in describe_finding(finding, opened.requirement):
+        say(line)
+    say(f"Report: {page}")

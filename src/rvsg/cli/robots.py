@@ -1,20 +1,21 @@
-"""`rvsg robots`: list, check, draw and import robots."""
+"""What can be tested: `rvsg robots` and `rvsg stacks`."""
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from rvsg.cli import console
-from rvsg.cli.arguments import AsJson
 from rvsg.cli.frame import verb
+from rvsg.cli.options import AsJson, Jobs
 
-app = verb()
+robots_app = verb()
 
 
-@app.command()
+@robots_app.command()
 def robots(
     robot: Annotated[str | None, typer.Argument(help="A shipped robot or a robot file. [all shipped ones]")] = None,
     draw: Annotated[Path | None, typer.Option(metavar="DIR", help="Write a plan view of each as DIR/NAME.svg.")] = None,
@@ -63,3 +64,110 @@ def _print_urdf(path: Path) -> None:
     for sentence in found.missing:
         print(f"# {sentence}")
         console.say(f"missing: {sentence}")
+
+
+stacks_app = verb()
+
+
+@stacks_app.command()
+def stacks(
+    source: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[SUITE|CAMPAIGN|FILE]",
+            help="With --stack, the suite or the campaigns whose scenarios are driven. For a nav2_params.yaml, list "
+            "what each key does.",
+        ),
+    ] = None,
+    stack: Annotated[
+        list[str] | None, typer.Option(help="A stack to compare, as for `rvsg run --stack`; repeat it for each.")
+    ] = None,
+    robot: Annotated[
+        list[str] | None, typer.Option(help="Use this robot instead of that of the scenarios; repeatable.")
+    ] = None,
+    runs: Annotated[int, typer.Option(min=1, help="Seeds of every scenario.")] = 10,
+    scenarios: Annotated[int, typer.Option(min=1, help="How many scenarios of campaigns, the worst first.")] = 10,
+    jobs: Jobs = 1,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write the comparison as a page, a figure, Markdown and JSON.")
+    ] = None,
+    write_clients: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Write the clients of exec: stacks, in Python and C++, and exit."),
+    ] = None,
+    json: AsJson = False,
+) -> None:
+    """List the navigation stacks, or compare several on the same scenarios and seeds.
+
+    Without an argument, list the stacks with their options; --stack of `run`, `simulate` and `suite run` takes one.
+    Name your own as module:Class, file.py:Class or exec:COMMAND; see docs/how-to/test-your-own-stack.md.
+    """
+    from rvsg.simulation.stacks.external_process import write_clients_to
+    from rvsg.simulation.stacks.registry import listed_stacks
+
+    if write_clients is not None:
+        for path in write_clients_to(write_clients):
+            console.say(f"wrote {path}")
+        return
+    if stack or (source is not None and source.is_dir()):
+        _compare(source, stack or [], robot or [], runs, scenarios, jobs, out, as_json=json)
+        return
+    if source is not None:
+        _print_params(source, as_json=json)
+        return
+    found = listed_stacks()
+    if json:
+        console.print_json([asdict(each) for each in found])
+        return
+    for each in found:
+        print(f"{each.name:14} {each.title} (version {each.version})")
+        if each.options:
+            print(f"{'':14} options: {', '.join(f'{key}={value}' for key, value in each.options.items())}")
+
+
+def _compare(
+    source: Path | None,
+    stacks: list[str],
+    robots: list[str],
+    runs: int,
+    scenarios: int,
+    jobs: int,
+    out: Path | None,
+    *,
+    as_json: bool,
+) -> None:
+    """Compare stacks, print the ranking, and write the files."""
+    from rvsg.app.comparison import compare_stacks, write_comparison
+    from rvsg.campaign.suite import SuiteResult
+    from rvsg.report.comparison import ranking_markdown
+
+    def scored(result: SuiteResult) -> None:
+        console.say(f"{result.version}: {result.violated} of {result.judged} runs violate")
+
+    found = compare_stacks(
+        source, stacks, robots=robots, runs=runs, scenarios=scenarios, jobs=jobs, on_result=scored,
+        on_message=console.say,
+    )  # fmt: skip
+    if out is not None and source is not None:
+        for path in write_comparison(found, source, out):
+            console.say(f"wrote {path}")
+    if as_json:
+        console.print_json(found.model_dump(mode="json"))
+    else:
+        print(ranking_markdown(found), end="")
+
+
+def _print_params(path: Path, *, as_json: bool) -> None:
+    """Print what every key of a parameter file does, and the stack it asks for."""
+    from rvsg.simulation.stacks.nav2_params import read_nav2_params
+    from rvsg.simulation.stacks.registry import StackChoice
+
+    read, chosen = read_nav2_params(path), StackChoice.of(path)
+    if as_json:
+        keys = [asdict(entry) for entry in read.entries]
+        console.print_json({"stack": chosen.record.model_dump(mode="json"), "counts": read.counts(), "keys": keys})
+        return
+    for entry in read.entries:
+        print(f"{entry.state:14} {entry.key} = {entry.value}{f'  ({entry.note})' if entry.note else ''}")
+    counts = ", ".join(f"{number} {state}" for state, number in read.counts().items())
+    console.say(f"{read.stack}, of {len(read.entries)} keys: {counts}")

@@ -1,14 +1,19 @@
-"""`rvsg scenario`: adapt a saved scenario to a world that has changed."""
+"""One scenario and its variants: `rvsg scenario`, `rvsg shrink` and `rvsg explore`."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rvsg.cli.console import say
+from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
+from rvsg.cli.options import AsJson, Jobs, OtherWorld, Requirement, Simulator, SimulatorOption
+
+if TYPE_CHECKING:
+    from rvsg.campaign.smallest_scenario import Shrunk, Simplification
+
 
 app = verb(no_args_is_help=True, help="Adapt a saved scenario to a world that has changed.")
 
@@ -42,3 +47,127 @@ def migrate(
     if not changes:
         say("No waypoint had to be changed.")
     write_text(out, scenario_json(migrated))
+
+
+shrink_app = verb()
+
+
+@shrink_app.command()
+def shrink(
+    scenario: Annotated[Path, typer.Argument(help="A scenario or a proposal as JSON; - is standard input.")],
+    requirement: Requirement = "R1",
+    repeats: Annotated[int, typer.Option(min=1, help="Runs of every simpler scenario.")] = 12,
+    confirmations: Annotated[int, typer.Option(min=1, help="Confirmation runs of the original and the smallest.")] = 20,
+    keep: Annotated[float, typer.Option(min=0.01, max=1.0, help="Share of the violations that must stay.")] = 0.8,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of everything random.")] = 0,
+    world: OtherWorld = None,
+    simulator: Simulator = "embedded",
+    simulator_option: SimulatorOption = None,
+    jobs: Jobs = 1,
+    out: Annotated[Path, typer.Option(help="Write the smallest scenario here; - is standard output.")] = Path("-"),
+    json: Annotated[bool, typer.Option("--json", help="Print every step as JSON on standard output.")] = False,
+) -> None:
+    """Find the smallest scenario that violates a requirement about as often.
+
+    RVSG removes people, tasks, pauses and delays one by one as long as the violations stay. What is left explains the
+    violation. Confirmation runs with new seeds show how often the original and the smallest scenario violate it.
+    """
+    import rvsg
+    from rvsg.cli.options import spec
+    from rvsg.core.outputs import check_writable, write_text
+    from rvsg.scenario.builder import load_scenario_in, scenario_json
+
+    check_writable(out)
+    asked, place = load_scenario_in(scenario, world)
+
+    shrunk = rvsg.shrink(
+        asked,
+        requirement,
+        repeats=repeats,
+        confirmations=confirmations,
+        keep=keep,
+        seed=seed,
+        jobs=jobs,
+        simulator=spec("simulator", simulator, simulator_option),
+        world=place,
+        on_step=_show_step,
+        on_message=say,
+    )
+    _show(shrunk)
+    if json:
+        print_json(shrunk.model_dump(mode="json"))
+    else:
+        write_text(out, scenario_json(shrunk.smallest))
+
+
+def _show_step(step: Simplification) -> None:
+    from rvsg.evaluation.wording import counted
+
+    violated = f"violated in {step.violations} of {counted(step.runs, 'run')}"
+    say(f"{'kept' if step.kept else 'no  '}  {violated}: {step.what}")
+
+
+def _show(shrunk: Shrunk) -> None:
+    """Print the size of the original and of the smallest scenario, and how often each violates."""
+    from rvsg.evaluation.wording import counted
+
+    for name, people, verdict in (
+        ("original", shrunk.original.people, shrunk.before),
+        ("smallest", shrunk.smallest.people, shrunk.after),
+    ):
+        tasks = sum(len(human.tasks) for human in people.humans)
+        say(
+            f"{name}: {counted(len(people.humans), 'human')}, {counted(tasks, 'task')}; {verdict.requirement} violated "
+            f"in {verdict.violations} of {counted(verdict.runs, 'confirmation run')}"
+        )
+
+
+explore_app = verb()
+
+
+@explore_app.command()
+def explore(
+    scenario: Annotated[Path, typer.Argument(help='A scenario as JSON; a number of a person may be "0.8 to 1.4".')],
+    requirement: Requirement = "R1",
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(metavar="PERSON.KEY=LOW to HIGH", help="A range, e.g. 'Human 1.speed_m_s=0.8 to 1.4'."),
+    ] = None,
+    runs: Annotated[int, typer.Option(min=1, max=100_000, help="Points of the Latin hypercube, one run each.")] = 60,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the points and the runs.")] = 0,
+    world: OtherWorld = None,
+    simulator: Simulator = "embedded",
+    simulator_option: SimulatorOption = None,
+    jobs: Jobs = 1,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a page (.html), the picture (.svg) or .json.")
+    ] = None,
+    worst: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the worst point as a scenario.")] = None,
+    json: AsJson = False,
+) -> None:
+    """Run a scenario with ranges, and show where in them it violates a requirement and which range matters.
+
+    The points are a Latin hypercube over the ranges. A logistic surface through the runs gives the violation
+    probability, its boundary, and the sensitivity to each range.
+    """
+    from rvsg.app.exploration import check_outputs, describe_exploration, write_outputs
+    from rvsg.app.exploration import explore as run_points
+    from rvsg.cli.options import spec
+
+    check_outputs(out, worst)
+    found = run_points(
+        scenario,
+        requirement,
+        vary=vary or (),
+        runs=runs,
+        seed=seed,
+        jobs=jobs,
+        simulator=spec("simulator", simulator, simulator_option),
+        world=world,
+        on_message=say,
+    )
+    write_outputs(found, out, worst)
+    if json:
+        print_json(found.model_dump(mode="json"))
+    else:
+        say(describe_exploration(found))

@@ -1,15 +1,29 @@
-"""`rvsg suite`: keep scenarios and run them against every version."""
+"""Suites and comparisons: `rvsg suite`, `compare-versions`, `coverage` and `compare`."""
 
 from __future__ import annotations
 
+import importlib.util
+import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from rvsg.cli.arguments import AsJson, Jobs, Junit, OtherWorld, Simulator, SimulatorOption, Stack, StackOption
+import rvsg
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
+from rvsg.cli.options import (
+    AsJson,
+    Jobs,
+    JobsPerCore,
+    Junit,
+    OtherWorld,
+    Simulator,
+    SimulatorOption,
+    Stack,
+    StackOption,
+)
+from rvsg.core.errors import InputError
 
 app = verb()
 
@@ -110,3 +124,152 @@ def update(
 
     for case in Suite.open(suite).update(read_results(results)):
         say(f"{case.case}, {case.requirement}: {case.state.value}; the suite expects this from now on.")
+
+
+compare_versions_app = verb()
+
+
+@compare_versions_app.command(name="compare-versions")
+def compare_versions(
+    first: Annotated[str, typer.Argument(help="Results of `rvsg suite run --json`, or a version: see --suite.")],
+    second: Annotated[str, typer.Argument(help="The same, for the version after.")],
+    suite: Annotated[
+        Path | None,
+        typer.Option(
+            help="Run this suite now, with the versions SIMULATOR[:OPTION=VALUE,...], e.g. embedded:robot=slow.yaml."
+        ),
+    ] = None,
+    runs: Annotated[int, typer.Option(min=1, help="Runs of every case and version, on the same seeds.")] = 20,
+    jobs: Jobs = 1,
+    error_rate: Annotated[
+        float, typer.Option(min=0.0001, max=0.5, help="Probability of one false alarm in the whole comparison.")
+    ] = 0.05,
+    markdown: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a table for a pull request.")] = None,
+    html: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write a page; with --suite it replays both on one clock."),
+    ] = None,
+    json: AsJson = False,
+) -> None:
+    """Compare two versions on the same scenarios and seeds: fixed, broken, unchanged, unclear.
+
+    A change counts where the exact McNemar test over the paired runs, corrected by Holm over all cases, is below
+    --error-rate. The exit code is 1 where a case is broken.
+    """
+    from rvsg.app.comparison import compare_versions as compare
+    from rvsg.core.outputs import check_writable, write_text
+    from rvsg.report.comparison import changes_markdown
+
+    for file in (markdown, html):
+        if file is not None:
+            check_writable(file)
+    comparison = compare(first, second, suite=suite, runs=runs, jobs=jobs, error_rate=error_rate, on_message=say)
+    if markdown is not None:
+        write_text(markdown, changes_markdown(comparison.found))
+    if html is not None:
+        write_text(html, comparison.page())
+    if json:
+        print_json(comparison.found.model_dump(mode="json"))
+    else:
+        say(changes_markdown(comparison.found))
+    if comparison.found.broken:
+        raise typer.Exit(1)
+
+
+coverage_app = verb()
+
+
+@coverage_app.command()
+def coverage(
+    sources: Annotated[list[Path], typer.Argument(help="Folders of suites and campaigns.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a page (.html), a map (.png) or .json.")
+    ] = None,
+    runs: Annotated[
+        int, typer.Option(min=0, help="Runs of each scenario of a suite, to detect encounters; campaigns store theirs.")
+    ] = 1,
+    simulator: Simulator = "embedded",
+    simulator_option: SimulatorOption = None,
+    jobs: Jobs = 1,
+    json: AsJson = False,
+) -> None:
+    """Show which places, routes, encounters, behaviours and requirements are exercised, and which are not.
+
+    Places, behaviours and requirements come from the scenarios. Encounters come from the runs: a person within 1.5 m of
+    the robot, and the side the person comes from.
+    """
+    from rvsg.app.coverage import check_format, write_coverage
+    from rvsg.app.coverage import coverage as measure
+    from rvsg.cli.options import spec
+    from rvsg.core.outputs import check_writable
+
+    if out is not None:
+        check_format(out)
+        check_writable(out)
+    chosen = spec("simulator", simulator, simulator_option)
+    found = measure(*sources, runs=runs, jobs=jobs, simulator=chosen, on_message=say)
+    if out is not None:
+        write_coverage(out, found)
+    if json:
+        print_json([each.coverage.model_dump(mode="json") for each in found])
+        return
+    for each in found:
+        say(each.text)
+
+
+compare_app = verb()
+SETTINGS = (
+    *("world", "simulator", "humans", "budget_runs", "jobs"),
+    *("budget_calls", "budget_tokens", "budget_usd", "model", "base_url"),
+)
+"""Options that are settings of every campaign."""
+
+
+@compare_app.command()
+def compare(
+    methods: Annotated[
+        str, typer.Option(help="Methods as generator:strategy, separated by commas. The first is compared with all.")
+    ] = "heuristic:hybrid,heuristic:study,heuristic:unguided,random:random",
+    routes: Annotated[str, typer.Option(help="Routes, separated by commas.")] = "route_1",
+    requirements: Annotated[str, typer.Option(help="Requirements by name or file, separated by commas.")] = "R1",
+    world: Annotated[str, typer.Option(help="World by name or folder.")] = "warehouse",
+    simulator: Annotated[str, typer.Option(help="Simulator.")] = "embedded",
+    humans: Annotated[int, typer.Option(min=1, max=100, help="People in every scenario.")] = 2,
+    seeds: Annotated[int, typer.Option(min=1, max=1000, help="Campaigns for each method, route and requirement.")] = 3,
+    first_seed: Annotated[int, typer.Option(min=0, help="Seed of the first campaign.")] = 0,
+    budget_runs: Annotated[int, typer.Option(min=10, help="Runs of each search.")] = 250,
+    budget_calls: Annotated[int | None, typer.Option(help="Calls of the generator in each search, at most.")] = None,
+    budget_tokens: Annotated[int | None, typer.Option(help="Tokens in each search, at most.")] = None,
+    budget_usd: Annotated[float | None, typer.Option(help="Limit on the cost of the calls in each search.")] = None,
+    model: Annotated[str | None, typer.Option(help="Model of the generator vlm, e.g. openai-chat:gpt-4.1.")] = None,
+    base_url: Annotated[str | None, typer.Option(help="Address of an OpenAI-compatible server.")] = None,
+    jobs: JobsPerCore = None,
+    json: Annotated[
+        Path | None, typer.Option(help="File for the rows. Give the same file again to resume or to add more.")
+    ] = None,
+    figure: Annotated[Path | None, typer.Option(help="SVG file of the curves.")] = None,
+) -> None:
+    """Compare methods at an equal number of runs, over routes, requirements and seeds.
+
+    Every search gets the same number of runs. Its best configuration then gets 20 confirmation runs, other
+    candidates up to 60 more; failures are grouped. The table shows means over seeds; A12 is the
+    probability that a campaign of the first method confirms a worse value for the robot than one of the other (0.5: no
+    difference), with p values of the Mann-Whitney test after Holm's correction.
+    """
+    settings = {name: value for name, value in locals().items() if name in SETTINGS}
+    from rvsg.app.settings import effective
+
+    seeds_asked = range(first_seed, first_seed + seeds)
+    lists = (names.split(",") for names in (methods, routes, requirements))
+    _benchmark().compare_methods(effective(None, {}, settings), *lists, seeds_asked, json=json, figure=figure)
+
+
+def _benchmark() -> Any:
+    """Return the module of the benchmark, which lies beside the source and in no package."""
+    path = Path(rvsg.__file__).parents[2] / "benchmarks" / "search_methods.py"
+    spec = importlib.util.spec_from_file_location("search_methods", path)
+    if spec is None or spec.loader is None or not path.is_file():
+        raise InputError(f"{path} is missing: `rvsg compare` needs a checkout of the source.")
+    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

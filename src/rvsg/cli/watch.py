@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from rvsg.cli.arguments import Jobs, Simulator, SimulatorOption, StackOption
 from rvsg.cli.console import as_started, say
 from rvsg.cli.frame import verb
+from rvsg.cli.options import Jobs, Simulator, SimulatorOption, StackOption
 
 app = verb()
 

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from rvsg.cli.arguments import AsJson
 from rvsg.cli.console import as_started, print_json, say
 from rvsg.cli.frame import verb
-from rvsg.cli.model_options import BaseUrl, BudgetCalls, BudgetUsd, Model, Prices, Record, Replay
+from rvsg.cli.options import AsJson, BaseUrl, BudgetCalls, BudgetUsd, Model, Prices, Record, Replay
 
 if TYPE_CHECKING:
     from rvsg.world.checks import Remark

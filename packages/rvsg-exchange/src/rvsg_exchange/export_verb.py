@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from rvsg.cli.arguments import OtherWorld, Simulator, SimulatorOption
 from rvsg.cli.console import say
 from rvsg.cli.frame import verb
+from rvsg.cli.options import OtherWorld, Simulator, SimulatorOption
 
 app = verb()
 

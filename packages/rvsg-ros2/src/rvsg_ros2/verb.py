@@ -8,9 +8,8 @@ from typing import Annotated
 import typer
 
 from rvsg.cli import console
-from rvsg.cli.arguments import AsJson, StackOption
 from rvsg.cli.frame import verb
-from rvsg.cli.options import pairs
+from rvsg.cli.options import AsJson, StackOption, pairs
 
 app = verb(no_args_is_help=True, help="Check a running ROS 2 navigation; write or scale Nav2's parameters.")
 

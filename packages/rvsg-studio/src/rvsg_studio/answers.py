@@ -1,9 +1,10 @@
-"""What each address of data answers, as functions of the workspace and the question."""
+"""The answers of each address of data, as functions of the workspace and the question."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import shlex
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,6 +16,7 @@ from fastapi.responses import Response
 import rvsg
 from rvsg import Scenario, Spec, World
 from rvsg.app.comparison import VersionComparison, compare_versions
+from rvsg.app.playback import kept_trace, trace_source, trace_text
 from rvsg.app.runs import RunSet
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
@@ -25,9 +27,19 @@ from rvsg.scenario.requirement import Requirement, shipped_requirements
 from rvsg.scenario.world_lookup import world_of
 from rvsg.simulation.route_trial import trial_of
 from rvsg.world.world_folder import shipped_worlds
-from rvsg_studio.replay_data import floor_of, related, replay_of_attempts, replay_of_runs
-from rvsg_studio.scenario_trial import BEHAVIOURS, empty_scenario, scenario_of, simulated, try_out, with_person
-from rvsg_studio.transcripts import picture_of_call
+from rvsg_studio.model_questions import AskedModel, asked_model, keep_model, picture_of_call
+from rvsg_studio.scenario_editor import (
+    BEHAVIOURS,
+    empty_scenario,
+    floor_of,
+    related,
+    replay_of_attempts,
+    replay_of_runs,
+    scenario_of,
+    simulated,
+    try_out,
+    with_person,
+)
 from rvsg_studio.workspace import Workspace
 from rvsg_studio.world_editor import History, editable_world, remarks_on
 
@@ -305,3 +317,73 @@ CHANGES: dict[str, Answer] = {
     "scenario-discard": scenario_discard,
 }
 """What may change something or takes a long question."""
+
+
+DROPPED = "dropped.json"
+
+
+def names(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Return the model that is asked, how the newest job stands, and the proposals that are left to decide on."""
+    name = text_of(given, "world")
+    job = workspace.jobs.of(_target(name))
+    known = asked_model(workspace)
+    told: dict[str, Any] = {"asked": known.model_dump(mode="json"), "state": "", "said": "", "names": []}
+    if job is None:
+        return told
+    areas = {area.name for area in rvsg.load_world(world_place(workspace, given)).areas}
+    dropped = json.loads((job.folder / DROPPED).read_text(encoding="utf-8")) if (job.folder / DROPPED).exists() else []
+    left = [
+        each
+        for each in job.result.get("names", [])
+        if each["area"] in areas and each["name"] not in areas and each["area"] not in dropped
+    ]
+    return told | {"state": job.state, "said": job.result.get("said") or job.result.get("reason", ""), "names": left}
+
+
+def model(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Keep what is typed in the fields that name a model, and return them."""
+    told = given["asked"] if isinstance(given.get("asked"), dict) else {}
+    known = {key: value for key, value in told.items() if key in AskedModel.model_fields}
+    return keep_model(workspace, **known).model_dump(mode="json")
+
+
+def ask(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Begin a job that asks a model for names."""
+    name = text_of(given, "world")
+    world_place(workspace, given)
+    model(workspace, given)
+    asked = asked_model(workspace)
+    command = f"rvsg world name {shlex.quote(name)} {asked.options}"
+    workspace.jobs.start("names", title="Names of areas", command=command, target=_target(name), world=name,
+                         access=asked.arguments)  # fmt: skip
+    return names(workspace, given)
+
+
+def drop(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Leave a proposal out from now on."""
+    job = workspace.jobs.of(_target(text_of(given, "world")))
+    if job is not None:
+        path = job.folder / DROPPED
+        dropped = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
+        write_whole(path, json.dumps(sorted({*dropped, text_of(given, "area")})))
+    return names(workspace, given)
+
+
+def _target(name: str) -> str:
+    return f"names in {name if name in shipped_worlds() else name.removeprefix('./')}"
+
+
+_tracing = threading.Lock()
+
+
+def trace(workspace: Workspace, given: dict[str, Any]) -> Response:
+    """Return the trace of a run of a campaign or of a file of runs."""
+    run = text_of(given, "run")
+    with _tracing:  # one at a time: each holds about 100 MB
+        if given.get("file"):
+            file, scenario = (workspace.existing(text_of(given, key)) for key in ("file", "scenario"))
+            text = trace_text(trace_source(file, run=run, scenario=scenario))
+        else:
+            folder = workspace.existing(text_of(given, "campaign"))
+            text = kept_trace(rvsg.Campaign.open(folder, given.get("name") or None), run)
+    return Response(text, media_type="application/json")

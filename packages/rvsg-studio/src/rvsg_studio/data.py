@@ -13,20 +13,20 @@ from nicegui import run
 
 from rvsg.core.errors import RvsgError
 from rvsg.report.replay import component, look
-from rvsg_studio import answers, naming, received
-from rvsg_studio.tracing import trace
-from rvsg_studio.typed import typed, typed_keep
+from rvsg_studio import answers, unsaved_input
+from rvsg_studio.answers import trace
+from rvsg_studio.unsaved_input import typed, typed_keep
 from rvsg_studio.workspace import Workspace
 
-ASKED = {**answers.ANSWERS, "names": naming.names, "typed": typed, "files": received.listed}
+ASKED = {**answers.ANSWERS, "names": answers.names, "typed": typed, "files": unsaved_input.listed}
 SENT = {
     **answers.CHANGES,
     "trace": trace,
-    "names-ask": naming.ask,
-    "names-drop": naming.drop,
-    "names-model": naming.model,
+    "names-ask": answers.ask,
+    "names-drop": answers.drop,
+    "names-model": answers.model,
     "typed-keep": typed_keep,
-    "files-forget": received.forget,
+    "files-forget": unsaved_input.forget,
 }
 LARGEST = 2_000_000
 """Bytes that a request may send."""
@@ -62,10 +62,12 @@ def add_data(app: FastAPI, workspace: Workspace) -> None:
     async def file(request: Request, name: str = "") -> Response:
         if request.headers.get("content-type") != "application/octet-stream":
             return JSONResponse({"error": "Expected the bytes of a file."}, status_code=415)
-        content = await _limited(request, received.LARGEST)
+        content = await _limited(request, unsaved_input.LARGEST)
         if content is None:
-            return JSONResponse({"error": f"{name}: the file has more than {received.LARGEST} bytes."}, status_code=413)
-        return await _answered(workspace, lambda place, _: received.receive(place, name, content), {})
+            return JSONResponse(
+                {"error": f"{name}: the file has more than {unsaved_input.LARGEST} bytes."}, status_code=413
+            )
+        return await _answered(workspace, lambda place, _: unsaved_input.receive(place, name, content), {})
 
 
 async def _limited(request: Request, most: int) -> bytes | None:

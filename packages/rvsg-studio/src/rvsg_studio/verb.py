@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from rvsg.cli.console import say
-from rvsg.cli.frame import verb
+from rvsg.cli.frame import Verb, verb
 
 app = verb()
 
@@ -46,3 +46,8 @@ def studio(
     from rvsg_studio.server import serve
 
     serve(folder, port=port, browser=browser, say=say)
+
+
+VERBS = {
+    "studio": Verb("rvsg_studio.verb", "Open a local web page for worlds, campaigns, findings and scenarios"),
+}

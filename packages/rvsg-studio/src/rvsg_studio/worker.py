@@ -28,7 +28,7 @@ from rvsg.scenario.builder import load_scenario_in, save_scenario
 from rvsg.simulation.run_files import runs_text
 from rvsg.world.world import Description
 from rvsg.world.world_folder import shipped_worlds
-from rvsg_studio.jobs import EVENTS, JOB, PAUSE, RESULT, holding
+from rvsg_studio.workspace import EVENTS, JOB, PAUSE, RESULT, holding
 
 
 class Work:

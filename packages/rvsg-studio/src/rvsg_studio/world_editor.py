@@ -24,7 +24,7 @@ from rvsg.world.routes import Trial
 from rvsg.world.space import frame_of, world_map
 from rvsg.world.world import OCCUPIED, Route, World
 from rvsg.world.world_folder import SHIPPED, read_world, shipped_worlds, world_folder
-from rvsg_studio.replay_data import floor_of
+from rvsg_studio.scenario_editor import floor_of
 
 MOST_EDGES = 4000
 STEPS = 200

@@ -1,18 +1,108 @@
-"""Compare two campaigns: what is fixed, broken or unchanged, as a table, a scatter and two replays on one clock."""
+"""Two campaigns, two sets of runs or two versions side by side: what is fixed, broken or unchanged."""
 
 from __future__ import annotations
+
+import math
+import shlex
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
 
 from nicegui import ui
 
 import rvsg
-from rvsg.app.comparison import compare_campaigns
-from rvsg.campaign.comparison import CaseChange
+from rvsg.app.comparison import VersionComparison, compare_campaigns
+from rvsg.campaign.comparison import CaseChange, Change
 from rvsg.campaign.suite import CaseResult
 from rvsg.core.errors import InputError, RvsgError
-from rvsg_studio.frame import PATIENT_S, Page, address, field, link, load, page, problem, select, tag
-from rvsg_studio.listing import FoundCampaign, Listing
-from rvsg_studio.pages.changes import Compared, change_chip, matrix, scatter
+from rvsg.report.comparison import change_rows
+from rvsg_studio.answers import compared_versions
+from rvsg_studio.frame import PATIENT_S, Page, address, chip, field, link, load, page, problem, select, tag
+from rvsg_studio.listing import FoundCampaign, Listing, suite_results_in
 from rvsg_studio.workspace import Workspace, stamp
+
+SIZE = 320
+LEFT, BELOW, AIR = 46, 40, 10
+"""Free space around the scatter, in its own units."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compared:
+    """A scenario or case on both sides."""
+
+    violations: tuple[int, int]
+    """Violating runs of the first and of the second side."""
+    place: tuple[float, float] | None
+    """Where it is in the scatter: the value on the first side, and on the second."""
+    change: Change
+
+
+def matrix(found: Sequence[Compared], sides: tuple[str, str]) -> None:
+    """Lay out how many were violated before and after, and what that is worth."""
+    cells: dict[tuple[bool, bool], Counter[Change]] = {}
+    for each in found:
+        violated = (each.violations[0] > 0, each.violations[1] > 0)
+        cells.setdefault(violated, Counter())[each.change] += 1
+    words = {True: "violated in", False: "kept in"}
+    holder = tag("div", cls="scroll", tabindex="0", role="region", aria_label="Before and after")
+    with holder, tag("table", cls="st-plain", id="matrix"):
+        with tag("thead"), tag("tr"):
+            tag("td", "")
+            for after in (True, False):
+                tag("th", f"{words[after]} {sides[1]}", scope="col")
+        with tag("tbody"):
+            for before in (True, False):
+                with tag("tr"):
+                    tag("th", f"{words[before]} {sides[0]}", scope="row")
+                    for after in (True, False):
+                        with tag("td"):
+                            _counts(cells.get((before, after), Counter()))
+
+
+def _counts(found: Counter[Change]) -> None:
+    if not found:
+        tag("span", "none", cls="soft")
+    for change in Change:
+        if found[change]:
+            change_chip(change, f"{found[change]} {change.value}")
+
+
+def change_chip(change: Change, text: str = "") -> None:
+    """Add a chip with a change in its colour."""
+    chip(text or change.value, bad=change is Change.BROKEN, good=change is Change.FIXED)
+
+
+def scatter(found: Sequence[Compared], said: str, across: str, up: str) -> None:
+    """Draw the value of each pair; on the line both sides are equal. A larger circle holds several pairs.
+
+    Args:
+        said: what the axes are, for those who do not see the drawing.
+    """
+    known = Counter(each.place for each in found if each.place is not None)
+    if not known:
+        return
+    values = [value for pair in known for value in pair]
+    low, high = min(values), max(values)
+    air = 0.08 * (high - low) or 0.5
+    low, high = low - air, high + air
+
+    def at(value: float) -> float:
+        return (value - low) / (high - low) * (SIZE - LEFT - AIR)
+
+    with tag("svg", viewBox=f"0 0 {SIZE} {SIZE}", role="img", aria_label=said, cls="chart narrow", id="scatter"):
+        base = SIZE - BELOW
+        tag("line", x1=LEFT, y1=base, x2=LEFT + at(high), y2=base - at(high), cls="grid")
+        tag("line", x1=LEFT, y1=base, x2=SIZE - AIR, y2=base, cls="grid")
+        tag("line", x1=LEFT, y1=base, x2=LEFT, y2=AIR, cls="grid")
+        for (x, y), count in known.items():
+            r = 4 + math.sqrt(count)
+            tag("circle", cx=f"{LEFT + at(x):.1f}", cy=f"{base - at(y):.1f}", r=f"{r:.1f}", cls="new")
+        middle = (SIZE + LEFT) / 2
+        tag("text", across, x=middle, y=SIZE - 12, cls="axis", text_anchor="middle")
+        turned = f"rotate(-90 18 {base / 2})"
+        tag("text", up, x=18, y=base / 2, cls="axis", text_anchor="middle", transform=turned)
+
 
 SHOWN = 100
 Pair = tuple[CaseResult, CaseResult, CaseChange]
@@ -166,3 +256,109 @@ def add_runs(workspace: Workspace) -> None:
                         tag("h2", name)
                         where = address("/data/replay", campaign=name, attempt=attempt, alone=1)
                         tag("div", data_studio="replay", data_url=where)
+
+
+TITLE = "Compare two versions"
+COLUMNS = ("Case", "Requirement", "Change", "Violated before", "Violated now", "Difference (95 % interval)", "p (Holm)")
+
+
+def add_versions(workspace: Workspace) -> None:
+    """Add the page."""
+
+    @ui.page("/compare/versions", response_timeout=PATIENT_S)
+    async def versions(
+        first: str = "", second: str = "", suite: str = "", case: str = "", requirement: str = ""
+    ) -> None:
+        listing, results = await load(workspace.listing), await load(suite_results_in, workspace.folder)
+        given = {"first": first, "second": second, "suite": suite}
+        compared = None
+        try:
+            if first and second:
+                compared = await load(compared_versions, workspace, first, second, suite)
+        except RvsgError as error:
+            problem(workspace, TITLE, error)
+            return
+        with page(workspace, TITLE, here="/compare", wide=True) as made:
+            _choose_versions(made, given, results, listing.suites)
+            if not results:
+                tag("p", "No results of a suite are in this folder yet. `rvsg suite run` writes them.", cls="soft")
+            if compared is not None:
+                _changes(compared, given)
+                if suite and case:
+                    _replay(compared, given, case, requirement)
+                files = " ".join(shlex.quote(each) for each in (first, second))
+                made.command("Compare two versions", f"rvsg compare-versions {files} --html versions.html")
+            made.command("Run a suite", "rvsg suite run suite --runs 20 --version now --json > now.json")
+
+
+def _choose_versions(made: Page, given: dict[str, str], results: tuple[str, ...], suites: tuple[str, ...]) -> None:
+    chosen = dict(given)
+
+    def compare() -> None:
+        if not (chosen["first"] and chosen["second"]):
+            raise InputError("Choose two files of results.")
+        ui.navigate.to(_here(chosen))
+
+    files = {"": "choose results"} | {each: each for each in results}
+    with tag("div", cls="st-form"):
+        for key, label, options in (
+            ("first", "Version before", files),
+            ("second", "Version now", files),
+            ("suite", "Suite to replay", {"": "none"} | {each: each for each in suites}),
+        ):
+            with field(label):
+                select(options, given[key], partial(chosen.__setitem__, key))
+    with tag("p", cls="st-actions"):
+        made.button("Compare", compare, cls="st-primary")
+
+
+def _here(given: dict[str, str], **more: str) -> str:
+    return address("/compare/versions", **given, **more)
+
+
+def _changes(compared: VersionComparison, given: dict[str, str]) -> None:
+    names = compared.found.variants[0].version, compared.found.variants[1].version
+    tag("h2", f"{names[1]} against {names[0]}")
+    rows, replayable = change_rows(compared.found.changes), compared.replayable
+    found = [
+        Compared(
+            violations=each.violations,
+            place=(each.violations[0] / each.seeds, each.violations[1] / each.seeds) if each.seeds else None,
+            change=each.change,
+        )
+        for each in compared.found.changes
+        if each.change is not Change.MISSING
+    ]
+    with tag("div", cls="st-two"):
+        matrix(found, names)
+        said = f"Share of violating runs of each case, {names[0]} across, {names[1]} up"
+        scatter(found, said, *(f"violating share, {name}" for name in names))
+    with tag("div", cls="scroll", tabindex="0", role="region", aria_label="Every case"), tag("table", cls="st-plain"):
+        with tag("thead"), tag("tr"):
+            for column in COLUMNS:
+                tag("th", column, scope="col")
+        with tag("tbody"):
+            for row in rows:
+                case = {"case": row["case"], "requirement": row["requirement"]}
+                _row(row, _here(given, **case) + "#replay" if tuple(case.values()) in replayable else None)
+
+
+def _row(row: dict[str, str], replay: str | None) -> None:
+    with tag("tr"):
+        with tag("td"):
+            tag("a" if replay else "span", row["title"], href=replay)
+        tag("td", row["requirement"])
+        with tag("td"):
+            chip(row["change"], bad=row["tone"] == "bad", good=row["tone"] == "good")
+        for key in ("before", "now", "difference", "p"):
+            tag("td", row[key], cls="n")
+
+
+def _replay(compared: VersionComparison, given: dict[str, str], case: str, requirement: str) -> None:
+    first, second = (each.version for each in compared.found.variants)
+    names = f"{first}, and over it {second}"
+    with tag("section", id="replay", aria_label="Both versions on one clock"):
+        tag("h2", f"{case}, {requirement}: both versions on one clock")
+        tag("p", f"The first seed on which they differ, run again with {names}.", cls="soft")
+        where = address("/data/versions", **given, case=case, requirement=requirement)
+        tag("div", data_studio="replay", data_url=where, data_both="")

@@ -19,9 +19,7 @@ from rvsg.report.terminal import describe_finding
 from rvsg.scenario.builder import save_scenario, without_people
 from rvsg_exchange import formats as exchange
 from rvsg_studio.frame import Page, address, chip, field, link, load, page, problem, select, tag
-from rvsg_studio.jobs import Job
-from rvsg_studio.notes import STATES, Note, note, notes_of
-from rvsg_studio.workspace import Workspace
+from rvsg_studio.workspace import STATES, Job, Note, Workspace, note, notes_of
 
 MORE = 30
 FRESH_SEED = 900_000

@@ -1,4 +1,4 @@
-"""Home: worlds, campaigns, suites, running jobs, newest findings."""
+"""Home with worlds, campaigns, suites, jobs and newest findings; and a single job or suite."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import time
 
 from nicegui import ui
 
+import rvsg
+from rvsg.core.errors import RvsgError
 from rvsg.evaluation.wording import counted
 from rvsg.world.world_folder import shipped_worlds
-from rvsg_studio.frame import PATIENT_S, Page, chip, link, load, page, tag
-from rvsg_studio.jobs import Job
+from rvsg_studio.frame import PATIENT_S, Page, address, chip, link, load, page, problem, tag
 from rvsg_studio.listing import FoundCampaign, FoundFinding, Listing
-from rvsg_studio.workspace import Workspace
+from rvsg_studio.pages.finding import JobLine
+from rvsg_studio.workspace import Job, Workspace
 
 NEWEST = 8
 FOLLOW_S = 2.0
@@ -197,3 +199,46 @@ def ago(moment_s: float, *, since: bool = False) -> str:
             count = int(seconds // size)
             return f"{count} {unit}{'s' if count > 1 else ''}{'' if since else ' ago'}"
     return "less than a minute" if since else "just now"
+
+
+def add_others(workspace: Workspace) -> None:
+    """Add the pages."""
+
+    @ui.page("/job", response_timeout=60)
+    async def job(job: str = "") -> None:
+        try:
+            found = await load(workspace.jobs.get, job)
+        except RvsgError as error:
+            problem(workspace, "Job", error)
+            return
+        with page(workspace, f"{found.title}: {found.target}") as made:
+            with tag("ul", cls="st-list"):
+                JobLine(made, found)
+            with tag("p", cls="st-actions"):
+                if found.kind == "matrix":
+                    tag("a", "Open the campaigns", cls="st-button", href=address("/matrix", folder=found.target))
+                if found.kind == "campaign":
+                    tag("a", "Open the campaign", cls="st-button", href=address("/campaign", folder=found.target))
+                if found.running:
+                    made.button("Pause", lambda: workspace.jobs.pause(found.id))
+                    made.button("Stop now", lambda: workspace.jobs.stop(found.id), cls="st-danger")
+            made.command(found.title, found.command)
+
+    @ui.page("/suite", response_timeout=60)
+    async def suite(suite: str = "") -> None:
+        try:
+            found = await load(rvsg.Suite.open, workspace.existing(suite))
+        except RvsgError as error:
+            problem(workspace, "Suite", error)
+            return
+        with page(workspace, f"{found.head.title} ({suite})") as made:
+            made.command("Run it", f"rvsg suite run {suite}")
+            if not found.cases:
+                tag("p", "This suite holds no case yet. Save a scenario in it from the scenario editor.", cls="soft")
+            for case in found.cases:
+                with tag("div", cls="st-row"):
+                    with tag("span", cls="st-row-head"):
+                        for expectation in case.expectations:
+                            chip(f"{expectation.requirement}: {expectation.expected}")
+                    link(case.title, "/scenario", suite=suite, case=case.name)
+                    tag("span", f"{case.scenario.mission.world}, {case.scenario.mission.route.name}", cls="soft small")

@@ -19,12 +19,12 @@ from rvsg.generation.generator import Proposal
 from rvsg.scenario.builder import load_scenario_in, save_scenario
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.world.world_folder import shipped_worlds
-from rvsg_studio.asked_model import asked_model, model_form
 from rvsg_studio.frame import Page, chip, field, link, load, page, select, tag, text_input
-from rvsg_studio.jobs import Job
+from rvsg_studio.model_questions import asked_model
+from rvsg_studio.pages.describe import model_form
 from rvsg_studio.pages.new_campaign import GENERATORS
-from rvsg_studio.typed import Typed
-from rvsg_studio.workspace import Workspace
+from rvsg_studio.unsaved_input import Typed
+from rvsg_studio.workspace import Job, Workspace
 
 FOLDER = "proposals"
 """Where the proposals lie, in the folder of the studio."""

@@ -34,7 +34,7 @@ NUMBERS = {
     "max_in_flight": ("Attempts at a time", "More keep more cores busy"),
     "seed": ("Seed", "Of everything random"),
 }
-STRATEGIES = ("study", "climb", "elite", "hybrid", "map-elites", "multi", "unguided", "random")
+STRATEGIES = ("study", "hybrid", "map-elites", "multi", "unguided", "random")
 GENERATORS = {"heuristic": "heuristic, offline", "random": "random", "vlm": "vision language model"}
 MACHINE_KEYS = ("jobs", "budget_usd", "budget_calls", "budget_tokens")
 """Settings that are not stored with the campaign, and go to the process that runs it."""

@@ -1,21 +1,28 @@
-"""Trial of a scenario while it is edited: repairs, a few runs, violations."""
+"""A scenario while it is edited: its trial with repairs and violations, and the data of its replay."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pydantic
 from pydantic import Field
 
+from rvsg.app.campaign import Campaign
 from rvsg.app.runs import RunSet, simulate
+from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.runner import Measuring
 from rvsg.core.documents import mistakes_of
 from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
+from rvsg.generation.generator import Proposal
+from rvsg.report.facts import AttemptFacts, facts_of, run_facts
+from rvsg.report.floors import area_colours, floor_svg
+from rvsg.report.replay import data_of
+from rvsg.scenario.brief import Brief
 from rvsg.scenario.builder import check_route, walk
 from rvsg.scenario.repair import repair
 from rvsg.scenario.requirement import Requirement
@@ -24,6 +31,7 @@ from rvsg.scenario.validity import check
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Run
 from rvsg.simulation.simulators import check_robot, make_simulator
+from rvsg.world.drawing.svg import floor_plan
 from rvsg.world.world import Route, World
 
 BEHAVIOURS = tuple(each.value for each in Behaviour)
@@ -141,3 +149,81 @@ def _line(run: Run, x: Any, y: Any) -> tuple[tuple[float, float], ...]:
     t = run.trajectory.t
     rows = np.clip(np.searchsorted(t, np.arange(t[0], t[-1] + PERIOD_S, PERIOD_S)), 0, len(t) - 1)
     return tuple((round(float(a), 2), round(float(b), 2)) for a, b in zip(x[rows], y[rows], strict=True))
+
+
+def floor_of(world: World, *, areas: bool = True) -> dict[str, Any]:
+    """Return the floor plan for an editor that draws over it: SVG parts, in which everything is escaped.
+
+    Returns:
+        `view_box`, `shapes`, `names` and the `style` of the areas as SVG; `matrix` from world metres to its units.
+    """
+    plan = floor_plan(world, areas=areas, tooltips=False)
+    return {
+        "view_box": plan.view_box,
+        "matrix": [float(v) for v in plan.matrix[7:-1].replace(",", " ").split()],
+        "shapes": plan.shapes,
+        "names": plan.names,
+        "style": area_colours(world, plan if areas else floor_plan(world, tooltips=False)),
+    }
+
+
+def related(attempts: Sequence[Attempt], index: int) -> list[Attempt]:
+    """Return an attempt with those that tell more of it: its confirmation or candidate, and runs with fewer people.
+
+    Raises:
+        InputError: there is no such attempt, or it has no runs.
+    """
+    chosen = next((a for a in attempts if a.index == index and a.measurements), None)
+    if chosen is None:
+        raise InputError(f"There is no attempt {index} with runs in this campaign.")
+    tied = {chosen.confirms} if chosen.confirms is not None else set()
+    others = [
+        a
+        for a in attempts
+        if a is not chosen
+        and a.measurements
+        and (a.index in tied or a.confirms == index or (a.purpose == "baseline" and chosen.purpose == "confirmation"))
+    ]
+    return [chosen, *others]
+
+
+def replay_of_attempts(campaign: Campaign, attempts: Iterable[Attempt]) -> dict[str, Any]:
+    """Return the data of the replay component for stored attempts of a campaign, in this order."""
+    world = campaign.world
+    with campaign.reading() as ledger:
+        facts = facts_of(attempts, campaign.requirement, world, ledger.run)
+    return _data(facts, campaign.plan.mission, campaign.requirement, world)
+
+
+def replay_of_runs(runs: RunSet, requirement: Requirement) -> dict[str, Any]:
+    """Return the data of the replay component for runs that belong to no campaign, the worst first.
+
+    Raises:
+        InputError: the scenario or the world of the runs is not known.
+    """
+    scenario, world = runs.scenario, runs.world
+    if scenario is None or world is None:
+        raise InputError("A replay needs the scenario and the world of the runs.")
+    measuring = Measuring(requirement, world)
+    measured = tuple(measuring.measure(run) for run in runs)
+    people = len(scenario.people.humans)
+    brief = Brief(mission=scenario.mission, requirement=requirement, seed=0, humans=max(1, people))
+    attempt = Attempt(
+        campaign="by hand",
+        index=0,
+        strategy="by hand",
+        brief=brief,
+        proposal=Proposal(generator="by hand", scenario=scenario),
+        measurements=measured,
+        verdict=measuring.judge(measured),
+    )
+    each = (run_facts(run, m, requirement, world, scenario) for run, m in zip(runs, measured, strict=True))
+    facts = AttemptFacts(attempt=attempt, runs=tuple(each))
+    return _data([facts], scenario.mission, requirement, world)
+
+
+def _data(facts: Iterable[AttemptFacts], mission: Mission, requirement: Requirement, world: World) -> dict[str, Any]:
+    """Return the data of the replay component, with the floor plan as SVG that `mount` reads."""
+    floor = floor_plan(world, tooltips=False)
+    data = data_of(facts, mission=mission, requirement=requirement, world=world, floor=floor)
+    return data | {"floor": floor_svg(world)}

@@ -1,0 +1,356 @@
+"""What a model is asked and answers outside the search of a campaign: its settings, descriptions, conversations.
+
+Keys of models come from the environment alone.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from difflib import SequenceMatcher
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ValidationError
+
+import rvsg
+from rvsg.app.campaign import Campaign
+from rvsg.core.errors import InputError
+from rvsg.core.files import write_whole
+from rvsg.core.records import Record
+from rvsg.generation.environment import description_of
+from rvsg.generation.generator import Proposal
+from rvsg.generation.vlm.recording import PICTURES, RecordedCall, Recording
+from rvsg.world.areas import unknown_areas
+from rvsg.world.world import Description, World
+from rvsg.world.world_folder import shipped_worlds
+from rvsg_studio.workspace import Job, Workspace
+
+
+class AskedModel(BaseModel, frozen=True):
+    """A model, the server it is asked at where that is not its provider's, and what its calls may cost."""
+
+    model: str = ""
+    base_url: str = ""
+    budget_usd: float | None = None
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """What a job has to know; InputError where no model is named."""
+        if not self.model.strip():
+            raise InputError("Name a model first: PROVIDER:NAME, for example openai-chat:gpt-4.1.")
+        given = {"model": self.model.strip(), "base_url": self.base_url.strip() or None, "budget_usd": self.budget_usd}
+        return {key: value for key, value in given.items() if value is not None}
+
+    @property
+    def options(self) -> str:
+        """The same as options of a command line."""
+        address = f" --base-url {self.base_url.strip()}" if self.base_url.strip() else ""
+        budget = f" --budget-usd {self.budget_usd:g}" if self.budget_usd is not None else ""
+        return f"--model {self.model.strip() or 'PROVIDER:NAME'}{address}{budget}"
+
+
+def asked_model(workspace: Workspace) -> AskedModel:
+    """Return the model that was named last."""
+    path = workspace.own / "model.json"
+    return AskedModel.model_validate_json(path.read_text(encoding="utf-8")) if path.is_file() else AskedModel()
+
+
+def keep_model(workspace: Workspace, **values: Any) -> AskedModel:
+    """Change what is kept of the model; InputError where a value is none."""
+    try:
+        made = AskedModel.model_validate(asked_model(workspace).model_dump() | values)
+    except ValidationError as error:
+        raise InputError(f"The model cannot be kept: {error.errors()[0]['msg']}.") from None
+    write_whole(workspace.own / "model.json", made.model_dump_json())
+    return made
+
+
+PARTS = {"layout": "Layout", "grid": "Grid"}
+
+
+class Texts(BaseModel, frozen=True):
+    """The two texts of a description."""
+
+    layout: str = ""
+    grid: str = ""
+
+    @property
+    def whole(self) -> bool:
+        """Whether both are written."""
+        return bool(self.layout.strip() and self.grid.strip())
+
+
+class Draft(BaseModel, frozen=True):
+    """A review as it stands."""
+
+    texts: Texts = Texts()
+    """As they are typed."""
+    before: Texts | None = None
+    """What a revision started from; the difference is shown against it."""
+    reason: str = ""
+    """As it is typed."""
+    start: Texts | None = None
+    """What the first reason was about; None where a model wrote the text in the same conversation."""
+    reasons: tuple[str, ...] = ()
+    """Given to the model so far."""
+    proposed: Texts | None = None
+    """What the model wrote last."""
+    job: str = ""
+    """The newest job whose result is taken in."""
+    kept: Texts | None = None
+    """What was stored last from here; where nothing was typed since, what is stored now is shown."""
+
+
+class Review:
+    """The review of one world; every change of it is on the disk before it returns."""
+
+    def __init__(self, workspace: Workspace, name: str) -> None:
+        self.workspace, self.name = workspace, name
+        self.world = rvsg.load_world(name if name in shipped_worlds() else workspace.existing(name))
+        self.stored = description_of(self.world)
+        place = hashlib.sha256(name.encode()).hexdigest()[:16]
+        self._path = workspace.own / "reviews" / f"{place}.json"
+        self.target = f"description of {name}"
+        self.draft = self._read()
+
+    def _read(self) -> Draft:
+        found = self.stored
+        texts = Texts(layout=found.layout, grid=found.grid) if found else Texts()
+        if not self._path.is_file():
+            return Draft(texts=texts)
+        draft = Draft.model_validate_json(self._path.read_text(encoding="utf-8"))
+        return draft.model_copy(update={"texts": texts}) if draft.texts == draft.kept else draft
+
+    def change(self, **values: Any) -> None:
+        """Change something of the draft."""
+        self.draft = self.draft.model_copy(update=values)
+        self._path.parent.mkdir(exist_ok=True)
+        write_whole(self._path, self.draft.model_dump_json())
+
+    def type(self, part: str, text: str) -> None:
+        """Take what is typed in one of the two texts."""
+        self.change(texts=self.draft.texts.model_copy(update={part: text}))
+
+    def forget(self) -> None:
+        """Begin anew with what is stored."""
+        job = self.draft.job
+        self._path.unlink(missing_ok=True)
+        self.draft = self._read()
+        self.change(job=job, kept=self.draft.texts)
+
+    def begin(self, reason: str) -> dict[str, Any]:
+        """Return what a job has to know that gives a reason to the model, or has it write a first text."""
+        texts, reasons, start = self.draft.texts, self.draft.reasons, self.draft.start
+        if not reason:
+            start, reasons = None, ()
+        elif texts == self.draft.proposed:
+            reasons = (*reasons, reason)
+        else:  # a person wrote what is rejected: the conversation begins with it
+            start, reasons = texts, (reason,)
+        self.change(before=texts, start=start, reasons=reasons)
+        return {
+            "world": self.name,
+            "start": start.model_dump() if start is not None else None,
+            "reasons": list(reasons),
+        }
+
+    def take(self, job: Job) -> bool:
+        """Take in what a finished job wrote; whether it was new."""
+        if job.state != "finished" or job.id <= self.draft.job:
+            return False
+        made = Texts(layout=job.result["layout"], grid=job.result["grid"])
+        self.change(texts=made, proposed=made, job=job.id, reason="")
+        return True
+
+    @property
+    def job(self) -> Job | None:
+        """The newest job of this review."""
+        return self.workspace.jobs.of(self.target)
+
+    @property
+    def place(self) -> Path | None:
+        """Where the description is stored; None for a shipped world, which keeps it in the data folder."""
+        return None if self.name in shipped_worlds() else self.workspace.existing(self.name)
+
+    def accept(self, made: Description) -> None:
+        """Remember what was stored, and end the review."""
+        self.stored = made
+        self.forget()
+        self.change(proposed=self.draft.texts)
+
+
+def named_in(text: str, world: World) -> list[tuple[str, Literal["text", "known", "unknown"]]]:
+    """Return a text in pieces: names of areas of the world, what looks like one and is none, and the rest."""
+    known = [area.name for area in world.areas]
+    unknown = [name for name in unknown_areas(text, known) if name.strip()]
+    kinds = {name.casefold(): "unknown" for name in unknown} | {name.casefold(): "known" for name in known}
+    if not kinds:
+        return [(text, "text")]
+    longest = sorted(kinds, key=len, reverse=True)
+    pattern = re.compile(r"(?<!\w)(" + "|".join(re.escape(name) for name in longest) + r")(?!\w)", re.IGNORECASE)
+    pieces: list[tuple[str, Literal["text", "known", "unknown"]]] = []
+    for place, piece in enumerate(pattern.split(text)):
+        if piece:
+            is_known = kinds.get(piece.casefold()) == "known"
+            pieces.append((piece, "text" if place % 2 == 0 else "known" if is_known else "unknown"))
+    return pieces
+
+
+def difference(before: str, after: str) -> list[tuple[Literal["same", "removed", "added"], str]]:
+    """Return what changed between two texts, word by word: pieces that are the same, removed or added."""
+    old, new = (re.findall(r"\S+\s*", text) for text in (before, after))
+    matcher = SequenceMatcher(None, [w.strip() for w in old], [w.strip() for w in new], autojunk=False)
+    pieces: list[tuple[Literal["same", "removed", "added"], str]] = []
+    for kind, i1, i2, j1, j2 in matcher.get_opcodes():
+        if kind == "equal":
+            pieces.append(("same", "".join(new[j1:j2])))
+            continue
+        if i2 > i1:
+            pieces.append(("removed", "".join(old[i1:i2])))
+        if j2 > j1:
+            pieces.append(("added", "".join(new[j1:j2])))
+    return pieces
+
+
+LONGEST_DIGEST = 128
+
+
+class Turn(Record):
+    """One call of a model: what was new in what it was given, and what it answered."""
+
+    key: str
+    purpose: str
+    model: str
+    given: tuple[tuple[str, str], ...] = ()
+    """Role and text of each message that the call before did not hold."""
+    pictures: tuple[str, ...] = ()
+    """The pictures shown in it that are kept, by digest."""
+    lost_pictures: int = 0
+    """Pictures shown in it that the record does not hold, as in recordings that ship with RVSG."""
+    answer: str = ""
+    error: str = ""
+    input_tokens: int = 0
+    output_tokens: int = 0
+    cost_usd: float | None = None
+    seconds: float = 0.0
+
+
+class Conversation(Record):
+    """How one configuration came to be."""
+
+    attempt: int
+    scenario: int
+    configuration: int
+    generator: str
+    reasoning: str
+    description: str
+    valid: bool
+    findings: tuple[str, ...]
+    """What the checker said of the first answer."""
+    problems: tuple[str, ...]
+    """What was left at the end."""
+    repairs: tuple[str, ...]
+    corrections: int
+    cost_usd: float | None
+    calls: int
+    turns: tuple[Turn, ...]
+    """Empty where the calls were not recorded."""
+
+    def holds(self, words: str) -> bool:
+        """Return whether a text stands anywhere in it, in whatever case."""
+        texts = [self.reasoning, self.description, *self.findings, *self.problems]
+        texts += [text for turn in self.turns for text in (turn.answer, turn.error, *(t for _, t in turn.given))]
+        return any(words.casefold() in text.casefold() for text in texts)
+
+
+def conversations_of(campaign: Campaign) -> tuple[Conversation, ...]:
+    """Return how each configuration of the search came to be, in order."""
+    recording = recording_of(campaign)
+    by_key = {} if recording is None else {call.key: call for call in recording}
+    found = []
+    for attempt in campaign.attempts():
+        if attempt.purpose != "search":
+            continue
+        proposal, brief = attempt.proposal, attempt.brief
+        costs = [call.cost_usd for call in proposal.calls]
+        found.append(
+            Conversation(
+                attempt=attempt.index,
+                scenario=brief.scenario_index,
+                configuration=brief.configuration_index,
+                generator=proposal.generator,
+                reasoning=proposal.reasoning,
+                description=proposal.scenario.description if proposal.scenario else "",
+                valid=proposal.scenario is not None,
+                findings=tuple(str(finding) for finding in proposal.first_findings),
+                problems=tuple(str(finding) for finding in proposal.problems),
+                repairs=tuple(f"{repair.human}, {repair.task}: {repair.what}" for repair in proposal.repairs),
+                corrections=proposal.corrections,
+                cost_usd=None if None in costs else sum(cost for cost in costs if cost is not None),
+                calls=len(proposal.calls),
+                turns=tuple(_turns(proposal, by_key, recording)),
+            )
+        )
+    return tuple(found)
+
+
+def recording_of(campaign: Campaign) -> Recording | None:
+    """Return the record of a campaign's calls: beside it, or the one it was replayed from; None if there is none."""
+    replayed = campaign.config.replay
+    for folder in (campaign.folder / "vlm", *([Path(replayed)] if replayed else [])):
+        if (folder / "calls.jsonl").is_file():
+            return Recording(folder)
+    return None
+
+
+def picture_of_call(campaign: Campaign, digest: str) -> bytes:
+    """Return a picture that a model was shown, as PNG.
+
+    Raises:
+        InputError: there is none of that digest.
+    """
+    recording = recording_of(campaign)
+    if recording is not None and digest.isalnum() and len(digest) <= LONGEST_DIGEST:
+        path = _picture(recording, digest)
+        if path.is_file():
+            return path.read_bytes()
+    raise InputError("This picture is not kept in the record of the campaign.")
+
+
+def _picture(recording: Recording, digest: str) -> Path:
+    return recording.folder / PICTURES / f"{digest}.png"
+
+
+def _turns(proposal: Proposal, by_key: dict[str, RecordedCall], recording: Recording | None) -> list[Turn]:
+    turns: list[Turn] = []
+    known: set[str] = set()
+    for call in proposal.calls:
+        kept = by_key.get(call.recording or "")
+        given, pictures = [], []
+        if kept is not None and recording is not None:
+            for identity in kept.messages:
+                if identity not in known:
+                    message = recording.message(identity)
+                    given.append((message.role, message.text))
+                    pictures += [picture.digest for picture in message.pictures]
+            known.update(kept.messages)
+        shown = tuple(dict.fromkeys(pictures))
+        stored = tuple(each for each in shown if recording is not None and _picture(recording, each).is_file())
+        turns.append(
+            Turn(
+                key=call.recording or "",
+                purpose=call.purpose,
+                model=call.model,
+                given=tuple(given),
+                pictures=stored,
+                lost_pictures=len(shown) - len(stored),
+                answer=kept.answer.text if kept is not None and kept.answer is not None else "",
+                error=call.error or "",
+                input_tokens=call.input_tokens,
+                output_tokens=call.output_tokens,
+                cost_usd=call.cost_usd,
+                seconds=call.latency_s,
+            )
+        )
+    return turns

@@ -1,0 +1,329 @@
+"""The verbs that talk to a generator or a model: `rvsg propose`, `rvsg describe` and `rvsg prompt`."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import os
+import shlex
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rvsg.cli.console import as_started, print_json, say
+from rvsg.cli.frame import verb
+from rvsg.cli.options import (
+    AsJson,
+    BaseUrl,
+    BudgetCalls,
+    BudgetTokens,
+    BudgetUsd,
+    CallsShown,
+    CallTimeout,
+    Model,
+    Prices,
+    Record,
+    Replay,
+    Requirement,
+    Strict,
+)
+
+if TYPE_CHECKING:
+    from rvsg.app.description import EnvironmentSession
+    from rvsg.app.wiring import Wired
+    from rvsg.generation.generator import Proposal
+    from rvsg.generation.vlm.access import CallNews, ModelAccess
+    from rvsg.generation.vlm.model import Message
+    from rvsg.world.world import Description
+
+
+propose_app = verb()
+OWN = ("feedback", "unguided", "record", "generator_option", "out")
+"""Options that are not settings of a campaign."""
+
+
+@propose_app.command()
+def propose(
+    world: Annotated[str, typer.Option(help="A shipped world or a world folder.")] = "warehouse",
+    route: Annotated[str, typer.Option(help="A route of the world.")] = "route_1",
+    requirement: Requirement = "R1",
+    robot: Annotated[str, typer.Option(help="A shipped robot (`rvsg robots`) or a robot file.")] = "tiago_omni",
+    generator: Annotated[str | None, typer.Option(help="heuristic, random, vlm. [heuristic]")] = None,
+    humans: Annotated[int, typer.Option(min=1, max=100, help="People in the scenario.")] = 2,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of everything random.")] = 0,
+    feedback: Annotated[
+        Path | None, typer.Option(help="Refine with this feedback, which `rvsg evaluate --feedback` wrote.")
+    ] = None,
+    unguided: Annotated[bool, typer.Option("--unguided", help="Do not tell the generator the requirement.")] = False,
+    model: Annotated[str | None, typer.Option(help="VLM, e.g. openai-chat:gpt-4.1.")] = None,
+    base_url: Annotated[str | None, typer.Option(help="Address of an OpenAI-compatible server.")] = None,
+    conversation: Annotated[str, typer.Option(help="compact or study.")] = "compact",
+    prompts: Annotated[str | None, typer.Option(help="Folder of prompt templates that replace ours.")] = None,
+    replay: Annotated[str | None, typer.Option(help="Answer from these recordings, without a model.")] = None,
+    record: Annotated[str | None, typer.Option(help="Folder to record the model's calls in. [runs/proposals]")] = None,
+    budget_usd: Annotated[float | None, typer.Option(help="Limit on the cost of the calls in --record.")] = None,
+    budget_calls: Annotated[int | None, typer.Option(help="Limit on the calls in --record.")] = None,
+    budget_tokens: Annotated[int | None, typer.Option(help="Limit on the tokens in --record.")] = None,
+    generator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the generator.")] = None,
+    out: Annotated[Path, typer.Option(help="Write the proposal here; - is standard output.")] = Path("-"),
+) -> None:
+    """Ask a generator for one scenario, and show what the checker found.
+
+    Writes the proposal as JSON; `rvsg simulate` reads it. With --feedback the proposal refines an earlier scenario.
+    """
+    given = {name: value for name, value in locals().items() if name not in OWN}
+    from rvsg.app.proposal import proposal_json, propose_as
+    from rvsg.app.settings import effective
+    from rvsg.app.wiring import wire
+    from rvsg.cli.options import CallsShown, pairs
+    from rvsg.core.documents import read_record
+    from rvsg.core.outputs import check_writable, write_text
+    from rvsg.scenario.brief import Feedback
+
+    check_writable(out)
+    given |= {"out": record or "runs/proposals", "generator_options": pairs("generator", generator_option)}
+    wired = wire(effective(None, {}, given))
+    learned = read_record(feedback, Feedback) if feedback else None
+    with CallsShown(wired.generator.watch):
+        proposal = propose_as(wired, unguided=unguided, feedback=learned)
+    write_text(out, proposal_json(proposal))
+    _show_proposal(wired, proposal)
+
+
+def _show_proposal(wired: Wired, proposal: Proposal) -> None:
+    """Print what the checker found, and what the calls of a model cost."""
+    from rvsg.report.terminal import describe_calls, describe_proposal, describe_unusable
+
+    for line in describe_proposal(proposal, wired.world):
+        say(line)
+    if proposal.calls:
+        say(describe_calls(proposal.calls))
+        if unusable := describe_unusable(proposal.calls):
+            say(unusable)
+        if wired.config.replay is None:
+            say(f"Recorded in {wired.config.folder / 'vlm'}")
+        for note in wired.generator.notes:
+            say(note)
+    if proposal.scenario is None:
+        say("The generator wrote no scenario.")
+
+
+describe_app = verb()
+REVIEWER = Annotated[str | None, typer.Option(help="Name of the reviewer, stored with the description.")]
+
+
+@describe_app.command()
+def describe(
+    world: Annotated[str, typer.Argument(help="A shipped world or a world folder.")],
+    model: Model = None,
+    base_url: BaseUrl = None,
+    review: Annotated[bool, typer.Option("--review", help="Accept, edit or reject the description.")] = False,
+    reviewer: REVIEWER = None,
+    out: Annotated[Path | None, typer.Option(help="Store it here: a world folder, or a .yaml of its own.")] = None,
+    prompts: Annotated[Path | None, typer.Option(help="Folder of your own prompt templates.")] = None,
+    record: Record = None,
+    replay: Replay = None,
+    strict: Strict = False,
+    call_timeout: CallTimeout = 180.0,
+    budget_calls: BudgetCalls = None,
+    budget_tokens: BudgetTokens = None,
+    budget_usd: BudgetUsd = None,
+    prices: Prices = None,
+    json: AsJson = False,
+) -> None:
+    """Let a vision language model describe a world from its pictures.
+
+    The model sees the labelled map, then the grid of waypoints, then writes a summary. The description is stored in
+    world.yaml (for a shipped world, in your data folder) and is part of every later prompt. Without --model, show the
+    stored description; with --review, review it.
+    """
+    names = ("base_url", "replay", "budget_calls", "budget_tokens", "budget_usd", "prices")
+    access = {key: value for key, value in locals().items() if key in names}
+    from rvsg.app.description import open_session, store, stored
+    from rvsg.world.world_folder import load_world
+
+    loaded = load_world(world)
+    session = open_session(loaded, model, record, prompts, **access, strict=strict or None, call_timeout_s=call_timeout)
+    if session is not None:
+        with CallsShown(_watch(session.model)), _kept(session.model):
+            description = session.dialogue.describe()
+        for note in session.notes():
+            say(note)
+    else:
+        description = stored(loaded, as_started(shlex.join(["rvsg", "describe", world, "--model", "PROVIDER:NAME"])))
+    if review:
+        description = _reviewed(description, reviewer, _revising(session) if session else None)
+    else:
+        _show_description(description)
+    if session is not None or review:
+        say(f"Stored in {store(loaded, description, out=out, name=world)}")
+        if not description.reviewed:
+            review_it = as_started(shlex.join(["rvsg", "describe", world, "--review"]))
+            say(f"It is not reviewed yet. Review it with: {review_it}")
+    if json:
+        print_json(description.model_dump(mode="json"))
+
+
+def _watch(model: ModelAccess) -> Callable[[Callable[[CallNews], None] | None], None]:
+    """Return a function that sets who receives the calls of a model; a replay makes none."""
+
+    def watch(tell: Callable[[CallNews], None] | None) -> None:
+        if not model.replaying:
+            model.tell = tell
+
+    return watch
+
+
+@contextlib.contextmanager
+def _kept(model: ModelAccess) -> Iterator[None]:
+    """Tell the user where the answers are kept when a call fails or an answer cannot be used."""
+    from rvsg.core.errors import BudgetSpent, GenerationError, ModelUnavailable
+
+    try:
+        yield
+    except GenerationError as error:
+        recording = model.recording
+        if recording is not None and not model.replaying and recording.spent().calls:
+            outside = isinstance(error, (ModelUnavailable, BudgetSpent))
+            next_step = "Run the same command to resume" if outside else "To ask again, give another --record"
+            say(f"The answers so far are in {recording.folder}. {next_step}.")
+        raise
+
+
+def _revising(session: EnvironmentSession) -> Callable[[str], Description]:
+    """Return a function that has the model revise the description for a reason, with progress."""
+
+    def revise(reason: str) -> Description:
+        with CallsShown(_watch(session.model)), _kept(session.model):
+            return session.dialogue.revise(reason)
+
+    return revise
+
+
+def _show_description(description: Description) -> None:
+    reviewed = "not reviewed"
+    if description.reviewed:
+        reviewed = (
+            f"reviewed{f' by {description.reviewer}' if description.reviewer else ''} {description.reviewed_on or ''}"
+        )
+    say(f"Layout\n  {description.layout}\n\nGrid\n  {description.grid}\n\n({reviewed.strip()})")
+
+
+def _reviewed(
+    description: Description, reviewer: str | None, revise: Callable[[str], Description] | None
+) -> Description:
+    """Ask until the reviewer accepts the description or quits."""
+    from rvsg.core.errors import InputError
+    from rvsg.generation.environment import editable, edited
+
+    while True:
+        _show_description(description)
+        choice = typer.prompt("[a]ccept, [e]dit, [r]eject with a reason, [q]uit without accepting", err=True)
+        choice = choice.strip().lower()[:1]
+        if choice == "a":
+            today = datetime.date.today().isoformat()
+            return description.model_copy(update={"reviewed": True, "reviewer": reviewer, "reviewed_on": today})
+        if choice == "e":
+            text = _in_editor(editable(description))
+            try:
+                description = edited(description, text)
+            except InputError as error:
+                say(f"Not changed: {error}")
+        elif choice == "r" and revise is None:
+            say("A rejection goes to a model, and none is set. Run the command with --model, or edit the text.")
+        elif choice == "r":
+            reason = typer.prompt("What is wrong", err=True)
+            description = revise(reason) if revise is not None else description
+        elif choice == "q":
+            return description.model_copy(update={"reviewed": False})
+        else:
+            say("Please answer a, e, r or q.")
+
+
+def _in_editor(text: str) -> str:
+    """Return the text as the user's editor ($VISUAL or $EDITOR) saved it; InputError if that fails."""
+    from rvsg.core.errors import InputError
+
+    editor = os.environ.get("VISUAL") or os.environ.get("EDITOR")
+    if not editor:
+        raise InputError("set EDITOR to the program you edit with, e.g. EDITOR=nano.")
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "description.yaml"
+        file.write_text(text, encoding="utf-8")
+        try:
+            ended = subprocess.run([*shlex.split(editor), str(file)], check=False)  # noqa: S603
+        except OSError as error:
+            raise InputError(f"the editor {editor!r} cannot be started: {error}") from None
+        if ended.returncode != 0:
+            raise InputError(f"the editor {editor!r} exited with code {ended.returncode}.")
+        return file.read_text(encoding="utf-8")
+
+
+prompt_app = verb()
+
+
+@prompt_app.command()
+def prompt(
+    campaign: Annotated[Path | None, typer.Argument(help="A campaign file, or the folder of a campaign.")] = None,
+    world: Annotated[str | None, typer.Option(help="A shipped world or a world folder. [warehouse]")] = None,
+    route: Annotated[str | None, typer.Option(help="A route of the world. [route_1]")] = None,
+    requirement: Annotated[str | None, typer.Option(help="A shipped requirement, or FILE.yaml#NAME. [R1]")] = None,
+    strategy: Annotated[str | None, typer.Option(help="study, unguided. [study]")] = None,
+    humans: Annotated[int | None, typer.Option(min=1, max=100, help="People in a scenario. [2]")] = None,
+    conversation: Annotated[str | None, typer.Option(help="compact or study. [compact]")] = None,
+    prompts: Annotated[Path | None, typer.Option(help="Folder of your own prompt templates.")] = None,
+    listed: Annotated[bool, typer.Option("--list", help="List the templates and their variables.")] = False,
+    copy: Annotated[str | None, typer.Option(metavar="NAME", help="Copy a template into --to, to change it.")] = None,
+    to: Annotated[Path | None, typer.Option(help="Folder for --copy. [the campaign folder's prompts]")] = None,
+    pictures: Annotated[
+        Path | None, typer.Option(help="Also write the pictures of the prompt into this folder.")
+    ] = None,
+    json: AsJson = False,
+) -> None:
+    """Print the messages of the next call of a campaign, without calling a model.
+
+    For a campaign folder, that is the next attempt with its memory and feedback; otherwise the first attempt. The text
+    goes to standard output.
+    """
+    keys = ("world", "route", "requirement", "strategy", "humans", "conversation")
+    given = {key: value for key, value in locals().items() if key in keys and value is not None}
+    from rvsg.app.proposal import configured, copy_template, next_prompt, templates_folder, write_pictures
+
+    if listed:
+        _list(as_json=json)
+        return
+    config = configured(campaign, given)
+    if copy is not None:
+        say(f"Copied to {copy_template(copy, to or templates_folder(config, prompts))}")
+        return
+    asked = next_prompt(config, prompts)
+    if pictures is not None:
+        for path in write_pictures(asked, pictures):
+            say(f"Wrote {path}")
+    if json:
+        print_json([message.model_dump(mode="json") for message in asked.messages])
+    else:
+        _show_messages(asked.messages)
+    own = f" Own templates: {', '.join(asked.own_templates)}." if asked.own_templates else ""
+    say(f"About {asked.tokens} input tokens, {asked.pictures} pictures.{own}")
+
+
+def _show_messages(messages: tuple[Message, ...]) -> None:
+    for message in messages:
+        names = f" [{', '.join(p.name for p in message.pictures)}]" if message.pictures else ""
+        typer.echo(f"----- {message.role}{names}\n{message.text}")
+
+
+def _list(*, as_json: bool) -> None:
+    from rvsg.generation.prompts import declared_variables, shipped_prompts
+
+    declared = {name: sorted(declared_variables(name)) for name in shipped_prompts()}
+    if as_json:
+        print_json(declared)
+        return
+    for name, variables in declared.items():
+        typer.echo(f"{name}: {', '.join(variables)}")
