@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import gc
 from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.campaign.parts import parts, plan, warehouse
 
-from rvsg.campaign import ledger, runner
-from rvsg.campaign.attempt import Attempt, Measurement
-from rvsg.campaign.execution import Attempted
+from rvsg.campaign import ledger
+from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.feedback import StoredFeedback
 from rvsg.campaign.hybrid import HybridStrategy, MapElitesStrategy
 from rvsg.campaign.ledger import ASKED_OFTEN, CachedLedger, Filed, Filing, Ledger, whole
-from rvsg.campaign.loop import run_campaign, stream_campaign
+from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.core.errors import StoreError
 from rvsg.generation.heuristic import HeuristicGenerator
@@ -65,22 +63,3 @@ def test_a_filed_attempt_says_what_the_record_says(tmp_path: Path) -> None:
         assert caught.value.code == "store-damaged"
         with pytest.raises(AttributeError):
             filed[0].nothing  # type: ignore[attr-defined]  # noqa: B018
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("few")
-def test_a_campaign_holds_few_measurements_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runner, "RECENT", 3)
-    wanted = plan(scenarios=6, refinements=1, repeats=3, confirmations=0)
-    with SqliteLedger(tmp_path / "ledger.sqlite") as ledger:
-        strategy = StudyStrategy(wanted, StoredFeedback(CachedLedger(ledger), wanted, warehouse()), warehouse())
-        before = _measurements()
-        running = stream_campaign(wanted, strategy, parts(ledger))
-        most = max(_measurements() - before for event in running if isinstance(event, Attempted))
-    assert len(strategy.attempts) == 12
-    assert most <= 3 * (2 + 1 + 1 + 1), "two without a brief, one with it, the one just told, and the last runs"
-
-
-def _measurements() -> int:
-    gc.collect()
-    return sum(type(each) is Measurement for each in gc.get_objects())
