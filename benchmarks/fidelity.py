@@ -1,4 +1,4 @@
-"""How well the embedded simulator agrees with the published study's runs.
+"""Agreement of the embedded simulator with the published study's runs.
 
     python benchmarks/fidelity.py DIR [--routes 1 2 3] [--seeds 4] [--repeats 29] [--jobs 2] [--json] [--quick]
                                    [--seed 0]

@@ -1,4 +1,4 @@
-"""How long all metrics of one run take: prints JSON. `python benchmarks/metrics.py`."""
+"""Time that all metrics of one run take, as JSON. `python benchmarks/metrics.py`."""
 
 from __future__ import annotations
 

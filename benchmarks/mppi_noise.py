@@ -1,4 +1,4 @@
-"""How closely the built-in MPPI follows Nav2's, run by run, where both draw the same noise.
+"""Agreement of the built-in MPPI with Nav2's, run by run, where both draw the same noise.
 
     python benchmarks/mppi_noise.py KEPT [--draw 2]
 

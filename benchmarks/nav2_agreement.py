@@ -1,4 +1,4 @@
-"""How closely the built-in stacks follow the real Nav2 on the same scenarios, with the same sensors and people.
+"""Agreement of the built-in stacks with the real Nav2 on the same scenarios, with the same sensors and people.
 
     python benchmarks/nav2_agreement.py --launch 'ros2 launch nav2_bringup navigation_launch.py use_sim_time:=True
         params_file:={params}' [--speed 4] [--stacks nav2-dwb nav2-rpp nav2-mppi] [--suite examples/suites/warehouse]

@@ -1,4 +1,4 @@
-"""How fast the real Nav2 can be driven: the same scenarios at several speeds.
+"""Speed at which the real Nav2 can be driven: the same scenarios at several speeds.
 
     python benchmarks/nav2_speed.py --launch 'ros2 launch nav2_bringup navigation_launch.py use_sim_time:=True
         params_file:={params}' [--stack nav2-dwb] [--speeds 1 4 6 8 10] [--suite FOLDER --cases NAME ...] [--runs 6]

@@ -1,4 +1,4 @@
-"""What a campaign costs beyond its simulations: `python benchmarks/overhead.py [--share 1.0]`.
+"""Cost of a campaign beyond its simulations: `python benchmarks/overhead.py [--share 1.0]`.
 
 A default campaign (`rvsg run`) on one core, in this process, kernels compiled. Prints one JSON object in seconds of
 processor time: `simulation_s` is all that the simulator's `run` takes (building the scene of a run included), `rest_s`

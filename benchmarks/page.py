@@ -1,4 +1,4 @@
-"""How fast the page of a large campaign opens: `python benchmarks/page.py --attempts 500`.
+"""Time to open the page of a large campaign: `python benchmarks/page.py --attempts 500`.
 
 A campaign with the kinematic simulator, or `--campaign DIR`, is told on its page, and headless Chromium opens the file.
 Prints one JSON object: the size of the page, the processor time of writing it, the time until the browser has loaded

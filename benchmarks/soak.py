@@ -1,4 +1,4 @@
-"""Whether memory stays flat over many runs: `python benchmarks/soak.py --runs 20000 --jobs 2`.
+"""Memory over many runs: `python benchmarks/soak.py --runs 20000 --jobs 2`.
 
 One campaign, made by the front door as a user makes it, with the kinematic simulator: searching, judging, feedback,
 storing, all of it. Prints one JSON object: resident memory of the campaign's own process and of each worker at the

@@ -1,4 +1,4 @@
-"""How fast the embedded simulator is, whole episodes on one core, set-up included.
+"""Speed of the embedded simulator: whole episodes on one core, set-up included.
 
     python benchmarks/speed.py [--json] [--episodes 10] [--humans 2 10 50] [--robot NAME|FILE] [--stack NAME]
 

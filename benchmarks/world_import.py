@@ -1,4 +1,4 @@
-"""How long a large map takes from its file to labels, grid and pictures: `python benchmarks/world_import.py`.
+"""Time from the file of a large map to labels, grid and pictures: `python benchmarks/world_import.py`.
 
 With `--mesh-mb 30` it imports a building of one STL mesh of that size instead: rooms with doors on both sides of
 corridors. The aim is under 60 s and 2 GB.

@@ -1,4 +1,4 @@
-"""Write a navigation stack of your own: derive a class from `LocalPlanner` or `WholeStack`.
+"""Base classes of your own navigation stack: `LocalPlanner` and `WholeStack`.
 
 See docs/how-to/test-your-own-stack.md. `rvsg.testing.check_stack` examines one.
 """

@@ -1,4 +1,4 @@
-"""Execution of an attempt: its runs, its verdict, progress events, and the account of what a campaign spends.
+"""Execution of an attempt: its runs, its verdict, progress events, and the account of a campaign's runs.
 
 The plan limits the runs of the search, since they decide the records. The limits of calls, tokens and money do not: a
 campaign that reached one resumes with a larger one.

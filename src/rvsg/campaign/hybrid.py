@@ -1,4 +1,4 @@
-"""Strategies that change what they found: hybrid, map-elites and multi.
+"""Strategies with mutation: hybrid, map-elites and multi.
 
 `hybrid`: the generator proposes what people do and where; an optimiser tunes when and how fast. The search has three
 parts. First the generator drafts scenarios, each of which gets one run. Then batches alternate: new configurations,

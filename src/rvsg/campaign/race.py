@@ -1,4 +1,4 @@
-"""The race: estimates from few noisy runs, shared between related configurations, say which deserve another run.
+"""The race for further runs: estimates from few noisy runs, shared between related configurations.
 
 A configuration that was changed from another is expected to do about as well as that one, and all configurations meet
 the same seeds. One linear model holds both, and its variances (of noise, seeds, drafts and changes) are estimated from

@@ -1,4 +1,4 @@
-"""What can be tested: `rvsg robots` and `rvsg stacks`."""
+"""Systems to test: `rvsg robots` and `rvsg stacks`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reads YAML files into records, and reports all mistakes at once with file and line."""
+"""Reader of YAML files as records. It reports all mistakes at once with file and line."""
 
 from __future__ import annotations
 

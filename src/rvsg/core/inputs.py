@@ -1,4 +1,4 @@
-"""Reads files, text and JSON from outside; checks size, encoding, depth and numbers.
+"""Input from outside: files, text and JSON, checked for size, encoding, depth and numbers.
 
 Every reader of a file that a person, a model or another program wrote goes through these functions, so that nothing
 but a FileError can leave them: no file larger than `LARGEST_FILE` is read into memory, no device without end is read,

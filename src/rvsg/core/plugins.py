@@ -1,4 +1,4 @@
-"""Look plug-ins up by name. This is the only module that reads entry points; built-in plug-ins use them, too.
+"""Plug-ins by name. This is the only module that reads entry points; built-in plug-ins use them, too.
 
 A plug-in is loaded when it is asked for. An unknown name raises UnknownName, which suggests the nearest one.
 """

@@ -1,4 +1,4 @@
-"""A mapping of what ships and what plug-ins add, loaded when it is first needed."""
+"""A mapping of built-in and plug-in objects, loaded on first use."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Derive every seed and random stream from one stored seed, by name and index, never by the order of events."""
+"""Seeds and random streams, derived from one stored seed by name and index, never by the order of events."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""A Run becomes metrics; metrics with a Requirement become a Verdict."""
+"""Metrics of a Run, and the Verdict that a Requirement makes of them."""

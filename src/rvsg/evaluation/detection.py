@@ -1,4 +1,4 @@
-"""Detects the events of a run from what the simulator recorded, the trajectory and the outcome.
+"""Detection of the events of a run from the simulator's records, the trajectory and the outcome.
 
 What the simulator records is taken from it. The rest is detected in the trajectory: near misses, hard braking, standing
 still, a blocked goal, how the run ended, and, where the simulator records nothing of them, contacts and people who are

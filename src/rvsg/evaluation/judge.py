@@ -1,4 +1,4 @@
-"""Judges the objectives of repeated runs by a sequential procedure with declared error rates.
+"""Judgement of the objectives of repeated runs by a sequential procedure with declared error rates.
 
 Let q be the probability that a run violates the requirement. Two likelihood ratios are kept,
 

@@ -1,4 +1,4 @@
-"""Detects the events of people: who reaches the end of a task, pauses as asked, or is stuck."""
+"""Detection of the events of people: ends of tasks, pauses, and people who are stuck."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tells a run in a few plain sentences, generated from its events. Each sentence knows the time it speaks of."""
+"""The story of a run in a few plain sentences, generated from its events. Each sentence has its time."""
 
 from __future__ import annotations
 

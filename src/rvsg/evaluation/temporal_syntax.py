@@ -1,4 +1,4 @@
-"""Parse temporal formulas; an error names the position.
+"""Parser of temporal formulas. An error names the position.
 
     always (distance_to_person > 0.5 or speed < 0.1)
     always (distance_to_person < 0.8 implies eventually[0, 2] speed < 0.3)

@@ -1,1 +1,1 @@
-"""Generators of scenarios: a brief becomes a proposal."""
+"""Generators of scenarios: from a brief to a proposal."""

@@ -1,4 +1,4 @@
-"""Forecast of who is where when: a rough model, good enough to aim with. The simulator has the last word.
+"""Forecast of the positions of people and robot: a rough model, good enough to aim with.
 
 Many variants are forecast side by side. The robot drives its expected way at its usual speed, makes room sideways
 for people near its line, slows down for one close in front and stops for one closer still; it neither plans nor

@@ -1,1 +1,1 @@
-"""Stored attempts become statistics, tables, figures, replays and one HTML page."""
+"""Statistics, tables, figures, replays and one HTML page of stored attempts."""

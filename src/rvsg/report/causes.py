@@ -1,4 +1,4 @@
-"""Whether the people cause a violation: the same seeds without people, and without each person in turn."""
+"""Causes of a violation: the same seeds without people, and without each person in turn."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each recorded run of a campaign shows: the facts that the page states and links to."""
+"""Facts of each recorded run of a campaign, which the page states and links to."""
 
 from __future__ import annotations
 

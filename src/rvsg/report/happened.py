@@ -1,4 +1,4 @@
-"""What happens in the run that represents a finding, in pictures that need no JavaScript."""
+"""Pictures of the run that represents a finding. They need no JavaScript."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What runs show beside the requirement: contacts, obstacles that are hit, arrivals and the smallest gap."""
+"""Observations besides the requirement: contacts, obstacles that are hit, arrivals and the smallest gap."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the parts of the page share: the plan, the attempts and the facts of their runs."""
+"""Shared data of the parts of the page: the plan, the attempts and the facts of their runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a campaign found, as plain data: for `--json`, the ranked table, JUnit and the page. One source for all."""
+"""Summary of a campaign as plain data: the one source of `--json`, the ranked table, JUnit and the page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the generator thought: per configuration its reasoning, what it knew, what changed, and what it cost."""
+"""Reasoning of the generator: per configuration its thoughts, its information, its changes and its cost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What runs tell of the navigation stack under test besides its driving: pace, missed periods, refused commands."""
+"""Facts about the navigation stack under test besides its driving: pace, missed periods, refused commands."""
 
 from __future__ import annotations
 

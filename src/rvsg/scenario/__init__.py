@@ -1,4 +1,4 @@
-"""What is asked of the robot and of the people, as plain data, and the rules that make it valid.
+"""Missions, people, scenarios and requirements as plain data, and the rules that make them valid.
 
 `rvsg.scenario(...)` makes a scenario: see `rvsg.CallableModule`.
 """

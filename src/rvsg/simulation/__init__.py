@@ -1,1 +1,1 @@
-"""A Scenario becomes a Run: physics, sensors, the navigation stack under test, reactive people."""
+"""Simulation of a Scenario as a Run: physics, sensors, the navigation stack under test, reactive people."""

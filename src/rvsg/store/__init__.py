@@ -1,1 +1,1 @@
-"""Stores every record by content id, in order, permanently; in SQLite by default."""
+"""Storage of every record by content id, in order, permanently; in SQLite by default."""

@@ -1,4 +1,4 @@
-"""Opens the file of the SQLite ledger and brings it to the newest schema.
+"""The file of the SQLite ledger, and its schema.
 
 The store's schema as an ordered list of migrations. Append only: what was released is never edited.
 

@@ -1,1 +1,1 @@
-"""A map, its obstacles and its labels become a World, then a Grid of named waypoints; draws what the VLM sees."""
+"""Worlds from maps, obstacles and labels; grids of named waypoints; pictures for people and models."""

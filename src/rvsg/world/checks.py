@@ -1,4 +1,4 @@
-"""Everything that is wrong or suspicious in a world folder, all at once, each with its file and line."""
+"""Checks of a world folder: all errors and warnings at once, each with its file and line."""
 
 from __future__ import annotations
 

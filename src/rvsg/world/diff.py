@@ -1,4 +1,4 @@
-"""Compare two versions of a world: what changed, and whether scenarios saved in the first can notice."""
+"""Differences between two versions of a world, and their effect on scenarios saved in the first."""
 
 from __future__ import annotations
 

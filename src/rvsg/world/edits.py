@@ -1,4 +1,4 @@
-"""Change one thing in a world's labels.yaml, routes.yaml or world.yaml and keep everything else as it was written.
+"""Edits of a world's labels.yaml, routes.yaml and world.yaml that keep everything else as it was written.
 
 Comments, order and layout of the file stay. A change that would leave the file unreadable is refused.
 """

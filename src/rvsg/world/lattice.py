@@ -1,4 +1,4 @@
-"""Lays the grid: where waypoints are, who fits on them, which straight hops between adjacent ones are free."""
+"""Layout of the grid: waypoints, the bodies that fit on them, and the free straight hops between adjacent ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reads the map a Nav2 robot localises in: `map.yaml` with its pgm, png or bmp image.
+"""Reader of the map a Nav2 robot localises in: `map.yaml` with its pgm, png or bmp image.
 
 Cells are classified as nav2_map_server does (navigation2, `map_io`: threshold comparisons, alpha and the three modes)
 and then made trinary as Nav2's static costmap layer does by default (`trinary_costmap`, lethal threshold 100).

@@ -1,4 +1,4 @@
-"""Free widths: how wide the way is, measured from wall to wall across the direction of travel.
+"""Free widths of passages, measured from wall to wall across the direction of travel.
 
 A width is the length of a chord: a straight line through a point of the way, from the obstacle on its left to the one
 on its right.

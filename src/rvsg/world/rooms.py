@@ -1,4 +1,4 @@
-"""Tell the floor inside a building from the floor outside: around it, and in its courtyards."""
+"""Floor inside a building, as opposed to the floor around it and in its courtyards."""
 
 from __future__ import annotations
 

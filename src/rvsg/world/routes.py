@@ -1,4 +1,4 @@
-"""Propose routes: ways across the building that the robot can drive.
+"""Proposals of routes: ways across the building that the robot can drive.
 
 Fit a route to a robot: its goal where the robot's body can stand, its time limit within what its speed allows.
 

@@ -1,4 +1,4 @@
-"""What stands in the files of a world folder, as records that refuse what does not belong there."""
+"""Records of the files in a world folder. They refuse unknown keys."""
 
 from __future__ import annotations
 

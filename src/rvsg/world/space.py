@@ -1,4 +1,4 @@
-"""Free space: how far every place is from the nearest obstacle, for a person and for the robot.
+"""Free space: the distance of every place to the nearest obstacle, for a person and for the robot.
 
 A person cannot walk through a shelf although the lidar plane only cuts its legs: people keep clear of the objects'
 footprints and of what the map shows; the robot keeps clear of what its own map shows. Unknown cells are not free.

@@ -1,4 +1,4 @@
-"""Reads a world folder: the shipped worlds by name, a user's own by path. Every mistake is reported at once."""
+"""Reader of world folders: the shipped worlds by name, a user's own by path. It reports all mistakes at once."""
 
 from __future__ import annotations
 

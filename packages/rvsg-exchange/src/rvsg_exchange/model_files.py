@@ -1,4 +1,4 @@
-"""Find the files that a Gazebo world refers to, on this machine only: folders, packages, the Fuel cache."""
+"""Files that a Gazebo world refers to, found on this machine only: folders, packages, the Fuel cache."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read a recording of a robot (rosbag2 as MCAP or SQLite) as a Run, so that it is judged like a simulated one.
+"""Reader of recordings of a robot (rosbag2 as MCAP or SQLite) as a Run, so that it is judged like a simulated one.
 
 What is used, in this order:
 

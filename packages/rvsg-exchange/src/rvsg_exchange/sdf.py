@@ -1,4 +1,4 @@
-"""Reads a Gazebo world (.world, .sdf) into solid objects: sliced at the lidar height, footprints and heights kept."""
+"""Reader of Gazebo worlds (.world, .sdf) as solid objects: sliced at the lidar height, footprints and heights kept."""
 
 from __future__ import annotations
 

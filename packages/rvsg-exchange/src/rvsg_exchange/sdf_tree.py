@@ -1,4 +1,4 @@
-"""Read an SDF file as a tree of models with their poses: includes followed, frames resolved, nothing downloaded.
+"""Tree of the models in an SDF file with their poses: includes followed, frames resolved, nothing downloaded.
 
 Frames follow the SDF 1.7+ rules (`relative_to`, `attached_to`, `placement_frame`, `__model__`, `a::b`). The older
 `frame` attribute, to which Gazebo Classic never gave a meaning, is ignored. A saved `<state>` moves its models.

@@ -1,4 +1,4 @@
-"""A surface becomes solid objects: what the lidar plane cuts, what stops a person, and the box round it.
+"""Solid objects from a surface: the part that the lidar plane cuts, the part that stops a person, and the box round it.
 
 A connected surface that is closed and consistently oriented is filled where it winds about a place, so that walls may
 meet, overlap and share faces; any other by the even-odd rule. Bodies are joined, and a surface that looks

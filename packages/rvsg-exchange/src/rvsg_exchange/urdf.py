@@ -1,4 +1,4 @@
-"""Reads what a URDF file says of a robot: outline of the collision shapes, lidars, speed of the wheels."""
+"""Reader of URDF files: outline of the collision shapes, lidars, speed of the wheels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The check of a running ROS 2 navigation system: what is found, missing, or of another type."""
+"""The check of a running ROS 2 navigation system: names that are found, missing, or of another type."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every page of the studio stands in, and the plain HTML elements pages are made of.
+"""The frame around every page of the studio, and the plain HTML elements that pages are made of.
 
 Text from files, models and people is only ever set as text (`tag`) or as an attribute; SVG comes from `rvsg.app`,
 where everything in it is escaped.

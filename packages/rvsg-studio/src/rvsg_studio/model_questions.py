@@ -1,4 +1,4 @@
-"""What a model is asked and answers outside the search of a campaign: its settings, descriptions, conversations.
+"""Questions to a model outside the search of a campaign: its settings, descriptions, conversations.
 
 Keys of models come from the environment alone.
 """

@@ -1,4 +1,4 @@
-"""The door for files of the study's layout: every name, text, table and number of a foreign folder is read here.
+"""Reader of files in the study's layout: every name, text, table and number of a foreign folder is read here.
 
 Nothing but `Unreadable` leaves these functions, whatever a damaged folder holds.
 """

@@ -1,4 +1,4 @@
-"""Imports published results, or any in the same layout, into a store as records of campaigns.
+"""Import of published results, or any in the same layout, into a store as records of campaigns.
 
 Campaigns are named by their folder (`distance/route_1`). The runs keep the logged metrics in `details["logged"]`
 beside ours, which are computed from the logs. A repeated run of a best or worst scenario is a confirmation; the run

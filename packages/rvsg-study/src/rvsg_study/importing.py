@@ -1,4 +1,4 @@
-"""Import results of the published study into a store."""
+"""Import of results of the published study into a store."""
 
 from __future__ import annotations
 

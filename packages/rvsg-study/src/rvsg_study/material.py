@@ -1,4 +1,4 @@
-"""Collects what the tables need from stores: the trials of each method, by requirement and route, and the repeats."""
+"""Data of the tables from stores: the trials of each method, by requirement and route, and the repeats."""
 
 from __future__ import annotations
 

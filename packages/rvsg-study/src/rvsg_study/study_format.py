@@ -1,4 +1,4 @@
-"""Reads configuration files of the published study. What the study's decoder dropped is dropped, and listed.
+"""Reader of configuration files of the published study. What the study's decoder dropped is dropped, and listed.
 
 A file holds "Worker 1 Tasks" and "Worker 2 Tasks", each a list of tasks with "Task", "Start", "End" and "Path". The
 study's decoder looked up the waypoints of every path in the grid and dropped unknown names without a message.

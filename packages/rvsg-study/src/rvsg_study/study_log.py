@@ -1,4 +1,4 @@
-"""Reads one log of the published study's layout (`log_K.csv`, one row per half second) into a Trajectory.
+"""Reader of a log of the published study's layout (`log_K.csv`, one row per half second) as a Trajectory.
 
 A log with any defect is refused as a whole: a metric over part of a run would be a wrong number.
 """

@@ -1,4 +1,4 @@
-"""Writes the study's tables as CSV in long form, Markdown and LaTeX."""
+"""Files of the study's tables: CSV in long form, Markdown and LaTeX."""
 
 from __future__ import annotations
 

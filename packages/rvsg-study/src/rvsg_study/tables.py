@@ -1,4 +1,4 @@
-"""Builds the study's tables: RQ1 effectiveness, RQ2 best against worst, RQ3 the same per route; published and honest.
+"""The study's tables: RQ1 effectiveness, RQ2 best against worst, RQ3 the same per route; published and honest.
 
 Published way: the best of five configurations against single baseline runs, all repeats of the selected scenarios,
 uncorrected p values. Honest way: equal numbers of simulated runs and no selection in the means; the run by which a

@@ -1,4 +1,4 @@
-"""What moves besides the robot and people on foot: automatic doors, trolleys that people push, and wheelchairs.
+"""Moving bodies besides the robot and people on foot: automatic doors, trolleys that people push, and wheelchairs.
 
 A run without them does not come here. The compiled loop stops after every tick of the people; here their trolleys and
 the leaves are moved and written into the arrays that lidars, contact and people read.

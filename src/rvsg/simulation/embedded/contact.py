@@ -1,4 +1,4 @@
-"""Contact of the robot with people, seen from the base: who walks gives way, else the base is held back."""
+"""Contact of the robot with people, seen from the base: people who walk give way, else the base is held back."""
 
 from __future__ import annotations
 

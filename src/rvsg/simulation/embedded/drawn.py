@@ -1,4 +1,4 @@
-"""The numbers that are drawn for one run, each from a stream of its own."""
+"""Random numbers of one run, each from a stream of its own."""
 
 from __future__ import annotations
 

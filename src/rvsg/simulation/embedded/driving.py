@@ -1,4 +1,4 @@
-"""Let a navigation stack under test drive: what it is told, and what becomes of its answers and its faults."""
+"""Exchange with the navigation stack under test: its observations, its commands and its faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The leaves of automatic doors: when they move, and what of them people and the robot meet."""
+"""The leaves of automatic doors: their motion, and the edges that people and the robot meet."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can be chosen of the embedded simulator, and the two named profiles."""
+"""Options of the embedded simulator, and its two named profiles."""
 
 from __future__ import annotations
 

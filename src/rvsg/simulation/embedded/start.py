@@ -1,4 +1,4 @@
-"""Whether a run can begin: the robot's start against the map, what lidars see, and people."""
+"""Checks before a run: the robot's start against the map, the objects that lidars see, and people."""
 
 from __future__ import annotations
 

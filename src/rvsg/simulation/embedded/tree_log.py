@@ -1,4 +1,4 @@
-"""What the behaviour tree does in a traced run, as changes of its nodes, named as in Nav2's trees."""
+"""Log of the behaviour tree in a traced run: the changes of its nodes, named as in Nav2's trees."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Draws the floor plan layer by layer: floor, objects, areas, grid, route, rulers, scale and legend."""
+"""The floor plan, layer by layer: floor, objects, areas, grid, route, rulers, scale and legend."""
 
 from __future__ import annotations
 

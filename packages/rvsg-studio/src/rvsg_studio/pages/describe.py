@@ -1,4 +1,4 @@
-"""What a model wrote: the description of a world beside its map, and the conversations of a campaign."""
+"""Texts that a model wrote: the description of a world beside its map, and the conversations of a campaign."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the navigation does, as rows that compiled code fills: paths that change clearly, and recoveries."""
+"""Journal of the navigation, as rows that compiled code fills: clear changes of the path, and recoveries."""
 
 from __future__ import annotations
 

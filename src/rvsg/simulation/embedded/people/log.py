@@ -1,4 +1,4 @@
-"""What happens to people, as rows of a buffer of fixed size that compiled code fills."""
+"""Log of events of people, as rows of a buffer of fixed size that compiled code fills."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a person moves in a tick: the step, walls, and the way from goal to goal."""
+"""Motion of a person in a tick: the step, walls, and the way from goal to goal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a human's nearest obstacle is: the true surface (default), or HuNavSim's point towards a model's origin."""
+"""The obstacle nearest to a person: on the true surface (default), or HuNavSim's point towards a model's origin."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns the rows of a crowd's event buffer into records."""
+"""Records of the rows in a crowd's event buffer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the robot believes it is: Nav2's AMCL, a particle filter on the front lidar.
+"""Localisation of the robot: Nav2's AMCL, a particle filter on the front lidar.
 
 The published robot did not drive where its map says. That map is shifted and slightly bent against the world, and AMCL
 began each run around the spawn pose taken as map coordinates and found the shift only while driving, so the difference

@@ -1,4 +1,4 @@
-"""What the robot's costmaps learn: scans of both lidars entered into the local and the global map."""
+"""Updates of the robot's costmaps: scans of both lidars, entered into the local and the global map."""
 
 from __future__ import annotations
 

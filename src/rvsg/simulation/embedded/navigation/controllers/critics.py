@@ -1,4 +1,4 @@
-"""What each critic of DWB says of every sample, worked out again for a trace.
+"""Scores of DWB's critics for every sample, computed again for a trace.
 
 The compiled planner keeps only totals. This repeats its critics from the state it leaves behind, in NumPy, so a traced
 run stays the run.

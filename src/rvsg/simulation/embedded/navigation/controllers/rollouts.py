@@ -1,4 +1,4 @@
-"""Where DWB's samples end, remembered by measured velocity, and whether a rollout is free."""
+"""Rollouts of DWB's samples, cached by measured velocity, and their collision check."""
 
 from __future__ import annotations
 
