@@ -21,7 +21,7 @@ import rvsg
 from rvsg.app.matrix import Matrix
 from rvsg.app.proposal import proposal_json, propose
 from rvsg.scenario.builder import load_scenario_in
-from rvsg.simulation.run_files import runs_text
+from rvsg.simulation.archive import runs_text
 from rvsg_studio.listing import Lister
 from rvsg_studio.world_editor import folder_of_world
 

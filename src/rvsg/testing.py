@@ -22,10 +22,9 @@ from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Human, HumanAgent, HumanConfiguration, Scenario, Task
 from rvsg.scenario.validity import check
 from rvsg.simulation.archive import arrays_of, run_from_json, run_to_json
-from rvsg.simulation.embedded.rehearsal import empty_room
-from rvsg.simulation.embedded.simulator import simulate_agents
-from rvsg.simulation.protocol import Simulator
+from rvsg.simulation.embedded.simulator import empty_room, simulate_agents
 from rvsg.simulation.run import Outcome, Run, run_id
+from rvsg.simulation.simulators import Simulator
 from rvsg.simulation.stacks.registry import StackChoice, StackLike
 from rvsg.store.memory import MemoryLedger
 from rvsg.world.world import Route, World

@@ -30,7 +30,7 @@ PUBLIC = {
     "rvsg.scenario.rules": ["Finding", "Repair"],
     "rvsg.generation.generator": ["Generator", "Proposal", "Call"],
     "rvsg.simulation.run": ["Run", "Trajectory", "Outcome", "run_id"],
-    "rvsg.simulation.protocol": ["Simulator"],
+    "rvsg.simulation.simulators": ["Simulator"],
     "rvsg.simulation.archive": ["run_to_json", "run_from_json", "PackedRun", "unpack"],
     "rvsg.testing": ["check_simulator"],
     "rvsg.evaluation.metrics": ["METRICS", "measure", "metric"],

@@ -19,8 +19,8 @@ from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.simulation.kinematic import KinematicSimulator
-from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Run
+from rvsg.simulation.simulators import Simulator
 from rvsg.store.memory import MemoryLedger as MemoryLedger
 from rvsg.testing import WalkingGenerator as WalkGenerator
 from rvsg.world.world import World

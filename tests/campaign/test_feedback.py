@@ -13,8 +13,7 @@ from rvsg.evaluation.judge import judge
 from rvsg.evaluation.verdict import Verdict
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
-from rvsg.simulation.events import Recovery
-from rvsg.simulation.run import Outcome, Run, Trajectory
+from rvsg.simulation.run import Outcome, Recovery, Run, Trajectory
 
 
 def verdict(*values: float) -> Verdict:

@@ -13,7 +13,7 @@ from rvsg.app.folder import LEDGER
 from rvsg.cli import main
 from rvsg.core.errors import FileError, RvsgError
 from rvsg.scenario.brief import Feedback
-from rvsg.simulation.run_files import read_runs
+from rvsg.simulation.archive import read_runs
 from rvsg.store.sqlite import SqliteLedger
 from rvsg.testing import same_run
 

@@ -27,11 +27,10 @@ from rvsg.evaluation.events import (
 from rvsg.evaluation.metrics.registry import measure
 from rvsg.evaluation.sampled import Sampled
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task
-from rvsg.simulation import events as recorded
+from rvsg.simulation import run as recorded
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
-from rvsg.simulation.events import RobotContact
 from rvsg.simulation.kinematic import KinematicSimulator
-from rvsg.simulation.run import Outcome
+from rvsg.simulation.run import Outcome, RobotContact
 from rvsg.world.world import Route, World
 from rvsg.world.world_folder import load_world
 

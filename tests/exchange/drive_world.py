@@ -16,7 +16,7 @@ from rvsg.core.errors import RvsgError
 from rvsg.core.records import Pose
 from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.archive import run_from_json, run_to_json
-from rvsg.simulation.embedded.rehearsal import empty_room
+from rvsg.simulation.embedded.simulator import empty_room
 from rvsg.world.world import Route
 from rvsg_exchange import ros2_world
 from rvsg_ros2.world import Ros2World

@@ -25,8 +25,7 @@ from tests.simulation.ros2.peer import ABORTED, EXECUTING, SUCCEEDED, Options, P
 from rvsg.core.records import Pose
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.episode import Episode, Outside
-from rvsg.simulation.embedded.rehearsal import empty_room, rehearsal
-from rvsg.simulation.embedded.simulator import simulate_agents
+from rvsg.simulation.embedded.simulator import empty_room, rehearsal, simulate_agents
 from rvsg.simulation.run import Outcome
 from rvsg.world.world import Route
 from rvsg_exchange.bag_messages import HUNAV_TYPES

@@ -18,8 +18,7 @@ import pytest
 from tests.simulation.ros2.test_real_nav2 import LAUNCH
 
 from rvsg.core.records import Pose
-from rvsg.simulation.embedded.rehearsal import empty_room
-from rvsg.simulation.embedded.simulator import simulate_agents
+from rvsg.simulation.embedded.simulator import empty_room, simulate_agents
 from rvsg.simulation.run import Outcome, Run
 from rvsg.simulation.stacks.registry import StackChoice
 from rvsg.world.world import Route

@@ -13,7 +13,7 @@ from rvsg.campaign.runner import Measuring
 from rvsg.report.facts import run_facts
 from rvsg.report.seen import seen_beside
 from rvsg.scenario.requirement import shipped_requirements
-from rvsg.simulation.events import ObstacleContact
+from rvsg.simulation.run import ObstacleContact
 from rvsg.world.world import Door
 
 OPEN = Door(name="D", hinge=(8.0, 1.2), end=(8.0, 2.8), state="open")

@@ -16,8 +16,7 @@ from tests.evaluation.runs import run_of, trajectory
 from rvsg.report.trace_view import MOST_RAYS, trace_json, trace_view
 from rvsg.robots.robot import load_robot
 from rvsg.scenario.scenario import ROBOT
-from rvsg.simulation.embedded.trace import Evaluation, Frame, Patch, Trace
-from rvsg.simulation.embedded.tree_log import NodeChange
+from rvsg.simulation.embedded.trace import Evaluation, Frame, NodeChange, Patch, Trace
 
 
 def a_run() -> Any:

@@ -18,8 +18,7 @@ from rvsg.robots.robot import load_robot
 from rvsg.scenario.placement import robot_reach_m, start_gap_m
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json
-from rvsg.simulation.events import ObstacleContact
-from rvsg.simulation.run import Run
+from rvsg.simulation.run import ObstacleContact, Run
 from rvsg.world.routes import robot_stands
 from rvsg.world.space import robot_space
 from rvsg.world.world_folder import load_world

@@ -11,7 +11,7 @@ from tests.simulation.tiago import STACK, TIAGO
 from rvsg.core.references import refer
 from rvsg.robots.robot import Robot, load_robot
 from rvsg.simulation.embedded import base
-from rvsg.simulation.embedded.stack import stack_of
+from rvsg.simulation.embedded.robot_parameters import stack_of
 
 NONE = np.zeros((1, 3))
 

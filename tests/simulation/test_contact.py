@@ -14,14 +14,11 @@ from rvsg.core.references import refer
 from rvsg.scenario.scenario import Behaviour, HumanAgent, reaction_of
 from rvsg.simulation.archive import run_from_json, run_to_json
 from rvsg.simulation.embedded import base
-from rvsg.simulation.embedded.contact import touch_people
-from rvsg.simulation.embedded.options import profile
+from rvsg.simulation.embedded.people.contact import events_of, touch_people
 from rvsg.simulation.embedded.people.crowd import Crowd
-from rvsg.simulation.embedded.people.recorded import events_of
-from rvsg.simulation.embedded.rehearsal import empty_room
-from rvsg.simulation.embedded.simulator import simulate_agents
-from rvsg.simulation.events import ObstacleContact, Recovery, RobotContact
-from rvsg.simulation.run import Outcome, Run
+from rvsg.simulation.embedded.profiles import profile
+from rvsg.simulation.embedded.simulator import empty_room, simulate_agents
+from rvsg.simulation.run import ObstacleContact, Outcome, Recovery, RobotContact, Run
 from rvsg.stacks import LocalObservation, LocalPlanner, StackChoice, Task
 from rvsg.world.world import Route, World
 from rvsg.world.world_folder import load_world
@@ -227,7 +224,7 @@ class TestRuns:
         assert not [event for event in run.events if event.kind == "robot_contact"]
 
     def test_a_hundred_people_in_a_small_room_stay_finite(self) -> None:
-        from rvsg.simulation.embedded.rehearsal import empty_room
+        from rvsg.simulation.embedded.simulator import empty_room
 
         room = empty_room()
         rng = np.random.default_rng(1)

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.simulation.tiago import FOOTPRINT, INFLATION, RANGES
 
-from rvsg.simulation.embedded.navigation.costmap import (
+from rvsg.simulation.embedded.costmap import (
     FREE,
     LETHAL,
     UNKNOWN,
@@ -21,7 +21,7 @@ from rvsg.simulation.embedded.navigation.costmap import (
     observe,
     shift,
 )
-from rvsg.simulation.embedded.sensing.lidar import FAR, NO_RETURN, ray_directions
+from rvsg.simulation.embedded.lidar import FAR, NO_RETURN, ray_directions
 
 Bytes = NDArray[np.uint8]
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import rvsg
-from rvsg.simulation.embedded.navigation.controllers.critics import CRITICS
-from rvsg.simulation.embedded.trace import trace_run
+from rvsg.simulation.embedded.trace import CRITICS, trace_run
 
 pytestmark = pytest.mark.slow
 

@@ -12,11 +12,10 @@ from tests.simulation.tiago import INFLATION, STACK, TIAGO
 
 from rvsg.core.references import refer
 from rvsg.robots.robot import Robot, load_robot
-from rvsg.simulation.embedded.navigation.controllers import dwb
-from rvsg.simulation.embedded.navigation.controllers.rollouts import roll_out_ends, rollouts
-from rvsg.simulation.embedded.navigation.controllers.samples import fill_window, sample_table
-from rvsg.simulation.embedded.navigation.costmap import inflate_marks
-from rvsg.simulation.embedded.stack import stack_of
+from rvsg.simulation.embedded import dwb
+from rvsg.simulation.embedded.costmap import inflate_marks
+from rvsg.simulation.embedded.robot_parameters import stack_of
+from rvsg.simulation.embedded.rollouts import fill_window, roll_out_ends, rollouts, sample_table
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]

@@ -18,15 +18,13 @@ from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
+from rvsg.simulation.embedded.behaviour_tree import choose_dwb
 from rvsg.simulation.embedded.episode import Episode, Outside
-from rvsg.simulation.embedded.navigation.behaviour_tree import choose_dwb
-from rvsg.simulation.embedded.navigation.planners.choice import plan_outside
-from rvsg.simulation.embedded.options import Noise, profile
+from rvsg.simulation.embedded.grid_planners import plan_outside
 from rvsg.simulation.embedded.people.crowd import begins_early
-from rvsg.simulation.embedded.rehearsal import empty_room
-from rvsg.simulation.embedded.scene import Scene
-from rvsg.simulation.embedded.simulator import EmbeddedSimulator, simulate_agents
-from rvsg.simulation.embedded.state import State
+from rvsg.simulation.embedded.profiles import Noise, profile
+from rvsg.simulation.embedded.simulator import EmbeddedSimulator, empty_room, simulate_agents
+from rvsg.simulation.embedded.state import Scene, State
 from rvsg.simulation.run import Outcome, Run
 from rvsg.world.world import Route, World
 from rvsg.world.world_folder import load_world

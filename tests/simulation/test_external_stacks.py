@@ -23,8 +23,7 @@ from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
 from rvsg.robots.robot import load_robot
 from rvsg.scenario.scenario import HumanAgent
-from rvsg.simulation.embedded.rehearsal import empty_room
-from rvsg.simulation.embedded.simulator import simulate_agents
+from rvsg.simulation.embedded.simulator import empty_room, simulate_agents
 from rvsg.simulation.run import Outcome, Run
 from rvsg.simulation.stacks import external_process as frames
 from rvsg.simulation.stacks.external_process import write_clients_to

@@ -12,16 +12,16 @@ from rvsg.core.records import Pose
 from rvsg.evaluation.detection import events_of
 from rvsg.robots.robot import Robot, load_robot
 from rvsg.scenario.scenario import HumanAgent
-from rvsg.simulation.embedded.navigation import journal
+from rvsg.simulation.embedded import behaviour_tree
 from rvsg.simulation.embedded.simulator import simulate_agents
-from rvsg.simulation.events import Recovery, Replan
+from rvsg.simulation.run import Recovery, Replan
 from rvsg.world.grid import Grid
 from rvsg.world.world import OccupancyMap, Route, World
 
 
 @kernel
 def far_and_long(old: np.ndarray, new: np.ndarray) -> tuple[float, float]:
-    return journal.deviation(old, old.shape[0], new, new.shape[0]), journal.length(new, new.shape[0])
+    return behaviour_tree.deviation(old, old.shape[0], new, new.shape[0]), behaviour_tree.length(new, new.shape[0])
 
 
 def test_the_deviation_of_a_path_is_its_largest_distance_from_the_one_before() -> None:
@@ -66,7 +66,7 @@ def test_a_person_in_one_of_two_gates_makes_the_planner_take_the_other() -> None
         room((5.0, 0.05, 5.5, 0.6), (5.0, 1.9, 5.5, 2.4), (5.0, 3.7, 5.5, 5.95)), [standing(5.25, 3.05)]
     )
     assert run.completed
-    assert replans and replans[0].deviation_m > journal.CLEARLY_M
+    assert replans and replans[0].deviation_m > behaviour_tree.CLEARLY_M
     assert replans[0].length_m > 0.0 and 0.0 < replans[0].time_s < run.trajectory.t[-1]
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from rvsg.simulation.embedded.sensing.lidar import FAR, NO_RETURN, place_legs, ray_directions, scan
+from rvsg.simulation.embedded.lidar import FAR, NO_RETURN, place_legs, ray_directions, scan
 
 VIEW = math.radians(270.0)
 

@@ -10,7 +10,7 @@ from tests.simulation.tiago import TIAGO
 
 from rvsg.core.kernels import kernel
 from rvsg.core.records import Pose
-from rvsg.simulation.embedded.sensing.localisation import (
+from rvsg.simulation.embedded.localisation import (
     MAX_PARTICLES,
     MIN_PARTICLES,
     PARTICLES,

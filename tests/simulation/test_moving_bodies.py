@@ -17,10 +17,9 @@ from rvsg.evaluation.sampled import Sampled
 from rvsg.evaluation.story import what_is_hit
 from rvsg.scenario.scenario import Behaviour, PersonKind, Trolley
 from rvsg.simulation.archive import PackedRun
-from rvsg.simulation.embedded.options import profile
+from rvsg.simulation.embedded.profiles import profile
 from rvsg.simulation.embedded.simulator import simulate_agents
-from rvsg.simulation.events import DoorMoved, ObstacleContact, RobotContact
-from rvsg.simulation.run import Outcome, Run
+from rvsg.simulation.run import DoorMoved, ObstacleContact, Outcome, RobotContact, Run
 from rvsg.stacks import Observation, StackChoice, Task, WholeStack
 from rvsg.world.space import human_space
 from rvsg.world.world import Door

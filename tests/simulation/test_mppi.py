@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rvsg.simulation.embedded.navigation.costmap import outline_hits
+from rvsg.simulation.embedded.costmap import outline_hits
 from rvsg.simulation.stacks import mppi as k
 from rvsg.simulation.stacks import mppi_critics
 from rvsg.simulation.stacks.mppi import Mppi

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rvsg.simulation.embedded.navigation.planners.navfn import (
+from rvsg.simulation.embedded.navfn import (
     BLOCKED,
     BUFFER,
     HIGH,

@@ -17,7 +17,8 @@ from rvsg.core.references import refer
 from rvsg.scenario.scenario import Behaviour, HumanAgent, reaction_of
 from rvsg.simulation.embedded.people.behaviour import tick as tick_by_reference
 from rvsg.simulation.embedded.people.crowd import Crowd, PeopleOptions, initial
-from rvsg.simulation.embedded.people.forces import (
+from rvsg.simulation.embedded.people.obstacles import boxes_of, entry_point, point_towards_origin
+from rvsg.simulation.embedded.people.social_force import (
     coherence_force,
     desired_force,
     gaze_force,
@@ -25,7 +26,6 @@ from rvsg.simulation.embedded.people.forces import (
     reach_of,
     social_force,
 )
-from rvsg.simulation.embedded.people.obstacles import boxes_of, entry_point, point_towards_origin
 from rvsg.world.grid import Grid
 from rvsg.world.world import OccupancyMap, OrientedBox, SolidObject, World
 

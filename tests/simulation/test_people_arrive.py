@@ -11,8 +11,8 @@ from tests.simulation.test_people import CORRECT, crowd_of, human, walk, world_w
 
 from rvsg.scenario.scenario import Behaviour
 from rvsg.scenario.validity import is_walkable
-from rvsg.simulation.embedded.people.alone import not_walked
-from rvsg.simulation.embedded.people.recorded import events_of
+from rvsg.simulation.embedded.people.behaviour import not_walked
+from rvsg.simulation.embedded.people.contact import events_of
 from rvsg.world.grid import Grid, Waypoint
 from rvsg.world.space import human_space
 from rvsg.world.world import World

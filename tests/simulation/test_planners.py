@@ -11,9 +11,8 @@ import pytest
 
 from rvsg.core.errors import InvalidOptions
 from rvsg.core.kernels import kernel
-from rvsg.simulation.embedded.navigation.planners import heap, smac_2d, theta_star
-from rvsg.simulation.embedded.rehearsal import rehearsal
-from rvsg.simulation.embedded.simulator import simulate_agents
+from rvsg.simulation.embedded import grid_planners
+from rvsg.simulation.embedded.simulator import rehearsal, simulate_agents
 from rvsg.stacks import StackChoice
 
 SIDE = 0.05
@@ -57,11 +56,11 @@ def plan(planner: Any, master: np.ndarray[Any, Any], goal: tuple[float, float], 
 def drained(heap_: Any, keys: Any) -> Any:
     size = 0
     for entry in range(keys.size):
-        size = heap.push(heap_, size, entry, keys)
+        size = grid_planners.push(heap_, size, entry, keys)
     found = np.zeros(keys.size, np.int32)
     for k in range(keys.size):
         found[k] = heap_[0]
-        size = heap.pop(heap_, size, keys)
+        size = grid_planners.pop(heap_, size, keys)
     return found
 
 
@@ -74,7 +73,7 @@ def test_the_queue_gives_the_least_key_first() -> None:
 @pytest.mark.parametrize("weight", [0.0, 1.0, 5.0])
 def test_smac_finds_the_way_of_least_cost(weight: float) -> None:
     master = with_wall()
-    end, before = smac_2d.search(master, 5 * 60 + 10, 5 * 60 + 50, 50.5, 5.5, weight, 2.5)
+    end, before = grid_planners.search(master, 5 * 60 + 10, 5 * 60 + 50, 50.5, 5.5, weight, 2.5)
     way = [end]
     while before[way[-1]] >= 0:
         way.append(before[way[-1]])
@@ -85,7 +84,7 @@ def test_smac_finds_the_way_of_least_cost(weight: float) -> None:
 
 def test_smac_smooths_its_path_around_the_wall() -> None:
     master = with_wall()
-    path = plan(smac_2d.plan_smac, master, (2.53, 0.27), 5.0, 0.125)
+    path = plan(grid_planners.plan_smac, master, (2.53, 0.27), 5.0, 0.125)
     assert path[0] == pytest.approx((0.5, 0.25)) and path[-1] == pytest.approx((2.5, 0.25))
     assert (master[(path[:, 1] / SIDE).astype(int), (path[:, 0] / SIDE).astype(int)] < 253).all()
     turns = np.abs(np.diff(np.unwrap(np.arctan2(*np.diff(path, axis=0).T[::-1]))))
@@ -94,7 +93,7 @@ def test_smac_smooths_its_path_around_the_wall() -> None:
 
 @pytest.mark.parametrize(("weight", "aside"), [(0.0, 0.02), (2.0, 0.1)])
 def test_theta_star_goes_straight_where_nothing_is_in_the_way(weight: float, aside: float) -> None:
-    path = plan(theta_star.plan_theta, np.zeros((40, 60), np.uint8), (2.53, 1.52), 1.0, weight)
+    path = plan(grid_planners.plan_theta, np.zeros((40, 60), np.uint8), (2.53, 1.52), 1.0, weight)
     across = ((path - path[0]) @ np.array([-1.25, 2.0])) / np.hypot(2.0, 1.25)
     assert path[0] == pytest.approx((0.525, 0.275))
     assert np.abs(across).max() < aside  # leaving a cell by its corner crosses fewer cells
@@ -103,7 +102,7 @@ def test_theta_star_goes_straight_where_nothing_is_in_the_way(weight: float, asi
 
 def test_theta_star_goes_around_the_wall_on_straight_lines() -> None:
     master = with_wall()
-    path = plan(theta_star.plan_theta, master, (2.53, 0.27), 1.0, 2.0)
+    path = plan(grid_planners.plan_theta, master, (2.53, 0.27), 1.0, 2.0)
     assert (master[(path[:, 1] / SIDE).astype(int), (path[:, 0] / SIDE).astype(int)] < 253).all()
     steps = np.hypot(*np.diff(path, axis=0).T)
     best = least_cost(master, (5, 10), (5, 50), 0.0) * SIDE
@@ -112,7 +111,7 @@ def test_theta_star_goes_around_the_wall_on_straight_lines() -> None:
     assert (np.abs(np.diff(headings)) > 1e-6).sum() < 20
 
 
-@pytest.mark.parametrize("planner", [(smac_2d.plan_smac, 1.0, 0.125), (theta_star.plan_theta, 1.0, 2.0)])
+@pytest.mark.parametrize("planner", [(grid_planners.plan_smac, 1.0, 0.125), (grid_planners.plan_theta, 1.0, 2.0)])
 def test_without_a_way_there_is_no_path(planner: Any) -> None:
     closed = with_wall()
     closed[:, 29] = 254

@@ -8,8 +8,7 @@ import pytest
 from rvsg.core.records import Pose
 from rvsg.robots.robot import Robot, SafetyZone, load_robot
 from rvsg.scenario.scenario import HumanAgent
-from rvsg.simulation.embedded.rehearsal import empty_room
-from rvsg.simulation.embedded.simulator import simulate_agents
+from rvsg.simulation.embedded.simulator import empty_room, simulate_agents
 from rvsg.simulation.run import Run
 from rvsg.world.world import Route
 

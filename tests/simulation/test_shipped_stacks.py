@@ -13,8 +13,7 @@ from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
 from rvsg.robots.robot import load_robot
 from rvsg.scenario.scenario import HumanAgent
-from rvsg.simulation.embedded.rehearsal import empty_room
-from rvsg.simulation.embedded.simulator import EmbeddedSimulator, simulate_agents
+from rvsg.simulation.embedded.simulator import EmbeddedSimulator, empty_room, simulate_agents
 from rvsg.simulation.run import Outcome, Run
 from rvsg.simulation.stacks.pure_pursuit import PurePursuit, carrot, pursue, regulated, turn_towards
 from rvsg.stacks import StackChoice, stack_names

@@ -17,11 +17,9 @@ from rvsg.robots.robot import Robot, load_robot
 from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json
 from rvsg.simulation.embedded import base
-from rvsg.simulation.embedded.rehearsal import empty_room
-from rvsg.simulation.embedded.simulator import EmbeddedSimulator, simulate_agents
-from rvsg.simulation.embedded.stack import stack_of
-from rvsg.simulation.events import ObstacleContact, RobotContact
-from rvsg.simulation.run import Outcome, Run
+from rvsg.simulation.embedded.robot_parameters import stack_of
+from rvsg.simulation.embedded.simulator import EmbeddedSimulator, empty_room, simulate_agents
+from rvsg.simulation.run import ObstacleContact, Outcome, RobotContact, Run
 from rvsg.simulation.stacks.external_process import write_clients_to
 from rvsg.stacks import Ended, LocalObservation, LocalPlanner, Observation, StackChoice, Task, Twist, WholeStack
 from rvsg.world.world import Route

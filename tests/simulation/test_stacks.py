@@ -14,8 +14,7 @@ from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Pose
 from rvsg.scenario.scenario import HumanAgent
-from rvsg.simulation.embedded.rehearsal import empty_room
-from rvsg.simulation.embedded.simulator import EmbeddedSimulator, simulate_agents
+from rvsg.simulation.embedded.simulator import EmbeddedSimulator, empty_room, simulate_agents
 from rvsg.simulation.run import Outcome, Run
 from rvsg.stacks import Ended, LocalObservation, LocalPlanner, Observation, StackChoice, Task, WholeStack
 from rvsg.world.world import Route

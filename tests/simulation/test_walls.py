@@ -10,12 +10,11 @@ import pytest
 from rvsg.core.records import Pose
 from rvsg.robots.robot import Bumper, Robot, load_robot
 from rvsg.simulation.embedded.episode import Episode, Outside
-from rvsg.simulation.embedded.options import profile
-from rvsg.simulation.embedded.scene import Surroundings
+from rvsg.simulation.embedded.profiles import profile
 from rvsg.simulation.embedded.simulator import simulate_agents
+from rvsg.simulation.embedded.state import Surroundings
 from rvsg.simulation.embedded.walls import SLACK_M, Walls, clearance, free_pose, overlap
-from rvsg.simulation.events import ObstacleContact
-from rvsg.simulation.run import Outcome, Run
+from rvsg.simulation.run import ObstacleContact, Outcome, Run
 from rvsg.world.grid import Grid
 from rvsg.world.world import OccupancyMap, Route, World
 from rvsg.world.world_folder import load_world

@@ -6,8 +6,8 @@ import numpy as np
 
 from rvsg.core.references import refer
 from rvsg.robots.robot import load_robot
-from rvsg.simulation.embedded.navigation.costmap import inflation_kernel
-from rvsg.simulation.embedded.stack import padded_footprint, stack_of
+from rvsg.simulation.embedded.costmap import inflation_kernel
+from rvsg.simulation.embedded.robot_parameters import padded_footprint, stack_of
 
 TIAGO = load_robot("tiago_omni")
 STACK = refer(stack_of(TIAGO))

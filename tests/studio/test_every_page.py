@@ -21,7 +21,7 @@ import rvsg
 from rvsg.app.matrix import Matrix
 from rvsg.app.proposal import proposal_json, propose
 from rvsg.scenario.builder import load_scenario_in, save_scenario
-from rvsg.simulation.run_files import runs_text
+from rvsg.simulation.archive import runs_text
 from rvsg_studio.workspace import notes_of
 
 Open = Callable[[str], Any]

@@ -31,7 +31,7 @@ from rvsg.store.knowledge_base import KnowledgeBase
 if TYPE_CHECKING:
     from rvsg.campaign.runner import Executor
     from rvsg.generation.generator import Generator
-    from rvsg.simulation.protocol import Simulator
+    from rvsg.simulation.simulators import Simulator
     from rvsg.simulation.stacks.protocol import NavigationStack
 
 

@@ -16,7 +16,7 @@ from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec, ignore
 from rvsg.report.coverage import coverage_map, coverage_page, coverage_text
 from rvsg.scenario.requirement import shipped_requirements
-from rvsg.simulation.protocol import Simulator
+from rvsg.simulation.simulators import Simulator
 from rvsg.world.drawing import png_bytes
 from rvsg.world.world import World
 

@@ -26,8 +26,7 @@ from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.variation import Range, ScenarioFamily
 from rvsg.scenario.world_lookup import world_of
-from rvsg.simulation.protocol import Simulator
-from rvsg.simulation.simulators import simulator_of
+from rvsg.simulation.simulators import Simulator, simulator_of
 from rvsg.world.world import World
 
 FORMATS = (".html", ".svg", ".json")

@@ -26,12 +26,11 @@ from rvsg.robots.robot import Robot
 from rvsg.scenario.builder import check_valid, load_scenario_in
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.world_lookup import load_world, world_of
-from rvsg.simulation.archive import PackedRun, rounded
+from rvsg.simulation.archive import PackedRun, holds_runs, read_runs, rounded
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.simulation.embedded.trace import Trace, trace_run
 from rvsg.simulation.exporter import Exportable, Exporter
 from rvsg.simulation.run import Run
-from rvsg.simulation.run_files import holds_runs, read_runs
 from rvsg.simulation.simulators import make_simulator
 from rvsg.simulation.stacks.registry import StackLike
 from rvsg.world.world import World

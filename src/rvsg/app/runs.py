@@ -16,10 +16,9 @@ from rvsg.core.plugins import Spec, ignore
 from rvsg.scenario.builder import check_valid
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.world_lookup import as_world, world_of
-from rvsg.simulation.protocol import Simulator
+from rvsg.simulation.archive import once, read_runs, runs_text
 from rvsg.simulation.run import Outcome, Run
-from rvsg.simulation.run_files import once, read_runs, runs_text
-from rvsg.simulation.simulators import simulator_of
+from rvsg.simulation.simulators import Simulator, simulator_of
 from rvsg.simulation.stacks.registry import StackLike
 from rvsg.world.drawing.svg import floor_plan
 from rvsg.world.world import World

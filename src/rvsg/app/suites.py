@@ -44,9 +44,8 @@ from rvsg.scenario.builder import as_robot, check_valid, load_scenario_in, with_
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.world_lookup import folder_of, world_of
-from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Outcome, Run
-from rvsg.simulation.simulators import check_robot, simulator_of, with_stack
+from rvsg.simulation.simulators import Simulator, check_robot, simulator_of, with_stack
 from rvsg.simulation.stacks.registry import StackLike
 from rvsg.world.world import Route, World
 

@@ -44,8 +44,7 @@ from rvsg.scenario.builder import walk
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
 from rvsg.scenario.variation import waypoints_used
-from rvsg.simulation.protocol import Simulator
-from rvsg.simulation.simulators import make_simulator
+from rvsg.simulation.simulators import Simulator, make_simulator
 from rvsg.simulation.stacks.registry import StackChoice
 from rvsg.store.knowledge_base import KnowledgeBase
 from rvsg.store.knowledge_search import open_knowledge

@@ -30,8 +30,7 @@ from rvsg.scenario.builder import check_mission, check_route, mission_of
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.scenario.world_lookup import doors_in, load_moved, load_world
-from rvsg.simulation.protocol import Simulator
-from rvsg.simulation.simulators import make_simulator
+from rvsg.simulation.simulators import Simulator, make_simulator
 from rvsg.simulation.stacks.protocol import NavigationStack
 from rvsg.world.world import Route, World
 

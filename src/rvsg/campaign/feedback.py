@@ -41,8 +41,8 @@ from rvsg.scenario.brief import Encounter, Feedback, HumanInfluence, Moment, Par
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario
 from rvsg.scenario.variation import differences
-from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Run, Trajectory
+from rvsg.simulation.simulators import Simulator
 from rvsg.world.grid import Grid
 from rvsg.world.world import World
 

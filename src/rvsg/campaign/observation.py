@@ -25,8 +25,7 @@ from rvsg.evaluation.sampled import Sampled, sampled, stretches
 from rvsg.scenario.brief import Arrival, Encounter, Passing, Stop, Touched
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Human, HumanAgent, HumanConfiguration, decode, goal_names
-from rvsg.simulation.events import PersonPaused, PersonReached, PersonReacted, Recovery
-from rvsg.simulation.run import Outcome, Run
+from rvsg.simulation.run import Outcome, PersonPaused, PersonReached, PersonReacted, Recovery, Run
 from rvsg.world.grid import Grid
 from rvsg.world.world import World
 

@@ -23,8 +23,8 @@ from rvsg.evaluation.verdict import DEFAULT, Procedure, Verdict
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.archive import PackedRun, rounded
-from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Outcome, Run, run_id
+from rvsg.simulation.simulators import Simulator
 from rvsg.world.world import World
 
 RECENT = 1000

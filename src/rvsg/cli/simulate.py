@@ -62,7 +62,7 @@ def simulate(
     from rvsg.cli.options import spec, stack_spec, states
     from rvsg.core.outputs import check_writable, write_text
     from rvsg.scenario.builder import load_changed
-    from rvsg.simulation.run_files import runs_text
+    from rvsg.simulation.archive import runs_text
 
     check_writable(out)
     check_bag(bag, repeats)
@@ -246,7 +246,7 @@ def metrics(
 
     chosen = list(METRICS.values()) if name is None else [metric(name)]
     if run is not None:
-        from rvsg.simulation.run_files import read_runs
+        from rvsg.simulation.archive import read_runs
 
         measured = [measure(read, [info.id for info in chosen]) for read in read_runs([run])]
         console.print_json(measured[0] if len(measured) == 1 else measured)

@@ -36,9 +36,8 @@ from rvsg.evaluation.naming import WaypointNames
 from rvsg.evaluation.people import people_events
 from rvsg.evaluation.sampled import Flags, Sampled, Touch, joined, sampled, stretches, wrap
 from rvsg.scenario.scenario import Scenario
-from rvsg.simulation import events as recorded
-from rvsg.simulation.events import RobotContact
-from rvsg.simulation.run import Outcome, Run
+from rvsg.simulation import run as recorded
+from rvsg.simulation.run import Outcome, RobotContact, Run
 from rvsg.world.world import Door, World
 
 Floats = NDArray[np.float64]

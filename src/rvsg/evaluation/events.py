@@ -1,7 +1,7 @@
 """Event records: what happened in a run, to whom, where and when.
 
 `rvsg.evaluation.detection.events_of` computes the events of a run; every story of a run is told from them.
-What a simulator measures of some of them is stored with the run (`rvsg.simulation.events`, which says why it is apart).
+What a simulator measures of some of them is stored with the run (`rvsg.simulation.run`, which says why it is apart).
 Every event has a `kind`, a time in seconds since the start of the run, and a place. All events are JSON-able.
 """
 

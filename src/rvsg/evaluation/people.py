@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rvsg.evaluation.events import Event, PersonPaused, PersonReached, PersonReacted, PersonStuck, PlaceAt
 from rvsg.evaluation.sampled import Flags, Sampled, stretches
 from rvsg.scenario.scenario import Behaviour, Human, HumanAgent, Scenario, decode, task_ends
-from rvsg.simulation import events as recorded
+from rvsg.simulation import run as recorded
 from rvsg.world.world import World
 
 Floats = NDArray[np.float64]

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.robots.polygons import edges
-from rvsg.simulation.events import RobotContact
-from rvsg.simulation.run import Run, Trajectory
+from rvsg.simulation.run import RobotContact, Run, Trajectory
 from rvsg.world.space import driving_space, human_space
 from rvsg.world.world import World
 

@@ -22,8 +22,7 @@ from rvsg.report.colours import distinct_colours
 from rvsg.report.quantity import Curve
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
-from rvsg.simulation.events import DoorMoved
-from rvsg.simulation.run import Run
+from rvsg.simulation.run import DoorMoved, Run
 from rvsg.world.world import Door
 
 Floats = NDArray[np.float64]

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from rvsg.core.seeds import stream
 from rvsg.robots.robot import Robot
 from rvsg.scenario.scenario import HumanAgent, Scenario, decode
-from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Outcome, Run, Trajectory
+from rvsg.simulation.simulators import Simulator
 from rvsg.world.world import World
 
 Floats = NDArray[np.float64]

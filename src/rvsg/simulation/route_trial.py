@@ -22,8 +22,8 @@ from rvsg.core.inputs import exists, parse_json, read_text
 from rvsg.core.records import content_id
 from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
 from rvsg.scenario.scenario import ROBOT, HumanConfiguration, Mission, Scenario
-from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Outcome
+from rvsg.simulation.simulators import Simulator
 from rvsg.world.routes import Drive, Hop
 from rvsg.world.space import human_space
 from rvsg.world.world import Route, World
@@ -113,7 +113,7 @@ class SimulatedTrial:
 
         Hops with `CLEAR_M` of free floor to either side all along are not simulated: nothing there holds a person up.
         """
-        from rvsg.simulation.embedded.people import alone
+        from rvsg.simulation.embedded.people.behaviour import not_walked
 
         hops = _beside_obstacles(world, hops)
         where = {name: world.grid.position(name) for name in sorted({name for hop in hops for name in hop})}
@@ -122,7 +122,7 @@ class SimulatedTrial:
         if known is None:
             self._prepared()
             self.progress(f"Walking the {len(hops)} hops beside obstacles, with nobody else about")
-            known = tuple((way[0], way[1]) for way in alone.not_walked(world, hops))
+            known = tuple((way[0], way[1]) for way in not_walked(world, hops))
             self._keep(key, known)
         return known
 

@@ -17,8 +17,7 @@ from rvsg.core.errors import RvsgError
 from rvsg.core.records import Pose
 from rvsg.robots.robot import load_robot
 from rvsg.scenario.scenario import HumanAgent
-from rvsg.simulation.embedded.rehearsal import empty_room
-from rvsg.simulation.embedded.simulator import simulate_agents
+from rvsg.simulation.embedded.simulator import empty_room, simulate_agents
 from rvsg.simulation.stacks.registry import StackChoice
 from rvsg.world.world import Route
 from rvsg_ros2 import launch

@@ -12,7 +12,7 @@ from tests.coded import coded
 from rvsg.cli import main
 from rvsg.core.errors import InputError
 from rvsg.robots.robot import load_robot, shipped_robots
-from rvsg.simulation.embedded.stack import stack_of
+from rvsg.simulation.embedded.robot_parameters import stack_of
 from rvsg.simulation.stacks.nav2_params import read_nav2_params
 from rvsg.simulation.stacks.nav2_stack import Configured, Nav2Settings
 from rvsg.simulation.stacks.registry import StackChoice

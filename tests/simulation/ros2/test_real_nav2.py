@@ -12,8 +12,7 @@ from pathlib import Path
 import pytest
 
 from rvsg.core.records import Pose
-from rvsg.simulation.embedded.rehearsal import empty_room
-from rvsg.simulation.embedded.simulator import simulate_agents
+from rvsg.simulation.embedded.simulator import empty_room, simulate_agents
 from rvsg.simulation.run import Outcome
 from rvsg.simulation.stacks.registry import StackChoice
 from rvsg.world.world import Route

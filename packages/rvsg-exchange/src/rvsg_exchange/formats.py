@@ -15,8 +15,8 @@ from rvsg.scenario.builder import load_scenario_in, read_scenario
 from rvsg.scenario.builder import scenario as scenario_of
 from rvsg.scenario.scenario import Human, HumanAgent, Pause, Scenario, Task
 from rvsg.scenario.world_lookup import as_world, world_of
+from rvsg.simulation.archive import once, read_runs
 from rvsg.simulation.exporter import Exportable, Exporter
-from rvsg.simulation.run_files import once, read_runs
 from rvsg.simulation.stacks.registry import StackLike
 from rvsg.world.world import World
 from rvsg_exchange import hunav_agents

@@ -19,8 +19,8 @@ from pydantic import Field
 
 from rvsg.core.errors import InputError, SimulationError
 from rvsg.scenario.scenario import HumanAgent, PersonKind, Scenario, decode
-from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Outcome, Run, Trajectory
+from rvsg.simulation.simulators import Simulator
 from rvsg.world.world import Route, World
 from rvsg_exchange.bag_messages import HUNAV_TYPES
 from rvsg_exchange.hunav_agents import Dialect, export_agents, write_agents

@@ -28,9 +28,8 @@ from rvsg.scenario.repair import repair
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, HumanConfiguration, Mission, Scenario
 from rvsg.scenario.validity import check
-from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Run
-from rvsg.simulation.simulators import check_robot, make_simulator
+from rvsg.simulation.simulators import Simulator, check_robot, make_simulator
 from rvsg.world.drawing.svg import floor_plan
 from rvsg.world.world import Route, World
 

@@ -25,7 +25,7 @@ from rvsg.core.files import write_whole
 from rvsg.generation.vlm.access import CallNews
 from rvsg.report.terminal import describe_calls
 from rvsg.scenario.builder import load_scenario_in, save_scenario
-from rvsg.simulation.run_files import runs_text
+from rvsg.simulation.archive import runs_text
 from rvsg.world.world import Description
 from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.workspace import EVENTS, JOB, PAUSE, RESULT, holding

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.kernels import inner, kernel
-from rvsg.simulation.embedded.stack import Stack
+from rvsg.simulation.embedded.robot_parameters import Stack
 
 Floats = NDArray[np.float64]
 

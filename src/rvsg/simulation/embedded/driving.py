@@ -18,11 +18,11 @@ from rvsg.core.kernels import kernel
 from rvsg.robots.robot import Robot
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
+from rvsg.simulation.embedded.dwb import PLAN_BEGIN, PLAN_END
 from rvsg.simulation.embedded.episode import Answer, Episode, Outside
-from rvsg.simulation.embedded.navigation.controllers.dwb import PLAN_BEGIN, PLAN_END
-from rvsg.simulation.embedded.sensing.lidar import LEG_RADIUS_M, cast_disc, cast_edge
-from rvsg.simulation.embedded.sensing.localisation import MAP_X, MAP_Y, MAP_YAW
-from rvsg.simulation.embedded.stack import (
+from rvsg.simulation.embedded.lidar import LEG_RADIUS_M, cast_disc, cast_edge
+from rvsg.simulation.embedded.localisation import MAP_X, MAP_Y, MAP_YAW
+from rvsg.simulation.embedded.robot_parameters import (
     LIDAR_DROPOUT,
     LIDAR_MAX,
     LIDAR_MIN,

@@ -14,29 +14,18 @@ from numpy.typing import NDArray
 from rvsg.core.errors import SimulationError
 from rvsg.core.kernels import compile_aside, compile_for, inner, is_cached, kernel, type_of
 from rvsg.core.references import refer
-from rvsg.simulation.embedded import base
+from rvsg.simulation.embedded import base, dwb
 from rvsg.simulation.embedded import state as st
-from rvsg.simulation.embedded.contact import touch_people
-from rvsg.simulation.embedded.navigation.behaviour_tree import (
-    begin_following,
-    choose_dwb,
-    command,
-    follow,
-    navigate,
-    place_path,
-)
-from rvsg.simulation.embedded.navigation.controllers import dwb
-from rvsg.simulation.embedded.navigation.planners.choice import plan_outside
+from rvsg.simulation.embedded.behaviour_tree import begin_following, choose_dwb, command, follow, navigate, place_path
+from rvsg.simulation.embedded.grid_planners import plan_outside
+from rvsg.simulation.embedded.lidar import place_legs
+from rvsg.simulation.embedded.localisation import ACTIVE, localise
 from rvsg.simulation.embedded.people.behaviour import tick
+from rvsg.simulation.embedded.people.contact import touch_people
 from rvsg.simulation.embedded.people.crowd import PERIOD_S, Crowd
-from rvsg.simulation.embedded.scene import Scene
-from rvsg.simulation.embedded.sensing.lidar import place_legs
-from rvsg.simulation.embedded.sensing.localisation import ACTIVE, localise
-from rvsg.simulation.embedded.sensing.monitor import keep_returns, scale_command
-from rvsg.simulation.embedded.sensing.perception import update_global, update_local
-from rvsg.simulation.embedded.sensing.safety import watch_zones
-from rvsg.simulation.embedded.stack import LIDAR_TICKS
-from rvsg.simulation.embedded.state import Settings, State
+from rvsg.simulation.embedded.perception import keep_returns, scale_command, update_global, update_local, watch_zones
+from rvsg.simulation.embedded.robot_parameters import LIDAR_TICKS
+from rvsg.simulation.embedded.state import Scene, Settings, State
 from rvsg.simulation.embedded.walls import touch_walls
 
 Floats = NDArray[np.float64]

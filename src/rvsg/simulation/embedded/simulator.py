@@ -6,6 +6,7 @@ import math
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -15,36 +16,144 @@ from rvsg.core.errors import InputError, SimulationError
 from rvsg.core.kernels import cache_folder, is_cached, seal_cache
 from rvsg.core.records import Pose
 from rvsg.core.seeds import stream
+from rvsg.robots.polygons import rectangle
 from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
 from rvsg.scenario.scenario import HumanAgent, Scenario, decode
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
-from rvsg.simulation.embedded.bodies import MovingBodies, moves
-from rvsg.simulation.embedded.drawn import draw_intervals, draw_phases, draw_settings, new_localisation, people_options
+from rvsg.simulation.embedded.behaviour_tree import navigation_events
+from rvsg.simulation.embedded.costmap import LETHAL
 from rvsg.simulation.embedded.driving import Driving, called_every
 from rvsg.simulation.embedded.episode import Episode, Outside, Recording, go_on, new_recording
-from rvsg.simulation.embedded.navigation.controllers.rollouts import Rollouts
-from rvsg.simulation.embedded.navigation.controllers.rollouts import rollouts as new_rollouts
-from rvsg.simulation.embedded.navigation.controllers.samples import sample_table
-from rvsg.simulation.embedded.navigation.journal import navigation_events
-from rvsg.simulation.embedded.options import PROFILES, SimulatorOptions, profile
+from rvsg.simulation.embedded.localisation import Localisation
+from rvsg.simulation.embedded.moving_bodies import MovingBodies, moves
+from rvsg.simulation.embedded.people.contact import events_of, overlap_at_start
 from rvsg.simulation.embedded.people.crowd import Crowd, initial
-from rvsg.simulation.embedded.people.recorded import events_of
-from rvsg.simulation.embedded.rehearsal import rehearsal
-from rvsg.simulation.embedded.scene import Scene, Surroundings
-from rvsg.simulation.embedded.sensing.localisation import Localisation
-from rvsg.simulation.embedded.stack import stack_of
-from rvsg.simulation.embedded.start import free_start, is_blocked, stands_on_person
-from rvsg.simulation.embedded.state import State, new_state
-from rvsg.simulation.embedded.walls import Walls, is_stuck, obstacle_contacts
-from rvsg.simulation.events import in_order
-from rvsg.simulation.protocol import Simulator
-from rvsg.simulation.run import Outcome, Run, Trajectory
+from rvsg.simulation.embedded.profiles import (
+    PROFILES,
+    SimulatorOptions,
+    draw_intervals,
+    draw_phases,
+    draw_settings,
+    new_localisation,
+    people_options,
+    profile,
+)
+from rvsg.simulation.embedded.robot_parameters import stack_of
+from rvsg.simulation.embedded.rollouts import Rollouts, sample_table
+from rvsg.simulation.embedded.rollouts import rollouts as new_rollouts
+from rvsg.simulation.embedded.state import Scene, State, Surroundings, new_state
+from rvsg.simulation.embedded.walls import Walls, free_pose, is_stuck, obstacle_contacts
+from rvsg.simulation.run import Outcome, Run, Trajectory, in_order
+from rvsg.simulation.simulators import Simulator
 from rvsg.simulation.stacks.protocol import NavigationStack, Task
 from rvsg.simulation.stacks.registry import DEFAULT_STACK, StackChoice, StackLike
-from rvsg.world.world import Route, World
+from rvsg.world.grid import Grid
+from rvsg.world.world import OccupancyMap, Route, World
 
 Floats = NDArray[np.float64]
+
+
+def empty_room() -> World:
+    """A walled room of 6 x 6 m that is nothing but an occupancy map."""
+    cells = np.zeros((120, 120), np.uint8)
+    cells[[0, -1], :] = 100
+    cells[:, [0, -1]] = 100
+    return World(
+        name="room",
+        title="An empty room",
+        objects=(),
+        occupancy=OccupancyMap(cells=cells, resolution=0.05, origin=Pose(x=-3.0, y=-3.0)),
+        lidar_height_m=0.2,
+        grid=Grid(rows=(), columns=(), waypoints=(), hops=()),
+        areas=(),
+        routes=(),
+    )
+
+
+def rehearsal() -> tuple[World, Route, list[HumanAgent]]:
+    """The room, a route of half a second through it, and one human."""
+    route = Route(name="rehearsal", start=Pose(x=-1.0, y=0.0), goal=Pose(x=1.5, y=0.5), time_limit_s=0.5)
+    human = HumanAgent(name="human", start=(0.5, 1.0), goals=((0.5, 1.0), (0.5, -1.0)), pauses_s=(0.0, 0.0))
+    return empty_room(), route, [human]
+
+
+KEPT_STARTS = 8
+"""The runs of a campaign have few starts, and what is in the way there does not change."""
+START_OVERLAP_M = 0.01
+"""In the default profile a run does not start where the robot's body and a person overlap by more than this."""
+
+
+def is_blocked(around: Surroundings, scene: Scene, start: Pose, offset: tuple[float, float]) -> bool:
+    """Whether the robot's footprint at the start lies on an occupied cell, off the map, or in what a lidar sees.
+
+    So it is where a lidar is inside something solid, from where it would see through walls.
+    """
+    cos, sin = math.cos(start.yaw), math.sin(start.yaw)
+    (rear, right), (front, left) = rectangle(around.robot.footprint)
+    resolution, static = scene.resolution, scene.static
+    n = max(3, int((front - rear) / (0.5 * resolution)))
+    ahead, aside = np.meshgrid(np.linspace(rear, front, n), np.linspace(right, left, n))
+    x = start.x + ahead * cos - aside * sin
+    y = start.y + ahead * sin + aside * cos
+    columns = np.floor((x - offset[0] - scene.origin_x) / resolution).astype(int)
+    rows = np.floor((y - offset[1] - scene.origin_y) / resolution).astype(int)
+    if rows.min() < 0 or columns.min() < 0 or rows.max() >= static.shape[0] or columns.max() >= static.shape[1]:
+        return True
+    if (static[rows, columns] == LETHAL).any():
+        return True
+    return _is_in_solid(around, start)
+
+
+@lru_cache(maxsize=KEPT_STARTS)
+def free_start(around: Surroundings, start: Pose) -> Pose | None:
+    """Return the pose nearest to `start` at which the robot's body overlaps nothing; None where there is none."""
+    return free_pose(around.walls(), start)
+
+
+@lru_cache(maxsize=KEPT_STARTS)
+def _is_in_solid(around: Surroundings, start: Pose) -> bool:
+    """Whether the robot's footprint or a lidar is in what the lidar plane cuts."""
+    if around.is_inside_solid(start.x, start.y) or _has_lidar_in_solid(around, start):
+        return True
+    (rear, right), (front, left) = rectangle(around.robot.footprint)
+    return _crosses(around.edges, start, (rear, front), (right, left))
+
+
+def _crosses(edges: Floats, start: Pose, length: tuple[float, float], width: tuple[float, float]) -> bool:
+    """Whether any edge meets the rectangle of the robot (clipping each edge to it, in the robot's frame)."""
+    cos, sin = math.cos(start.yaw), math.sin(start.yaw)
+    a = edges[:, :2] - (start.x, start.y)
+    d = edges[:, 2:] - edges[:, :2]
+    enter = np.zeros(len(edges))
+    leave = np.ones(len(edges))
+    for (ux, uy), (low, high) in (((cos, sin), length), ((-sin, cos), width)):
+        begin = a[:, 0] * ux + a[:, 1] * uy
+        step = d[:, 0] * ux + d[:, 1] * uy
+        still = np.abs(step) < 1e-12
+        safe = np.where(still, 1.0, step)
+        one, two = (low - begin) / safe, (high - begin) / safe
+        enter = np.where(
+            still, np.where((low <= begin) & (begin <= high), enter, 2.0), np.maximum(enter, np.minimum(one, two))
+        )
+        leave = np.where(still, leave, np.minimum(leave, np.maximum(one, two)))
+    return bool((enter <= leave).any())
+
+
+def _has_lidar_in_solid(around: Surroundings, start: Pose) -> bool:
+    """Whether a lidar is inside a wall or an object; one on a mast that stands out of the footprint may be."""
+    cos, sin = math.cos(start.yaw), math.sin(start.yaw)
+    return any(
+        around.is_inside_solid(start.x + cos * q.x - sin * q.y, start.y + sin * q.x + cos * q.y)
+        for q in around.robot.lidars
+    )
+
+
+def stands_on_person(crowd: Crowd, start: Pose) -> bool:
+    """Whether the robot's body at the start overlaps a person by more than `START_OVERLAP_M`."""
+    people = np.column_stack([crowd.x, crowd.y])
+    return overlap_at_start(crowd.outline, people, crowd.radius, start.x, start.y, start.yaw) > START_OVERLAP_M
+
 
 NAME = "embedded"
 VERSION = 10

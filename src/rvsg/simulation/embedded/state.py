@@ -1,28 +1,304 @@
-"""Everything that changes in a run, as arrays that the kernels share and change in place."""
+"""Arrays that the kernels share: the scene, which does not change in a run, and the state, which does."""
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
+from rvsg.core.errors import InputError
+from rvsg.core.kernels import inner, kernel
 from rvsg.robots.robot import Robot
+from rvsg.simulation.embedded import dwb
 from rvsg.simulation.embedded.base import new_body
-from rvsg.simulation.embedded.navigation.controllers import dwb
-from rvsg.simulation.embedded.navigation.controllers.rollouts import Rollouts, rollouts
-from rvsg.simulation.embedded.navigation.controllers.samples import sample_table
-from rvsg.simulation.embedded.navigation.costmap import FREE, UNKNOWN
-from rvsg.simulation.embedded.navigation.planners.navfn import BUFFER, HIGH
-from rvsg.simulation.embedded.scene import Scene
-from rvsg.simulation.embedded.sensing.lidar import ray_directions
-from rvsg.simulation.embedded.sensing.localisation import Localisation
-from rvsg.simulation.embedded.stack import Stack, stack_of
-from rvsg.simulation.embedded.walls import Walls
+from rvsg.simulation.embedded.costmap import FREE, INSCRIBED, LETHAL, UNKNOWN, inflate_static, inflation_kernel
+from rvsg.simulation.embedded.lidar import ray_directions
+from rvsg.simulation.embedded.localisation import Localisation, beam_scores
+from rvsg.simulation.embedded.navfn import BUFFER, HIGH, conversion, reaches, rest_of_way
+from rvsg.simulation.embedded.robot_parameters import Stack, inscribed_radius, max_range_m, scan_reach, stack_of
+from rvsg.simulation.embedded.rollouts import Rollouts, rollouts, sample_table
+from rvsg.simulation.embedded.walls import Walls, new_walls, reach_of
+from rvsg.world.world import OccupancyMap, World
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
+
+
+TILE_M = 1.0
+RASTER_M = 0.1
+KEPT_GOALS = 32
+
+
+class Scene(NamedTuple):
+    """What does not change in a run.
+
+    `static`, `inflated` (rows, columns): the map as costs and its inflation, in the map frame, lower left corner at
+    `origin_x`, `origin_y`; `table`, `reach` NavFn's costs; `local_costs`, `global_costs` inflation kernels. `edges`
+    (E, 4) are the lidar outlines in the world frame; tile t of the raster sees `tile_edges[tile_start[t] :
+    tile_start[t + 1]]`. `closed` (a raster of 0.1 m in the world frame) says from where every ray returns.
+    """
+
+    static: Bytes
+    inflated: Bytes
+    table: Bytes
+    reach: NDArray[np.float32]
+    local_costs: Bytes
+    global_costs: Bytes
+    origin_x: float
+    origin_y: float
+    resolution: float
+    edges: Floats
+    tile_start: NDArray[np.int64]
+    tile_edges: NDArray[np.int32]
+    tile_x: float
+    tile_y: float
+    tile_columns: int
+    tile_rows: int
+    tile_reach: float
+
+
+class Surroundings:
+    """A scene and what Python, not a kernel, asks of it."""
+
+    def __init__(self, world: World, robot: Robot) -> None:
+        self.robot = robot
+        range_m = max_range_m(robot)
+        occupancy = world.occupancy
+        if occupancy.origin.yaw != 0.0:
+            raise InputError(
+                f"world {world.name}: the occupancy map is turned by {occupancy.origin.yaw} rad; "
+                "the simulator needs an upright one. Rotate the map image and set the origin's yaw to 0."
+            )
+        static = static_costs(occupancy)
+        self.edges, self.owner = lidar_edges(world)
+        self.beam_scores = beam_scores(occupancy, robot.lidars[0].max_range_m)
+        self.x, self.y, rows, columns = _extent(world, self.edges)
+        self.closed = closed_region(self.edges, self.x, self.y, rows, columns, range_m)
+        tiles = _tiles(rows, columns)
+        self.wall_tiles = (
+            *edges_by_tile(self.edges, self.x, self.y, tiles[1], tiles[0], reach_of(robot.outline)),
+            tiles,
+        )
+        self.rests: OrderedDict[tuple[int, int], NDArray[np.float32]] = OrderedDict()
+        maps, inscribed = robot.navigation.costmaps, inscribed_radius(robot)
+        global_costs = inflation_kernel(
+            occupancy.resolution, maps.global_inflation_m, maps.global_cost_scaling, inscribed
+        )
+        self.local_costs = inflation_kernel(
+            maps.local_resolution_m, maps.local_inflation_m, maps.local_cost_scaling, inscribed
+        )
+        self.open_scene = _scene(self, static, global_costs, occupancy, range_m)
+        near = scan_reach(robot)
+        self.closed_scene = _scene(self, static, global_costs, occupancy, near) if self.closed.any() else None
+
+    def walls(self) -> Walls:
+        """Return what the robot's body cannot enter, for one run."""
+        start, near, shape = self.wall_tiles
+        return new_walls(self.edges, start, near, (self.x, self.y), shape, self.robot)
+
+    def rest_of_way(self, scene: Scene, goals: Floats) -> NDArray[np.float32] | None:
+        """The least cost from every cell to the goal, kept for the last few goals; None where it is not known.
+
+        It is not for routes that lead through several poses, and for a goal in an obstacle or off the map.
+        """
+        column = int((goals[-1, 0] - scene.origin_x) / scene.resolution + 0.5)
+        row = int((goals[-1, 1] - scene.origin_y) / scene.resolution + 0.5)
+        rows, columns = scene.static.shape
+        if len(goals) > 1 or not (0 < row < rows - 1 and 0 < column < columns - 1):
+            return None
+        if scene.inflated[row, column] >= INSCRIBED:
+            return None
+        if (row, column) not in self.rests:
+            self.rests[row, column] = rest_of_way(scene.inflated, scene.reach, scene.table, column, row)
+            while len(self.rests) > KEPT_GOALS:
+                self.rests.popitem(last=False)
+        self.rests.move_to_end((row, column))
+        return self.rests[row, column]
+
+    def is_inside_solid(self, x: float, y: float) -> bool:
+        """Whether a point lies within what the lidar plane cuts of some object (outlines of one object: even-odd)."""
+        ax, ay, bx, by = self.edges.T
+        straddles = (ay > y) != (by > y)
+        rise = np.where(straddles, by - ay, 1.0)
+        left_of = straddles & (x < ax + (y - ay) / rise * (bx - ax))
+        return bool((np.bincount(self.owner[left_of]) % 2 == 1).any()) if left_of.any() else False
+
+    def scene_at(self, x: float, y: float) -> tuple[Scene, bool]:
+        """The scene for a robot that starts at (x, y), and whether walls close off the place within lidar range."""
+        column = int((x - self.x) / RASTER_M)
+        row = int((y - self.y) / RASTER_M)
+        rows, columns = self.closed.shape
+        inside = 0 <= row < rows and 0 <= column < columns and bool(self.closed[row, column])
+        if inside and self.closed_scene is not None:
+            return self.closed_scene, True
+        return self.open_scene, False
+
+
+def static_costs(occupancy: OccupancyMap) -> Bytes:
+    """The static layer: 0 free, 254 occupied, 255 unknown."""
+    costs = np.full(occupancy.cells.shape, UNKNOWN, np.uint8)
+    costs[occupancy.cells == 0] = FREE
+    costs[occupancy.cells == 100] = LETHAL
+    return costs
+
+
+def lidar_edges(world: World) -> tuple[Floats, NDArray[np.int64]]:
+    """Edges (E, 4) of what the lidar plane cuts, world frame, and the number of the object each belongs to.
+
+    A world without objects of its own shows the borders of its occupied cells, straight runs joined.
+    """
+    found: list[Floats] = []
+    owner: list[int] = []
+    for number, thing in enumerate(world.solids):
+        for outline in thing.slices:
+            points = np.asarray(outline, np.float64).reshape(-1, 2)
+            found.append(np.hstack([points, np.roll(points, -1, axis=0)]))
+            owner += [number] * len(points)
+    if not world.objects:
+        walls = _map_borders(world)
+        found.append(walls)
+        owner += [len(world.solids)] * len(walls)
+    edges = np.concatenate(found) if found else np.zeros((0, 4))
+    return np.ascontiguousarray(edges), np.array(owner, np.int64)
+
+
+def _map_borders(world: World) -> Floats:
+    """Return the borders of the map's occupied cells (E, 4), world frame."""
+    x = world.occupancy.origin.x + world.map_offset[0]
+    y = world.occupancy.origin.y + world.map_offset[1]
+    return cell_borders(world.occupancy.cells == 100, world.occupancy.resolution, x, y)
+
+
+def cell_borders(occupied: NDArray[np.bool_], resolution: float, x: float, y: float) -> Floats:
+    """The borders between occupied and other cells as segments (S, 4), straight runs joined."""
+    found = []
+    for grid, turned in ((occupied, False), (occupied.T, True)):
+        padded = np.pad(grid.astype(np.int8), 1)
+        border = (padded[1:, 1:-1] != padded[:-1, 1:-1]).astype(np.int8)
+        change = np.diff(np.pad(border, ((0, 0), (1, 1))), axis=1)
+        line, first = np.nonzero(change == 1)
+        _, last = np.nonzero(change == -1)
+        a = np.column_stack([first, line]) * resolution
+        b = np.column_stack([last, line]) * resolution
+        if turned:
+            a, b = a[:, ::-1], b[:, ::-1]
+        found.append(np.hstack([a + np.array([x, y]), b + np.array([x, y])]))
+    return np.ascontiguousarray(np.concatenate(found))
+
+
+def closed_region(edges: Floats, x: float, y: float, rows: int, columns: int, range_m: float) -> NDArray[np.bool_]:
+    """Where (a raster of 0.1 m) every lidar ray surely returns: places closed off by edges, smaller than the range."""
+    free = np.ones((rows, columns), bool)
+    for ax, ay, bx, by in edges:
+        n = int(np.hypot(bx - ax, by - ay) / (0.3 * RASTER_M)) + 2
+        share = np.linspace(0.0, 1.0, n)
+        c = ((ax + share * (bx - ax) - x) / RASTER_M).astype(int)
+        r = ((ay + share * (by - ay) - y) / RASTER_M).astype(int)
+        free[r, c] = False
+    regions, _ = ndimage.label(free)
+    closed = np.zeros_like(free)
+    outer = set(np.unique(np.concatenate([regions[0], regions[-1], regions[:, 0], regions[:, -1]])).tolist())
+    for number, box in enumerate(ndimage.find_objects(regions), start=1):
+        if number in outer or box is None:
+            continue
+        height = (box[0].stop - box[0].start) * RASTER_M
+        width = (box[1].stop - box[1].start) * RASTER_M
+        if np.hypot(height, width) < range_m:
+            closed |= regions == number
+    return closed
+
+
+def _extent(world: World, edges: Floats) -> tuple[float, float, int, int]:
+    """Lower left corner and cells (rows, columns) of a raster of 0.1 m around map and outlines, 1 m to spare."""
+    occupancy = world.occupancy
+    x = occupancy.origin.x + world.map_offset[0]
+    y = occupancy.origin.y + world.map_offset[1]
+    rows, columns = occupancy.cells.shape
+    xs = [x, x + columns * occupancy.resolution, *edges[:, 0], *edges[:, 2]]
+    ys = [y, y + rows * occupancy.resolution, *edges[:, 1], *edges[:, 3]]
+    return (
+        float(min(xs)) - 1.0,
+        float(min(ys)) - 1.0,
+        int((max(ys) - min(ys) + 2.0) / RASTER_M) + 1,
+        int((max(xs) - min(xs) + 2.0) / RASTER_M) + 1,
+    )
+
+
+def _tiles(rows: int, columns: int) -> tuple[int, int]:
+    """Return the rows and columns of tiles of 1 m over a raster of 0.1 m."""
+    return int(rows * RASTER_M / TILE_M) + 1, int(columns * RASTER_M / TILE_M) + 1
+
+
+def _scene(around: Surroundings, static: Bytes, costs: Bytes, occupancy: OccupancyMap, reach_m: float) -> Scene:
+    rows, columns = around.closed.shape
+    tile_rows, tile_columns = _tiles(rows, columns)
+    if reach_m > scan_reach(around.robot):
+        tile_columns = tile_rows = 1
+        start = np.array([0, len(around.edges)], np.int64)
+        near = np.arange(len(around.edges), dtype=np.int32)
+    else:
+        start, near = edges_by_tile(around.edges, around.x, around.y, tile_columns, tile_rows, reach_m)
+    return Scene(
+        static=static,
+        inflated=inflate_static(static, costs),
+        table=conversion(),
+        reach=reaches(),
+        local_costs=around.local_costs,
+        global_costs=costs,
+        origin_x=float(occupancy.origin.x),
+        origin_y=float(occupancy.origin.y),
+        resolution=float(occupancy.resolution),
+        edges=around.edges,
+        tile_start=start,
+        tile_edges=near,
+        tile_x=around.x,
+        tile_y=around.y,
+        tile_columns=tile_columns,
+        tile_rows=tile_rows,
+        tile_reach=reach_m,
+    )
+
+
+@kernel
+def edges_by_tile(
+    edges: Floats, x: float, y: float, columns: int, rows: int, reach: float
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """For every tile of 1 m the edges within `reach` of some point of it: starts (tiles + 1,), edge numbers."""
+    start = np.zeros(rows * columns + 1, np.int64)
+    for tile in range(rows * columns):
+        count = 0
+        for e in range(edges.shape[0]):
+            if is_near_tile(edges[e], x, y, columns, tile, reach):
+                count += 1
+        start[tile + 1] = start[tile] + count
+    near = np.zeros(start[-1], np.int32)
+    at = 0
+    for tile in range(rows * columns):
+        for e in range(edges.shape[0]):
+            if is_near_tile(edges[e], x, y, columns, tile, reach):
+                near[at] = e
+                at += 1
+    return start, near
+
+
+@inner
+def is_near_tile(edge: Floats, x: float, y: float, columns: int, tile: int, reach: float) -> bool:
+    """Whether an edge may be within `reach` of some point of a tile."""
+    cx = x + (tile % columns + 0.5) * TILE_M
+    cy = y + (tile // columns + 0.5) * TILE_M
+    ax = edge[0] - cx
+    ay = edge[1] - cy
+    dx = edge[2] - edge[0]
+    dy = edge[3] - edge[1]
+    square = dx * dx + dy * dy
+    share = min(1.0, max(0.0, -(ax * dx + ay * dy) / square)) if square > 0.0 else 0.0
+    far = reach + 0.7072 * TILE_M
+    return (ax + share * dx) ** 2 + (ay + share * dy) ** 2 <= far * far
+
 
 NOISE_TABLE = 32_768
 JOURNAL = 4096
@@ -75,7 +351,7 @@ class State(NamedTuple):
 
     `body`, `nav`, `times`: vectors indexed by the names above (and those of `base` and `dwb`). `goals` (G, 3) poses to
     drive through in the map frame, the last one the goal; `path` (3, P, 2) the plan in the map, in the world, where
-    `own` localises the robot, and the plan before in the map; `journal` (J, 7), see `navigation.journal`. `local`
+    `own` localises the robot, and the plan before in the map; `journal` (J, 7), see `behaviour_tree`. `local`
     (L + 1, cells, cells) a voxel layer for each of L lidars and, last, the master map; `layers` (L, rows, columns) the
     global obstacle layers and `global_master` their merger with the static map; `costs`, `potential`, `waiting` flat
     grids and `buffers`, `cells` scratch space of NavFn; `rest` its least cost from every cell to the goal, 1e10 where

@@ -1,34 +1,32 @@
 """A trace: one run simulated again with everything the robot sees and plans. Runs are deterministic, so it is the run.
 
 Recording changes nothing of the run: the trajectory of a traced run equals that of the run, bit for bit.
+
+What each critic of DWB says of every sample, worked out again for a trace.
+
+The compiled planner keeps only totals. This repeats its critics from the state it leaves behind, in NumPy, so a traced
+run stays the run.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.robots.robot import Robot, load_robot
 from rvsg.scenario.scenario import ROBOT, Scenario
-from rvsg.simulation.embedded import base
+from rvsg.simulation.embedded import base, dwb
 from rvsg.simulation.embedded import state as st
+from rvsg.simulation.embedded.behaviour_tree import ODOMETRY_DEADBAND
+from rvsg.simulation.embedded.dwb import PLAN_END, STAMP
 from rvsg.simulation.embedded.episode import Episode, Outside
-from rvsg.simulation.embedded.navigation.behaviour_tree import ODOMETRY_DEADBAND
-from rvsg.simulation.embedded.navigation.controllers.critics import CRITICS, raw_scores, scales
-from rvsg.simulation.embedded.navigation.controllers.dwb import PLAN_END, STAMP
-from rvsg.simulation.embedded.navigation.controllers.samples import (
-    SAMPLE_SIDE,
-    SAMPLE_STEPS,
-    SAMPLE_V,
-    SAMPLE_W,
-)
-from rvsg.simulation.embedded.sensing.lidar import FAR, NO_RETURN, scan
-from rvsg.simulation.embedded.sensing.localisation import MAP_YAW
-from rvsg.simulation.embedded.simulator import EmbeddedSimulator
-from rvsg.simulation.embedded.stack import (
+from rvsg.simulation.embedded.lidar import FAR, NO_RETURN, scan
+from rvsg.simulation.embedded.localisation import MAP_YAW
+from rvsg.simulation.embedded.robot_parameters import (
     LIDAR_MAX,
     LIDAR_MIN,
     LIDAR_RAYS,
@@ -36,13 +34,193 @@ from rvsg.simulation.embedded.stack import (
     LIDAR_X,
     LIDAR_Y,
     LIDAR_YAW,
+    Stack,
 )
+from rvsg.simulation.embedded.rollouts import SAMPLE_SIDE, SAMPLE_STEPS, SAMPLE_V, SAMPLE_W
+from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.simulation.embedded.state import State
-from rvsg.simulation.embedded.tree_log import NodeChange, TreeLog
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
+Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
+
+
+IDLE, RUNNING, SUCCESS, FAILURE = "IDLE", "RUNNING", "SUCCESS", "FAILURE"
+NAVIGATE, PLAN, FOLLOW = "NavigateThroughPoses", "ComputePathToPose", "FollowPath"
+CLEAR_GLOBAL, CLEAR_LOCAL = "ClearGlobalCostmap-Context", "ClearLocalCostmap-Context"
+ACTIONS = ("ClearingActions", "Spin", "Wait", "BackUp")
+"""The recoveries in their order; the first ends at once."""
+WATCHED = (st.MODE, st.RESULT, st.RECOVERIES, st.NEXT_ACTION, st.FAILED_ACTIONS, st.FOLLOW_RETRIED, st.PLAN_RETRIED)
+OF_MODE = {st.SPIN: "Spin", st.WAIT: "Wait", st.BACK_UP: "BackUp"}
+
+
+class NodeChange(NamedTuple):
+    """A node of the behaviour tree changes its status at a time (s)."""
+
+    t: float
+    node: str
+    before: str
+    after: str
+
+
+class TreeLog:
+    """Watches the navigator's state, tick by tick, and keeps the changes of the tree's nodes."""
+
+    def __init__(self) -> None:
+        self.changes: list[NodeChange] = []
+        self._status: dict[str, str] = {}
+        self._known = (st.DRIVE, *(0 for _ in WATCHED[1:]))
+        self._planned_at = -math.inf
+
+    def watch(self, state: State, t: float) -> None:
+        """Compare the state with that of the tick before."""
+        nav = state.nav
+        now = tuple(int(nav[k]) for k in WATCHED)
+        planned_at = float(state.times[st.PLAN_T])
+        planned = planned_at != self._planned_at and bool(nav[st.PLANNED])
+        if planned or now != self._known:
+            self._compare(
+                dict(zip(WATCHED, self._known, strict=True)), dict(zip(WATCHED, now, strict=True)), planned, t
+            )
+        self._known = now
+        if planned:
+            self._planned_at = planned_at
+
+    def _compare(self, old: dict[int, int], new: dict[int, int], planned: bool, t: float) -> None:
+        if self._status.get(NAVIGATE) is None:
+            self._set(NAVIGATE, RUNNING, t)
+        recovering = new[st.RECOVERIES] > old[st.RECOVERIES] or new[st.FAILED_ACTIONS] > old[st.FAILED_ACTIONS]
+        self._end_of_action(old, new, t)
+        if planned:
+            self._set(PLAN, SUCCESS, t)
+        if new[st.PLAN_RETRIED] > old[st.PLAN_RETRIED] or (old[st.PLAN_RETRIED] and recovering):
+            self._set(PLAN, FAILURE, t)
+        if new[st.PLAN_RETRIED] > old[st.PLAN_RETRIED]:
+            self._set(CLEAR_GLOBAL, SUCCESS, t)
+        if new[st.FOLLOW_RETRIED] > old[st.FOLLOW_RETRIED]:
+            self._set(FOLLOW, FAILURE, t)
+            self._set(CLEAR_LOCAL, SUCCESS, t)
+        elif new[st.RECOVERIES] > old[st.RECOVERIES]:
+            self._set(FOLLOW, FAILURE, t)
+        if new[st.NEXT_ACTION] != old[st.NEXT_ACTION]:
+            begun = OF_MODE.get(new[st.MODE], ACTIONS[0])
+            self._set(begun, RUNNING if new[st.MODE] in OF_MODE else SUCCESS, t)
+        if new[st.MODE] == st.DRIVE and (planned or new[st.FOLLOW_RETRIED] > old[st.FOLLOW_RETRIED]):
+            self._set(FOLLOW, RUNNING, t)
+
+    def _end_of_action(self, old: dict[int, int], new: dict[int, int], t: float) -> None:
+        """The recovery under way, or the whole task, ends."""
+        if old[st.MODE] in OF_MODE and new[st.MODE] != old[st.MODE]:
+            failed = new[st.FAILED_ACTIONS] > old[st.FAILED_ACTIONS]
+            self._set(OF_MODE[old[st.MODE]], FAILURE if failed else SUCCESS, t)
+        if new[st.MODE] == st.DONE and old[st.MODE] != st.DONE:
+            end = SUCCESS if new[st.RESULT] == st.REACHED else FAILURE
+            self._set(FOLLOW, end, t)
+            self._set(NAVIGATE, end, t)
+
+    def _set(self, node: str, status: str, t: float) -> None:
+        """Note a status; a node that ends again begins again first."""
+        before = self._status.get(node, IDLE)
+        if status != before or status != RUNNING:
+            self.changes.append(NodeChange(t, node, RUNNING if before == status else before, status))
+        self._status[node] = status
+
+
+CRITICS = ("RotateToGoal", "BaseObstacle", "GoalAlign", "PathAlign", "PathDist", "GoalDist")
+"""The critics that score; Oscillation only forbids."""
+
+
+def scales(p: Stack) -> tuple[float, ...]:
+    """Return the factor of each of `CRITICS`, as DWB publishes it."""
+    return (p.dwb_rotate, p.dwb_obstacle, p.dwb_goal_align, p.dwb_path_align, p.dwb_path_dist, p.dwb_goal_dist)
+
+
+def raw_scores(
+    nav: Ints,
+    sources: NDArray[np.int32],
+    samples: Floats,
+    ends: Floats,
+    master: NDArray[np.uint8],
+    window: tuple[int, int],
+    path: Floats,
+    goal_yaw: float,
+    pose: tuple[float, float, float],
+    p: Stack,
+) -> Floats:
+    """Return the raw score of every critic for every sample, (S, `CRITICS`), just after `dwb.choose`.
+
+    `scales` times these adds up to the total where no critic forbids the sample; elsewhere they mean nothing.
+
+    Args:
+        nav: the controller's integers.
+        sources: columns and rows of the plan's cells (`Scratch.sources`).
+        ends: where the samples end, in the frame of the robot (`Rollouts.ends`).
+        window: column and row of the local costmap's corner.
+        path: the plan in the local frame, m.
+        pose: x, y, yaw of the robot in the local frame.
+    """
+    x, y, yaw = pose
+    on_plan = sources[:, : nav[dwb.SOURCES]].astype(np.int64)
+    goal, align = on_plan[:, -1], _align_cell(nav, path, x, y, window, master.shape, p)
+    cos, sin = math.cos(yaw) / p.resolution, math.sin(yaw) / p.resolution
+    column, row = x / p.resolution - window[0], y / p.resolution - window[1]
+    end = _cells(column, row, cos, sin, ends[:, 0], ends[:, 1], master.shape)
+    ahead = _cells(column, row, cos, sin, ends[:, 3], ends[:, 4], master.shape)
+    goal_x, goal_y = path[nav[dwb.PLAN_END] - 1]
+    far = math.sqrt((goal_x - x) ** 2 + (goal_y - y) ** 2) > p.dwb_forward_point
+    return np.column_stack(
+        [
+            _rotate(nav, np.hypot(samples[:, SAMPLE_V], samples[:, SAMPLE_SIDE]), yaw + ends[:, 2] - goal_yaw, p),
+            master[end[1], end[0]].astype(np.float64),
+            np.abs(ahead - align[:, None]).sum(axis=0),
+            _from_plan(on_plan, ahead) if far else np.zeros(len(ends)),
+            _from_plan(on_plan, end),
+            np.abs(end - goal[:, None]).sum(axis=0),
+        ]
+    )
+
+
+def _rotate(nav: Ints, v: Floats, error: Floats, p: Stack) -> Floats:
+    """RotateToGoal for the samples it allows."""
+    if nav[dwb.IN_WINDOW] == 0:
+        return np.zeros(len(v))
+    off = np.abs(np.arctan2(np.sin(error), np.cos(error)))
+    return off if nav[dwb.ROTATING] else p.dwb_slowing * v * v + off
+
+
+def _align_cell(
+    nav: Ints, path: Floats, x: float, y: float, window: tuple[int, int], shape: tuple[int, ...], p: Stack
+) -> Ints:
+    """Return the cell that GoalAlign measures from: ahead of the last pose of the plan within reach."""
+    begin, last = int(nav[dwb.PLAN_BEGIN]), int(nav[dwb.PLAN_END])
+    far = ((path[begin:last] - (x, y)) ** 2).sum(axis=1) > p.dwb_window * p.dwb_window
+    end = begin + int(far.argmax()) if far.any() else last
+    points = path[begin:end].copy()
+    bearing = math.atan2(path[last - 1, 1] - y, path[last - 1, 0] - x)
+    points[-1] += p.dwb_forward_point * math.cos(bearing), p.dwb_forward_point * math.sin(bearing)
+    cells = np.floor(points / p.resolution - window).astype(np.int64)
+    inside = np.all((cells >= 0) & (cells < shape[::-1]), axis=1).reshape(-1)
+    first = int(inside.argmax())
+    leaves = ~inside[first:]
+    return np.asarray(cells[first + int(leaves.argmax()) - 1] if leaves.any() else cells[-1])
+
+
+def _cells(
+    column: float, row: float, cos: float, sin: float, dx: Floats, dy: Floats, shape: tuple[int, ...]
+) -> NDArray[np.int64]:
+    """Return columns and rows of places in the frame of the robot, kept on the map."""
+    columns = np.clip(column + cos * dx - sin * dy, 0, shape[1] - 1)
+    rows = np.clip(row + sin * dx + cos * dy, 0, shape[0] - 1)
+    return np.array([columns, rows]).astype(np.int64)
+
+
+def _from_plan(on_plan: Ints, cells: Ints) -> Floats:
+    """Return |Δcolumn| + |Δrow| from cells to the plan cell nearest by Euclid, the earlier one of equals."""
+    away = cells[:, :, None] - on_plan[:, None, :]
+    nearest = (away**2).sum(axis=0).argmin(axis=1)
+    return np.asarray(np.abs(away).sum(axis=0)[np.arange(cells.shape[1]), nearest], dtype=np.float64)
+
 
 FRAME_TICKS = 10
 """A frame every 0.1 s."""

@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 from rvsg.core.documents import DocumentError, Problem, read_yaml
 from rvsg.core.errors import FileError
-from rvsg.simulation.embedded.stack import ACTIONS
+from rvsg.simulation.embedded.robot_parameters import ACTIONS
 from rvsg.simulation.stacks.mppi import MppiSettings
 from rvsg.simulation.stacks.pure_pursuit import PurePursuitSettings
 

@@ -1,4 +1,4 @@
-"""The state of all people in arrays, and how it begins."""
+"""People as arrays: their state, how it begins, and the buffer of events that compiled code fills."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from rvsg.core.errors import InputError
+from rvsg.core.kernels import inner
 from rvsg.core.records import Record
 from rvsg.core.seeds import stream
 from rvsg.robots.polygons import reach, rectangle
@@ -22,6 +23,7 @@ from rvsg.world.world import World
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
 
 PERIOD_S = 0.1
 """People move every 0.1 s of simulated time (the study's HuNavSim ran at 10 Hz)."""
@@ -368,3 +370,49 @@ def _drawn(agent: HumanAgent, index: int, options: PeopleOptions, seed: int) -> 
     elif kind is Behaviour.THREATENING:
         reaction["distance_m"] = max(0.0, draw(1.4, 0.3, 0.8, 1.9))
     return ForceFactors.model_construct(goal=goal, obstacle=obstacle, social=social), Reaction(**reaction)
+
+
+TOUCHED, STUCK, PAUSED, REACTED, REACHED = range(5)
+# Columns: kind, person, first and last time (s), place (m), and numbers that depend on the kind.
+KIND, PERSON, FROM, UNTIL, X, Y, FIRST = range(7)
+AGAIN_S = 0.5
+"""What happens again after less than this is the same event."""
+
+
+@inner
+def note_until(crowd: Crowd, kind: int, i: int, start: float, t: float, x: float, y: float, value: float) -> int:
+    """Extend the person's present event of this kind to `t`, or start one; return its row, -1 where none is free."""
+    row = crowd.open[i, kind]
+    if row >= 0 and start - crowd.events[row, UNTIL] < AGAIN_S and crowd.events[row, FIRST] == value:
+        crowd.events[row, UNTIL] = t
+        return row
+    row = crowd.event_count[0]
+    if row >= crowd.events.shape[0]:
+        crowd.event_count[1] += 1
+        return -1
+    crowd.event_count[0] = row + 1
+    crowd.open[i, kind] = row
+    crowd.events[row, :] = 0.0
+    crowd.events[row, KIND] = kind
+    crowd.events[row, PERSON] = i
+    crowd.events[row, FROM] = start
+    crowd.events[row, UNTIL] = t
+    crowd.events[row, X] = x
+    crowd.events[row, Y] = y
+    crowd.events[row, FIRST] = value
+    return row
+
+
+@inner
+def note_once(crowd: Crowd, kind: int, i: int, t: float, x: float, y: float, goal: int) -> None:
+    """Note that a person reaches a goal, the first time in a run."""
+    if math.isnan(crowd.reached[i, goal]):
+        crowd.reached[i, goal] = t
+        crowd.open[i, kind] = -1
+        note_until(crowd, kind, i, t, t, x, y, float(goal))
+
+
+@inner
+def close(crowd: Crowd, kind: int, i: int) -> None:
+    """End the person's present event of this kind: what follows is another one."""
+    crowd.open[i, kind] = -1

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 
 from rvsg.core.kernels import inner
-from rvsg.simulation.embedded.people.acceleration import body_force, social_forces, total_force
-from rvsg.simulation.embedded.people.crowd import Crowd
-from rvsg.simulation.embedded.people.forces import RELAXATION_S, wrap
-from rvsg.simulation.embedded.people.log import PAUSED, REACHED, STUCK, close, note_once, note_until
+from rvsg.simulation.embedded.people.crowd import PAUSED, REACHED, STUCK, Crowd, close, note_once, note_until
 from rvsg.simulation.embedded.people.obstacles import cell_of, on_outline, on_segment
+from rvsg.simulation.embedded.people.social_force import RELAXATION_S, body_force, social_forces, total_force, wrap
 
 IMPASSIVE = 2
 SCARED = 4

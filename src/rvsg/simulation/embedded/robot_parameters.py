@@ -13,6 +13,7 @@ from rvsg.robots.robot import Robot
 
 Floats = NDArray[np.float64]
 
+
 TICKS_PER_S = 100
 PLANNERS = ("navfn", "smac_2d", "theta_star")
 ACTIONS = ("stop", "slowdown", "limit", "approach")
@@ -61,7 +62,7 @@ class Stack(NamedTuple):
     zone_corners: Floats
     """(K, 2) corners of the safety zones in the base frame."""
     monitor: Floats
-    """(M, 9) polygons of the collision monitor, see `sensing.monitor`."""
+    """(M, 9) polygons of the collision monitor, see `perception`."""
     monitor_corners: Floats
     """(K, 2) corners of these polygons in the base frame."""
     monitor_reach: float

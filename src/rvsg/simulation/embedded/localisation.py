@@ -26,11 +26,12 @@ from scipy import ndimage
 from rvsg.core.kernels import inner
 from rvsg.robots.robot import Lidar
 from rvsg.simulation.embedded.base import wrap
-from rvsg.simulation.embedded.sensing.lidar import LEG_RADIUS_M, cast_disc, cast_edge
+from rvsg.simulation.embedded.lidar import LEG_RADIUS_M, cast_disc, cast_edge
 from rvsg.world.world import OccupancyMap
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
 
 MAX_PARTICLES = 2000
 MIN_PARTICLES = 500

@@ -12,6 +12,7 @@ from rvsg.core.kernels import inner, kernel
 
 Floats = NDArray[np.float64]
 
+
 FAR = 1e9
 """A return beyond the reach of a cast scan: all of them do the same to the costmaps."""
 NO_RETURN = -1.0

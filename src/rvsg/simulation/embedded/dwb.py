@@ -13,21 +13,24 @@ from numpy.typing import NDArray
 
 from rvsg.core.kernels import inner, kernel
 from rvsg.simulation.embedded.base import wrap
-from rvsg.simulation.embedded.navigation.controllers.rollouts import Rollouts, ends_of, is_free
-from rvsg.simulation.embedded.navigation.controllers.samples import (
+from rvsg.simulation.embedded.costmap import INSCRIBED
+from rvsg.simulation.embedded.robot_parameters import Stack
+from rvsg.simulation.embedded.rollouts import (
     SAMPLE_DT,
     SAMPLE_SIDE,
     SAMPLE_STEPS,
     SAMPLE_V,
     SAMPLE_W,
+    Rollouts,
+    ends_of,
+    is_free,
 )
-from rvsg.simulation.embedded.navigation.costmap import INSCRIBED
-from rvsg.simulation.embedded.stack import Stack
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
 Small = NDArray[np.int32]
+
 
 ROUNDING = 1e-6
 """A sample is dropped only where its partial score is above the best total by more than rounding."""

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.kernels import inner, kernel
-from rvsg.simulation.embedded.navigation.costmap import INSCRIBED, UNKNOWN
+from rvsg.simulation.embedded.costmap import INSCRIBED, UNKNOWN
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int32]
+
 
 NEUTRAL = 50
 BLOCKED = 254

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.kernels import inner, kernel
-from rvsg.simulation.embedded.sensing.lidar import FAR
+from rvsg.simulation.embedded.lidar import FAR
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
+
 
 FREE = 0
 INSCRIBED = 253

@@ -1,1 +1,0 @@
-"""The navigation stack: costmaps, planners, controllers, behaviour tree."""

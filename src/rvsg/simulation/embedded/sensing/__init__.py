@@ -1,1 +1,0 @@
-"""Lidars, what the costmaps learn from them, and localisation."""
