@@ -9,36 +9,27 @@ import pytest
 from tests.coded import coded
 
 from rvsg.core.errors import InputError, UnknownName
-from rvsg.world.drawing.birdseye import Canvas, Oblique, birdseye
+from rvsg.world.drawing.birdseye import birdseye
+from rvsg.world.lattice import build_world
+from rvsg.world.occupancy import occupancy_from_objects
+from rvsg.world.schema import ObjectEntry
 from rvsg.world.world import World
 from rvsg.world.world_folder import load_world
 
-RED, BLUE = (255, 0, 0), (0, 0, 255)
 
-
-def square(x: float, y: float, z: float, side: float = 1.0) -> np.ndarray:
-    return np.array([(x, y, z), (x + side, y, z), (x + side, y + side, z), (x, y + side, z)])
-
-
-@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
-def test_the_nearer_face_hides_the_farther_whichever_is_drawn_first(order: tuple[int, int]) -> None:
-    faces = [(square(0, 0, 0.05), RED), (square(0.2, 0.2, 0.3, 0.5), BLUE)]
-    view = Oblique("y", 100.0, 60.0, 160.0)
-    canvas = Canvas(view, np.full((220, 220, 3), 255, np.uint8))
-    for index in order:
-        canvas.face(*faces[index])
-    across, down, _ = view.project(np.array([0.45, 0.45, 0.3]))
-    assert tuple(canvas.pixels[int(down), int(across)]) == BLUE
-    across, down, _ = view.project(np.array([0.9, 0.1, 0.05]))
-    assert tuple(canvas.pixels[int(down), int(across)]) == RED
-
-
-@pytest.mark.parametrize("up", ["x", "y"])
-def test_the_floor_under_a_pixel_is_the_floor_that_is_drawn_there(up: str) -> None:
-    view = Oblique(up, 40.0, 300.0, 250.0)  # type: ignore[arg-type]
-    points = np.array([(1.0, 2.0), (-3.0, 0.5), (4.0, -2.0)])
-    seen = view.project(np.column_stack([points, np.zeros(3)]))
-    assert np.allclose(view.floor_at(seen[:, :2]), points)
+def test_what_is_in_front_hides_what_is_behind() -> None:
+    box = ObjectEntry(name="box", footprint=((4, 5), (5, 5), (5, 6), (4, 6)), height=0.3)
+    screen = ObjectEntry(name="screen", footprint=((2, 4.5), (7, 4.5), (7, 4.6), (2, 4.6)), height=3.0)
+    hole = ((0.2, 0.2), (9.8, 0.2), (9.8, 9.8), (0.2, 9.8))
+    walls = ObjectEntry(name="wall", footprint=((0, 0), (10, 0), (10, 10), (0, 10)), height=1.0, holes=(hole,))
+    pictures = []
+    for entries in ((walls, screen), (walls, screen, box), (walls, box, screen), (walls,), (walls, box)):
+        things = tuple(entry.solid(0.21) for entry in entries)
+        world = build_world(name="w", objects=things, occupancy=occupancy_from_objects(things))
+        pictures.append(birdseye(replace(world, objects=things), width_px=500).tobytes())
+    hidden, behind, other_order, empty, alone = pictures
+    assert hidden == behind == other_order
+    assert empty != alone
 
 
 def heightened(world: World, factor: float) -> World:

@@ -17,7 +17,7 @@ from rvsg.core.errors import FileError, InputError
 from rvsg.robots.robot import load_robot
 from rvsg.world.areas import unknown_areas
 from rvsg.world.checks import Remark, check_world
-from rvsg.world.creation import Created, largest_part, world_from, write_readme
+from rvsg.world.creation import Created, save_created, world_from
 from rvsg.world.drawing import grid_picture, labelled_map
 from rvsg.world.drawing.birdseye import birdseye
 from rvsg.world.grid import GridSpec
@@ -50,8 +50,7 @@ def write_map(folder: Path, pixels: np.ndarray, origin: str = "[-3, 1, 0]") -> P
 def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Created]:
     folder = tmp_path_factory.mktemp("made")
     created = world_from("map", write_map(folder, hall()), name="hall")
-    save_world(created.world, folder / "hall")
-    write_readme(created, folder / "hall", ["warning: x"])
+    save_created(created, folder / "hall")
     return folder / "hall", created
 
 
@@ -271,7 +270,7 @@ def test_every_public_map_becomes_a_world_with_pictures_or_is_refused_with_a_rea
         return
     world = world_from("map", path, name="w").world
     assert len(world.grid.valid) >= 30
-    assert len(largest_part(world.grid)) > 0.7 * len(world.grid.valid)
+    assert len(world.grid.parts[0]) > 0.7 * len(world.grid.valid)
     assert len(world.areas) >= 4
     assert len(world.routes) == 3
     for picture in (

@@ -11,7 +11,6 @@ from shapely import Polygon
 from rvsg.core.errors import FileError, InputError
 from rvsg.world.areas import propose_areas
 from rvsg.world.creation import Created, mapped, world_from
-from rvsg.world.rooms import Choices
 from rvsg.world.space import Space, human_space, human_space_of
 from rvsg_exchange.sdf import load_sdf
 
@@ -66,14 +65,14 @@ def ring(*, ceilings: bool, door: bool = True, gate: bool = False, yard: str = "
 
 def made(tmp_path: Path, text: str, **choices: tuple[tuple[float, float], ...]) -> Created:
     (tmp_path / "b.world").write_text(text)
-    return world_from("sdf", tmp_path / "b.world", name="b", choices=Choices(**choices))
+    return world_from("sdf", tmp_path / "b.world", name="b", **choices)
 
 
 def floor(tmp_path: Path, text: str, **choices: tuple[tuple[float, float], ...]) -> Space:
     """Where people can be, without the grid, labels and routes of a whole world."""
     (tmp_path / "b.world").write_text(text)
     read = load_sdf(tmp_path / "b.world")
-    return human_space_of(read.objects, mapped(read.objects, None, [], Choices(**choices), read.overhead))
+    return human_space_of(read.objects, mapped(read, None, [], **choices))
 
 
 def places(created: Created) -> list[tuple[float, float]]:
@@ -172,7 +171,7 @@ def test_a_small_part_of_a_building_is_not_called_after_the_building(tmp_path: P
         f'<sdf version="1.7"><model name="Acme"><link name="l">{"".join(walls)}</link></model></sdf>'
     )
     read = load_sdf(tmp_path / "b.sdf")
-    areas = propose_areas(read.objects, mapped(read.objects, None, [], Choices(), read.overhead))
+    areas = propose_areas(read.objects, mapped(read, None, []))
     assert "Fixture" in {area.name for area in areas} and not any("Acme" in area.name for area in areas)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from functools import cache
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -318,17 +317,15 @@ class Robot(Record):
 
     @model_validator(mode="after")
     def _sound(self) -> Self:
-        for name, polygon in (("footprint", self.footprint), ("body", self.body)):
-            if polygon is None:
-                continue
+        outlines: list[tuple[str, Polygon, tuple[str | int, ...]]] = [("the outline", self.footprint, ("footprint",))]
+        outlines += [("the outline", self.body, ("body",))] if self.body else []
+        zones = enumerate(self.safety_zones)
+        outlines += [(f"the outline of {z.name}", z.polygon, ("safety_zones", n, "polygon")) for n, z in zones]
+        for what, polygon, key in outlines:
             if crosses_itself(polygon):
-                raise WrongValue("the outline crosses itself or has no area; list its corners in order", name)
-            if not inside(polygon, 0.0, 0.0):
-                raise WrongValue("the base frame's origin (0, 0) must lie inside the outline", name)
-        for number, zone in enumerate(self.safety_zones):
-            if crosses_itself(zone.polygon):
-                message = f"the outline of {zone.name} crosses itself or has no area"
-                raise WrongValue(message, "safety_zones", number, "polygon")
+                raise WrongValue(f"{what} crosses itself or has no area; list its corners in order", *key)
+            if len(key) == 1 and not inside(polygon, 0.0, 0.0):
+                raise WrongValue("the base frame's origin (0, 0) must lie inside the outline", *key)
         names = [lidar.name for lidar in self.lidars]
         for number, lidar in enumerate(self.lidars):
             self._check_place(number, lidar)
@@ -344,21 +341,20 @@ class Robot(Record):
     def _check_place(self, number: int, lidar: Lidar) -> None:
         """Refuse a lidar that the body hides, or that is nowhere near it."""
         away = distance(self.outline, lidar.x, lidar.y)
-        if not inside(self.outline, lidar.x, lidar.y):
-            if away > FAR_M:
-                raise WrongValue(
-                    f"{lidar.name} at ({lidar.x:g}, {lidar.y:g}) lies {away:.1f} m outside of the body, "
-                    f"expected at most {FAR_M:g} m; give x and y in metres from the base frame's origin",
-                    "lidars",
-                    number,
-                )
-        elif away > HIDDEN_M and lidar.height_m is not None and lidar.height_m < self.body_height_m:
-            raise WrongValue(
-                f"{lidar.name} lies inside the body, more than {HIDDEN_M:g} m from its outline and below "
-                "its top, so it sees nothing but the body",
-                "lidars",
-                number,
+        within = inside(self.outline, lidar.x, lidar.y)
+        if not within and away > FAR_M:
+            message = (
+                f"{lidar.name} at ({lidar.x:g}, {lidar.y:g}) lies {away:.1f} m outside of the body, expected at most "
+                f"{FAR_M:g} m; give x and y in metres from the base frame's origin"
             )
+            raise WrongValue(message, "lidars", number)
+        low = lidar.height_m is not None and lidar.height_m < self.body_height_m
+        if within and away > HIDDEN_M and low:
+            message = (
+                f"{lidar.name} lies inside the body, more than {HIDDEN_M:g} m from its outline and below its top, so "
+                "it sees nothing but the body"
+            )
+            raise WrongValue(message, "lidars", number)
 
 
 DEFAULT_ROBOT = "tiago_omni"
@@ -367,8 +363,8 @@ DEFAULT_ROBOT = "tiago_omni"
 
 @cache
 def _shipped() -> dict[str, Robot]:
-    with resources.as_file(resources.files("rvsg.robots") / "data") as folder:
-        robots = [read_document(path, Robot)[0] for path in sorted(folder.glob("*.yaml"))]
+    folder = Path(__file__).parent / "data"
+    robots = [read_document(path, Robot)[0] for path in sorted(folder.glob("*.yaml"))]
     return {robot.name: robot for robot in robots}
 
 

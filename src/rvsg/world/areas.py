@@ -15,28 +15,14 @@ import numpy as np
 
 from rvsg.world.rooms import areas_of_rooms, without_building
 from rvsg.world.schema import rectangle_outline
-from rvsg.world.space import Bools, Frame, Space, human_space_of, main_floor
+from rvsg.world.space import Bools, Space, coarser, human_space_of, main_floor
 from rvsg.world.world import Area, OccupancyMap, Polygon, SolidObject
 
 Rectangle = tuple[float, float, float, float]
 
-NOT_WORKED = {
-    "wall",
-    "ground",
-    "floor",
-    "roof",
-    "ceiling",
-    "lamp",
-    "light",
-    "window",
-    "sun",
-    "door",
-    "column",
-    "pillar",
-    "portrait",
-    "painting",
-    "poster",
-}
+NOT_WORKED = re.compile(
+    r"\b(wall|ground|floor|roof|ceiling|lamp|light|window|sun|door|column|pillar|portrait|painting|poster)\b"
+)
 GAP_M = 0.6  # things nearer to each other than a person can pass between are worked as one
 LARGE = 4.0
 LONGEST_M = 7.0  # a longer shelf is labelled in parts
@@ -61,20 +47,16 @@ def propose_areas(objects: Sequence[SolidObject], occupancy: OccupancyMap) -> tu
     """
     space = human_space_of(objects, occupancy)
     apart = {id(thing) for thing in without_building(objects, occupancy)}
-    furniture = [
-        thing if id(thing) in apart else thing.replace(kind="fixture")
-        for thing in objects
-        if id(thing) in apart or _is_compact(thing)
-    ]
+    furniture = []
+    for thing in objects:
+        short, long = sorted(thing.box.size[:2])
+        if id(thing) in apart:
+            furniture.append(thing)
+        elif short >= PILLAR_M and long <= min(PILLAR_RATIO * short, 2.0):  # a pillar or the like, and no wall
+            furniture.append(thing.replace(kind="fixture"))
     things = areas_of_objects(furniture) if objects else areas_of_obstacles(occupancy, space)
     rooms = areas_of_rooms(space, main_floor(space))
     return (*things, *(rooms if len(rooms) >= FEWEST_ROOMS else areas_of_floor(space) or rooms))
-
-
-def _is_compact(thing: SolidObject) -> bool:
-    """Return whether a part of a building is a pillar or the like, and no wall."""
-    short, long = sorted(thing.box.size[:2])
-    return short >= PILLAR_M and long <= min(PILLAR_RATIO * short, 2.0)
 
 
 # --- things -------------------------------------------------------------------------------------------------------
@@ -93,46 +75,30 @@ def areas_of_objects(objects: Sequence[SolidObject]) -> tuple[Area, ...]:
     by_kind: dict[str, list[SolidObject]] = defaultdict(list)
     for thing in objects:
         word = readable_kind(thing.kind)
-        if NOT_WORKED & set(word.lower().split()) or max(thing.box.size[:2]) < SMALLEST_THING_M:
-            continue
-        by_kind[word].append(thing)
+        if not NOT_WORKED.search(word.lower()) and max(thing.box.size[:2]) >= SMALLEST_THING_M:
+            by_kind[word].append(thing)
     found: list[Area] = []
-    for word, things in _large_apart(by_kind):
-        outlines = [part for cluster in _clusters(things) for part in _outlines(cluster)]
-        found += _numbered(word, word.lower(), outlines, region=_plural(word))
-    return tuple(found)
-
-
-def _large_apart(by_kind: dict[str, list[SolidObject]]) -> Iterable[tuple[str, list[SolidObject]]]:
-    """Yield the kinds, with those several times as large as their namesakes as "Large ..." ("Shelf", "Large Shelf")."""
     for word, things in by_kind.items():
         sizes = [thing.box.size[0] * thing.box.size[1] for thing in things]
-        large = [size >= LARGE * min(sizes) for size in sizes]
-        yield word, [thing for thing, much in zip(things, large, strict=True) if not much]
-        if any(large):
-            yield f"Large {word}", [thing for thing, much in zip(things, large, strict=True) if much]
+        for large, name in ((False, word), (True, f"Large {word}")):  # several times as large as their namesakes
+            members = [t for t, size in zip(things, sizes, strict=True) if (size >= LARGE * min(sizes)) == large]
+            outlines = [part for cluster in _clusters(members) for part in _outlines(cluster)] if members else []
+            found += _numbered(name, name.lower(), outlines, region=_plural(name))
+    return tuple(found)
 
 
 def _clusters(things: Sequence[SolidObject]) -> list[list[SolidObject]]:
     """Groups of things connected by gaps below GAP_M."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
     from shapely import Polygon, STRtree
 
-    if not things:
-        return []
     shapes = [Polygon(thing.footprint) for thing in things]
     pairs = STRtree(shapes).query(shapes, predicate="dwithin", distance=GAP_M)
-    parent = list(range(len(things)))
-
-    def root(i: int) -> int:
-        while parent[i] != i:
-            i = parent[i]
-        return i
-
-    for a, b in pairs.T:
-        parent[root(int(a))] = root(int(b))
+    graph = coo_array((np.ones(pairs.shape[1]), tuple(pairs)), shape=(len(things), len(things)))
     groups: dict[int, list[SolidObject]] = defaultdict(list)
-    for i, thing in enumerate(things):
-        groups[root(i)].append(thing)
+    for thing, group in zip(things, connected_components(graph)[1].tolist(), strict=True):
+        groups[group].append(thing)
     return list(groups.values())
 
 
@@ -177,9 +143,10 @@ def _middle(outline: Polygon) -> tuple[float, float]:
 
 
 def _plural(word: str) -> str:
-    if word.endswith(("lf", "fe")):
-        return re.sub(r"(lf|fe)$", lambda m: {"lf": "lves", "fe": "ves"}[m[1]], word)
-    return word if word.endswith(("s", "ing")) else f"{word}s"
+    for end, ends in (("lf", "lves"), ("fe", "ves"), ("s", "s"), ("ing", "ing")):
+        if word.endswith(end):
+            return word.removesuffix(end) + ends
+    return f"{word}s"
 
 
 # --- a bare map ---------------------------------------------------------------------------------------------------
@@ -216,17 +183,14 @@ def areas_of_obstacles(occupancy: OccupancyMap, space: Space) -> tuple[Area, ...
         y = space.frame.origin.y + (window[0].start + r.min()) * size
         found.append((wide * high, (round(x, 2), round(y, 2), round(x + wide, 2), round(y + high, 2))))
     largest: list[Rectangle] = []
-    for _, rectangle in sorted(found, reverse=True):
-        if len(largest) < MOST_OBSTACLES and not any(_within(rectangle, other) for other in largest):
-            largest.append(rectangle)
+    for _, (x0, y0, x1, y1) in sorted(found, reverse=True):
+        holding = (
+            o for o in largest if x0 >= o[0] - 0.1 and y0 >= o[1] - 0.1 and x1 <= o[2] + 0.1 and y1 <= o[3] + 0.1
+        )
+        if len(largest) < MOST_OBSTACLES and next(holding, None) is None:
+            largest.append((x0, y0, x1, y1))
     parts = [part for rectangle in largest for part in _parts(rectangle, LONGEST_M, PART_M)]
     return tuple(_numbered("Obstacle", "obstacle", [rectangle_outline(part) for part in parts], region=None))
-
-
-def _within(rectangle: Rectangle, other: Rectangle, margin: float = 0.1) -> bool:
-    """Return whether a rectangle lies in another one, up to a margin in metres."""
-    x0, y0, x1, y1 = rectangle
-    return x0 >= other[0] - margin and y0 >= other[1] - margin and x1 <= other[2] + margin and y1 <= other[3] + margin
 
 
 def _stands_on(floor: Bools, window: tuple[slice, slice]) -> bool:
@@ -246,16 +210,17 @@ def _stands_on(floor: Bools, window: tuple[slice, slice]) -> bool:
 
 def areas_of_floor(space: Space, *, most: int = MOST_FLOOR_AREAS) -> tuple[Area, ...]:
     """Open floor as rectangles, the largest first found: long narrow ones "Corridor 1", others "Area 1", ..."""
-    floor = main_floor(space)
-    cells, frame = _coarse(floor, space.frame)
-    least = FLOOR_LEAST_M2
+    floor = main_floor(space).copy()
+    # Cells of at least 0.2 m, free only where all of them are, and few enough to search
+    step = max(1, round(0.2 / space.frame.resolution), math.ceil(max(floor.shape) / SEARCH_CELLS))
+    cells, frame = coarser(floor, space.frame, step, np.all)
     longest = max(FLOOR_SIDE_M, 0.3 * max(cells.shape) * frame.resolution)
     side = FLOOR_NARROWEST_M / frame.resolution
     corridors: list[Polygon] = []
     places: list[Polygon] = []
     while len(corridors) + len(places) < most:
         top, left, high, wide = largest_rectangle(cells, side)
-        if high * wide * frame.resolution**2 < least:
+        if high * wide * frame.resolution**2 < FLOOR_LEAST_M2:
             break
         cells[top : top + high, left : left + wide] = False
         corners = frame.to_metres(np.array([[left, top], [left + wide, top + high]], float)).round(2)
@@ -267,18 +232,6 @@ def areas_of_floor(space: Space, *, most: int = MOST_FLOOR_AREAS) -> tuple[Area,
             places += [rectangle_outline(p) for p in _parts((x0, y0, x1, y1), longest, longest * 0.75)]
     found = _numbered("Corridor", "corridor", corridors[:most], region=None)
     return (*found, *_numbered("Area", "floor", places[: most + 4], region=None))
-
-
-def _coarse(floor: Bools, frame: Frame) -> tuple[Bools, Frame]:
-    """Return the floor in cells of at least 0.2 m, free only where every cell is, small enough to search."""
-    rows, columns = floor.shape
-    step = max(1, round(0.2 / frame.resolution), math.ceil(max(rows, columns) / SEARCH_CELLS))
-    high, wide = rows // step, columns // step
-    if high == 0 or wide == 0:
-        return floor.copy(), frame
-    blocks = floor[: high * step, : wide * step].reshape(high, step, wide, step)
-    free: Bools = np.asarray(blocks.all(axis=(1, 3)))
-    return free, Frame(frame.origin, frame.resolution * step, (high, wide))
 
 
 def largest_rectangle(cells: Bools, least_side: float = 1.0) -> tuple[int, int, int, int]:

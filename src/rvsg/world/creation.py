@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol, TypedDict, Unpack
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +19,14 @@ from rvsg.core.errors import FileError, InputError, InvalidOptions
 from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
 from rvsg.world.areas import propose_areas
 from rvsg.world.checks import Remark, check_world
-from rvsg.world.grid import Grid, GridSpec
+from rvsg.world.grid import GridSpec
 from rvsg.world.lattice import build_grid, build_world, fitting_spacing
 from rvsg.world.occupancy import load_nav2_map, occupancy_from_objects, upright
-from rvsg.world.rooms import Choices, main_part, within
+from rvsg.world.rooms import main_part, within
 from rvsg.world.routes import Trial, clearance_m, propose_routes, route_notes
 from rvsg.world.schema import COARSEST_M, FARTHEST_M, FINEST_M, HIGHEST_LIDAR_M, ObjectsFile, one_line, save_world
 from rvsg.world.space import Bools, Frame, Space, covered_cells, frame_of, human_space_of, main_floor
-from rvsg.world.world import Area, Door, OccupancyMap, SolidObject, World
+from rvsg.world.world import Door, OccupancyMap, Point, SolidObject, World
 
 OPEN_M = 2.0
 RESOLUTIONS_M = (0.05, 0.1, 0.2)
@@ -37,7 +38,6 @@ FINER = (1.0, 0.75, 0.5, 0.35, 0.25, 0.18, 0.12)
 CONNECTED, HALF = 0.97, 0.5
 LIDAR_HEIGHT_M = 0.21
 ROBOT_CLEARANCE_M = 0.3
-NO_CHOICES = Choices()
 Progress = Callable[[str], None]
 
 
@@ -74,25 +74,10 @@ class Created:
     notes: tuple[str, ...]
 
 
-class SourceOptions(TypedDict, total=False):
-    """Options that mean something for some sources only; lengths in metres."""
-
-    free_thresh: float | None
-    model_path: Sequence[Path] | None
-    without: Sequence[str] | None
-    box_for_unreadable: bool
-    lenient: bool
-    floor: float
-    resolution: float | None
-    lidar_height: float
-    indoors: Sequence[tuple[float, float]] | None
-    """Points on floor that is inside the building, whatever it looks like."""
-    outdoors: Sequence[tuple[float, float]] | None
-
-
-_GOES_WITH: dict[str, tuple[str, ...]] = dict.fromkeys(SourceOptions.__annotations__, ("sdf",))
-_GOES_WITH |= {"free_thresh": ("map",)}
+_GOES_WITH: dict[str, tuple[str, ...]] = {"free_thresh": ("map",)}
+_GOES_WITH |= dict.fromkeys(("model_path", "without", "box_for_unreadable", "lenient", "floor"), ("sdf",))
 _GOES_WITH |= dict.fromkeys(("resolution", "lidar_height", "indoors", "outdoors"), ("sdf", "objects"))
+"""The sources for which an option means something."""
 _PARAMETERS = {
     "model_path": "model_paths",
     "floor": "floor_m",
@@ -116,7 +101,7 @@ def create_world(
     robot: Robot | None = None,
     trial: Trial | None = None,
     progress: Progress | None = None,
-    **options: Unpack[SourceOptions],
+    **options: Any,
 ) -> tuple[Created, tuple[Remark, ...]]:
     """Create a world folder from a map, a Gazebo world or a file of objects.
 
@@ -128,6 +113,10 @@ def create_world(
         force: Overwrite a world that is in the folder.
         robot: The robot that routes are proposed for; None: the default robot.
         trial: Drives every proposed route; routes that the robot cannot drive alone are not proposed.
+        options: Options that mean something for some sources only, lengths in metres: `resolution`, `lidar_height`,
+            `indoors` and `outdoors` (points on floor that is inside the building, or outside, whatever it looks like)
+            of SDF and objects; `model_path`, `without`, `box_for_unreadable`, `lenient`, `floor` of SDF;
+            `free_thresh` of a map. None or empty where it is not given.
 
     Returns:
         The world with notes on how it was made, and what `check_world` says of it.
@@ -136,12 +125,28 @@ def create_world(
         InputError: not exactly one source, or an option that means nothing for it.
         FileError: a source that cannot be read, or a folder that is occupied.
     """
-    source, path = _only_source({"map": map_file, "sdf": sdf, "objects": objects})
-    _refuse_unused(source, options)
+    sources = {name: path for name, path in (("map", map_file), ("sdf", sdf), ("objects", objects)) if path is not None}
+    if len(sources) != 1:
+        given = " and ".join(f"--{name}" for name in sources) or "none"
+        raise InputError(f"give exactly one of --map, --sdf and --objects; got {given}", code="world-source")
+    ((source, path),) = sources.items()
+    usual = {"lidar_height": LIDAR_HEIGHT_M, "floor": 0.0}
+    wanted = {key: value for key, value in options.items() if value is not None and value not in ([], ())}
+    useless = [
+        f"--{name.replace('_', '-')} goes with {' or '.join(f'--{s}' for s in _GOES_WITH[name])}"
+        for name, value in wanted.items()
+        if value is not False and value != usual.get(name) and source not in _GOES_WITH[name]
+    ]
+    if useless:
+        raise InputError(f"{'; '.join(useless)}; got --{source}", code="option-unused")
     _refuse_occupied(folder, force=force)
     if robot_clearance is None:
         robot_clearance = ROBOT_CLEARANCE_M if robot is None else clearance_m(robot)
-    spec = _grid_spec(spacing, human_clearance, robot_clearance)
+    try:
+        spec = GridSpec(spacing_m=spacing, human_clearance_m=human_clearance, robot_clearance_m=robot_clearance)
+    except ValidationError as error:
+        listed = "; ".join(f"{d['loc'][0]}: {d['msg'].lower()}, got {d['input']}" for d in error.errors())
+        raise InvalidOptions(f"these values make no grid: {listed}", keys_of(error)) from None
     created = world_from(
         source,
         path,
@@ -151,7 +156,7 @@ def create_world(
         progress=progress,
         trial=trial,
         robot=robot,
-        **_parameters(source, options),
+        **{_PARAMETERS.get(key, key): value for key, value in wanted.items() if source in _GOES_WITH[key]},
     )
     return created, save_created(created, folder, trial=trial, robot=robot)
 
@@ -159,10 +164,16 @@ def create_world(
 def save_created(
     created: Created, folder: Path, *, trial: Trial | None = None, robot: Robot | None = None
 ) -> tuple[Remark, ...]:
-    """Write a new world into a folder with its README; return what `check_world` says of it."""
+    """Write a new world into a folder, with a README; return what `check_world` says of it."""
     save_world(created.world, folder)
     remarks = check_world(folder, trial=trial, robot=robot)
-    write_readme(created, folder, [f"{'error' if r.serious else 'warning'}: {r.problem.message}" for r in remarks])
+    said = [f"{'error' if r.serious else 'warning'}: {r.problem.message}" for r in remarks]
+    try:
+        (folder / "README.md").write_text(readme(created, said), encoding="utf-8")
+        for path in (folder / "labels.yaml", folder / "routes.yaml"):
+            path.write_text(PROPOSAL + path.read_text(encoding="utf-8"), encoding="utf-8")
+    except OSError as error:
+        raise FileError(folder, f"the README cannot be written here: {error.strerror}") from None
     return remarks
 
 
@@ -182,26 +193,6 @@ def other_robot(name: str | Path | None) -> Robot | None:
     return None if name is None or str(name) == DEFAULT_ROBOT else load_robot(name)
 
 
-def _only_source(sources: dict[str, Path | None]) -> tuple[str, Path]:
-    given = [(name, path) for name, path in sources.items() if path is not None]
-    if len(given) != 1:
-        options = " and ".join(f"--{name}" for name, _ in given) or "none"
-        raise InputError(f"give exactly one of --map, --sdf and --objects; got {options}", code="world-source")
-    return given[0]
-
-
-def _refuse_unused(source: str, options: SourceOptions) -> None:
-    """Refuse options that mean nothing for a source."""
-    usual = {"lidar_height": LIDAR_HEIGHT_M, "floor": 0.0}
-    useless = [
-        f"--{name.replace('_', '-')} goes with {' or '.join(f'--{s}' for s in _GOES_WITH[name])}"
-        for name, value in options.items()
-        if value is not False and value not in (None, [], (), usual.get(name)) and source not in _GOES_WITH[name]
-    ]
-    if useless:
-        raise InputError(f"{'; '.join(useless)}; got --{source}", code="option-unused")
-
-
 def _refuse_occupied(folder: Path, *, force: bool) -> None:
     """Refuse a folder that holds something, unless it may be overwritten."""
     if folder.exists() and not folder.is_dir():
@@ -216,25 +207,6 @@ def _refuse_occupied(folder: Path, *, force: bool) -> None:
         )
 
 
-def _grid_spec(spacing: float | None, human_clearance: float, robot_clearance: float) -> GridSpec:
-    try:
-        return GridSpec(spacing_m=spacing, human_clearance_m=human_clearance, robot_clearance_m=robot_clearance)
-    except ValidationError as error:
-        listed = "; ".join(f"{d['loc'][0]}: {d['msg'].lower()}, got {d['input']}" for d in error.errors())
-        raise InvalidOptions(f"these values make no grid: {listed}", keys_of(error)) from None
-
-
-def _parameters(source: str, options: SourceOptions) -> dict[str, Any]:
-    """Return the options of a source that were given as parameters of `world_from`."""
-    given: dict[str, Any] = {
-        name: value
-        for name, value in options.items()
-        if value is not None and value not in ([], ()) and source in _GOES_WITH[name]
-    }
-    choices = Choices(tuple(given.pop("indoors", ())), tuple(given.pop("outdoors", ())))
-    return {"choices": choices} | {_PARAMETERS.get(name, name): value for name, value in given.items()}
-
-
 def world_from(
     kind: str,
     path: str | Path,
@@ -244,7 +216,8 @@ def world_from(
     grid_spec: GridSpec | None = None,
     lidar_height_m: float = LIDAR_HEIGHT_M,
     resolution_m: float | None = None,
-    choices: Choices = NO_CHOICES,
+    indoors: Sequence[Point] = (),
+    outdoors: Sequence[Point] = (),
     progress: Progress | None = None,
     trial: Trial | None = None,
     robot: Robot | None = None,
@@ -254,7 +227,8 @@ def world_from(
 
     Args:
         kind: The name of the format: `map` (Nav2), `objects` (objects.yaml), `sdf` (Gazebo or URDF), or a plug-in's.
-        choices: What of the floor is inside.
+        indoors: Points on floor that is inside the building, whatever it looks like.
+        outdoors: Points on floor that is outside.
         options: Options of the reader of that format.
 
     Raises:
@@ -270,7 +244,7 @@ def world_from(
     try:
         occupancy = source.occupancy
         if occupancy is None:
-            occupancy = mapped(source.objects, resolution_m, notes, choices, source.overhead)
+            occupancy = mapped(source, resolution_m, notes, indoors, outdoors)
         spec = fitting_spec(grid_spec or GridSpec(), human_space_of(source.objects, occupancy))
         world = build_world(
             name=name,
@@ -286,7 +260,16 @@ def world_from(
     except FileError:
         raise
     except InputError as error:
-        raise FileError(path, _why_not(error, source.objects), code=error.code) from None
+        why = str(error)
+        if error.code in ("grid-no-room", "map-no-floor") and source.objects:
+            largest = max(source.objects, key=lambda thing: thing.box.size[0] * thing.box.size[1])
+            wide, high = largest.box.size[:2]
+            why = (
+                f'nobody fits between the objects. The largest is "{largest.name}" ({wide:.1f} x {high:.1f} m): if it '
+                "is ground or terrain, leave it out with --without, or give the height of the --floor. Else give a "
+                "smaller --human-clearance"
+            )
+        raise FileError(path, why, code=error.code) from None
     return Created(world=world, source=str(path), notes=tuple(notes))
 
 
@@ -311,19 +294,6 @@ def read_objects_source(path: Path, *, lidar_height_m: float, progress: Progress
     return WorldSource(objects=tuple(entry.solid(lidar_height_m) for entry in file.objects))
 
 
-def _why_not(error: InputError, objects: Sequence[SolidObject]) -> str:
-    """Return why there is no world; where nobody fits, with the object that covers most of the floor."""
-    if error.code not in ("grid-no-room", "map-no-floor") or not objects:
-        return str(error)
-    largest = max(objects, key=lambda thing: thing.box.size[0] * thing.box.size[1])
-    wide, high = largest.box.size[:2]
-    return (
-        f'nobody fits between the objects. The largest is "{largest.name}" ({wide:.1f} x {high:.1f} m): if it is '
-        "ground or terrain, leave it out with --without, or give the height of the --floor. Else give a smaller "
-        "--human-clearance"
-    )
-
-
 def _refuse_absurd_sizes(resolution_m: float | None, lidar_height_m: float, floor_m: float = 0.0) -> None:
     """Raise InputError for sizes that world.yaml would not take back, and for NaN."""
     if resolution_m is not None and not FINEST_M <= resolution_m <= COARSEST_M:
@@ -341,21 +311,20 @@ def _refuse_absurd_sizes(resolution_m: float | None, lidar_height_m: float, floo
 
 
 def mapped(
-    objects: Sequence[SolidObject],
+    source: WorldSource,
     resolution_m: float | None,
     notes: list[str],
-    choices: Choices,
-    overhead: NDArray[np.float64] | None = None,
+    indoors: Sequence[Point] = (),
+    outdoors: Sequence[Point] = (),
 ) -> OccupancyMap:
     """Return the map a lidar would draw; where no wall encloses the floor, with OPEN_M of floor around the objects.
 
     Without a resolution it is the finest of RESOLUTIONS_M that gives a map of at most EASY_CELLS cells.
-
-    Args:
-        overhead: Faces over people's heads, seen from above (n, 3, 2).
     """
     if resolution_m is None:
-        resolution_m = _fitting_resolution(objects)
+        wide, high = np.ptp(np.concatenate([np.asarray(thing.footprint, float) for thing in source.objects]), axis=0)
+        fits = (size for size in RESOLUTIONS_M if wide * high / size**2 <= EASY_CELLS)
+        resolution_m = next(fits, RESOLUTIONS_M[-1])
         if resolution_m > RESOLUTIONS_M[0]:
             notes.append(
                 f"the building is large, so the map has {resolution_m:g} m per cell instead of {RESOLUTIONS_M[0]:g} m; "
@@ -363,41 +332,39 @@ def mapped(
             )
 
     def ceilings(frame: Frame) -> Bools | None:
-        return None if overhead is None else covered_cells(overhead, frame)
+        return None if source.overhead is None else covered_cells(source.overhead, frame)
 
     occupancy = occupancy_from_objects(
-        objects,
+        source.objects,
         resolution_m=resolution_m,
-        seeds=choices.indoors,
+        seeds=indoors,
         main=lambda parts, sizes, frame: main_part(parts, sizes, frame, ceilings(frame)),
     )
-    bounded = within(occupancy, objects, ceilings(frame_of(occupancy)), choices, notes)
+    bounded = within(occupancy, source.objects, ceilings(frame_of(occupancy)), indoors, outdoors, notes)
     if bounded is not None:
         return bounded
     notes.append(f"no wall encloses the floor: {OPEN_M:g} m of it around the objects are taken as free.")
-    return occupancy_from_objects(objects, resolution_m=resolution_m, margin_m=OPEN_M)
-
-
-def _fitting_resolution(objects: Sequence[SolidObject]) -> float:
-    corners = np.concatenate([np.asarray(thing.footprint, float) for thing in objects])
-    wide, high = np.ptp(corners, axis=0)
-    fits = [size for size in RESOLUTIONS_M if wide * high / size**2 <= EASY_CELLS]
-    return fits[0] if fits else RESOLUTIONS_M[-1]
+    return occupancy_from_objects(source.objects, resolution_m=resolution_m, margin_m=OPEN_M)
 
 
 def _with_proposals(world: World, stem: str, notes: list[str], trial: Trial | None, robot: Robot | None) -> World:
     """Return the world with the areas that people can reach, its usual actors and proposed routes; add to the notes."""
-    main = largest_part(world.grid)
-    reached = tuple(area for area in world.areas if main & set(area.waypoints))
+    main = world.grid.parts[0]
+    reached = [area for area in world.areas if main & set(area.waypoints)]
     if len(reached) < len(world.areas):
-        left = [area for area in world.areas if area not in reached]
-        notes.append(f"people cannot walk to {len(left)} places found: not labelled. A finer grid may reach them.")
-        reached = renumbered(reached)
+        left = len(world.areas) - len(reached)
+        notes.append(f"people cannot walk to {left} places found: not labelled. A finer grid may reach them.")
+        count: Counter[str] = Counter()
+        for index, area in enumerate(reached):  # the numbers at the ends of the names are closed up
+            word, _, number = area.name.rpartition(" ")
+            if word and number.isdigit():
+                count[word] += 1
+                reached[index] = area.model_copy(update={"name": f"{word} {count[word]}"})
     texts = (world.name, world.title, stem, " ".join(f"{area.name} {area.kind}" for area in reached))
-    world = replace(world, areas=reached, actors=usual_actors(texts))
+    world = replace(world, areas=tuple(reached), actors=usual_actors(texts))
     if world.actors:
         notes.append(f"generators may use {', '.join(world.actors)}, as usual here: see actors in world.yaml.")
-    if grid_is_coarse(world.grid):
+    if world.grid.spacing_m > 1.0:  # wider than the metre that suits people's paths
         notes.append(f"the map is large, so the grid is {world.grid.spacing_m:g} m wide; --spacing makes it finer.")
     world = replace(world, routes=propose_routes(world, trial=trial, robot=robot))
     notes += route_notes(world, trial)
@@ -449,25 +416,23 @@ def fitting_spec(spec: GridSpec, space: Space) -> GridSpec:
     high, wide = np.ptp(rows) * space.frame.resolution, np.ptp(columns) * space.frame.resolution
     usual = spec.spacing_m or fitting_spacing(float(high), float(wide))
     finer = [usual] if spec.spacing_m else [share * usual for share in FINER]
-    best: tuple[float, GridSpec] | None = None
+    best = (-1.0, spec)
     for spacing in finer:
         lines = max(high, wide) / spacing
-        if best is not None and (high / spacing + 1) * (wide / spacing + 1) > MOST_CROSSINGS:
+        many = lines > MOST_LINES  # which only corridors are worth that hang together in no coarser grid
+        too_many = many and (best[0] >= HALF or lines > MOST_LINES_OF_CORRIDORS)
+        if best[0] >= 0 and (too_many or (high / spacing + 1) * (wide / spacing + 1) > MOST_CROSSINGS):
             break
-        if best is not None and lines > MOST_LINES and (best[0] >= HALF or lines > MOST_LINES_OF_CORRIDORS):
-            break
-        tried = spec.model_copy(update={"spacing_m": spacing})
-        if spec.origin is None:
-            tried = tried.model_copy(update={"origin": _best_origin(space, floor, spacing)})
+        origin = _best_origin(space, floor, spacing) if spec.origin is None else spec.origin
+        tried = spec.model_copy(update={"spacing_m": spacing, "origin": origin})
         grid = build_grid(tried, space, space)
-        if best is not None and lines > MOST_LINES and len(grid.valid) > MOST_WAYPOINTS:
+        if best[0] >= 0 and many and len(grid.valid) > MOST_WAYPOINTS:
             break
-        share = len(largest_part(grid)) / len(grid.neighbours)
-        if best is None or share > best[0] + 0.02:
+        share = len(grid.parts[0]) / len(grid.neighbours)
+        if share > best[0] + 0.02:
             best = (share, tried)
         if share >= CONNECTED:
             break
-    assert best is not None
     return best[1]
 
 
@@ -484,57 +449,10 @@ def _best_origin(space: Space, floor: NDArray[np.bool_], spacing: float) -> tupl
     return (round(float(x), 3), round(float(y), 3))
 
 
-def largest_part(grid: Grid) -> set[str]:
-    """Return the names of the largest group of waypoints between which people can walk."""
-    left = dict.fromkeys(grid.neighbours)
-    largest: set[str] = set()
-    while left:
-        stack = [next(iter(left))]
-        part = set(stack)
-        while stack:
-            name = stack.pop()
-            left.pop(name, None)
-            fresh = [other for other in grid.neighbours[name] if other not in part]
-            part.update(fresh)
-            stack += fresh
-        if len(part) > len(largest):
-            largest = part
-    return largest
-
-
-def grid_is_coarse(grid: Grid) -> bool:
-    """Return whether the grid is wider than the metre that suits people's paths."""
-    return grid.spacing_m > 1.0
-
-
-def renumbered(areas: Sequence[Area]) -> tuple[Area, ...]:
-    """The areas with the numbers at the end of their names closed up: "Area 2", "Area 5" become "Area 1", "Area 2"."""
-    count: dict[str, int] = {}
-    named = []
-    for area in areas:
-        word, _, number = area.name.rpartition(" ")
-        if word and number.isdigit():
-            count[word] = count.get(word, 0) + 1
-            area = area.model_copy(update={"name": f"{word} {count[word]}"})
-        named.append(area)
-    return tuple(named)
-
-
 PROPOSAL = (
     "# PROPOSED automatically: names, kinds and places are a first guess. Rename, move, delete, add; then run\n"
     "# `rvsg world check` on this folder.\n"
 )
-
-
-def write_readme(created: Created, folder: Path, remarks: Sequence[str] = ()) -> None:
-    """Write README.md into the world folder and mark labels and routes as proposals; FileError where it cannot."""
-    try:
-        (folder / "README.md").write_text(readme(created, remarks), encoding="utf-8")
-        for name in ("labels.yaml", "routes.yaml"):
-            path = folder / name
-            path.write_text(PROPOSAL + path.read_text(encoding="utf-8"), encoding="utf-8")
-    except OSError as error:
-        raise FileError(folder, f"the README cannot be written here: {error.strerror}") from None
 
 
 def readme(created: Created, remarks: Sequence[str] = ()) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import math
 from functools import cached_property
 from itertools import pairwise
 from typing import Annotated, Literal, Self
@@ -152,29 +153,41 @@ class Grid(Record):
         return {name: tuple(sorted(others, key=order.__getitem__)) for name, others in found.items()}
 
     @cached_property
-    def _hop_lengths(self) -> dict[str, tuple[tuple[str, float], ...]]:
+    def _hop_lengths(self) -> dict[str, list[tuple[str, float]]]:
         """For every valid waypoint the names one free hop away and the lengths of the hops in metres."""
         at = {w.name: (w.x, w.y) for w in self.waypoints}
-        return {
-            name: tuple(
-                (other, ((at[other][0] - at[name][0]) ** 2 + (at[other][1] - at[name][1]) ** 2) ** 0.5)
-                for other in others
-            )
-            for name, others in self.neighbours.items()
-        }
+
+        def length(a: tuple[float, float], b: tuple[float, float]) -> float:
+            return float(((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2) ** 0.5)
+
+        return {name: [(o, length(at[name], at[o])) for o in others] for name, others in self.neighbours.items()}
+
+    @cached_property
+    def parts(self) -> tuple[frozenset[str], ...]:
+        """Groups of valid waypoints between which people can walk, the largest first."""
+        left = dict.fromkeys(self.neighbours)
+        found = []
+        while left:
+            stack = [next(iter(left))]
+            part = set(stack)
+            while stack:
+                name = stack.pop()
+                left.pop(name, None)
+                fresh = [other for other in self.neighbours[name] if other not in part]
+                part.update(fresh)
+                stack += fresh
+            found.append(frozenset(part))
+        return tuple(sorted(found, key=len, reverse=True))
 
     def position(self, name: str) -> tuple[float, float]:
         """Return the waypoint's (x, y) in metres, or UnknownName. Invalid waypoints have a position too."""
-        try:
-            waypoint = self.by_name[name]
-        except KeyError:
-            raise UnknownName("waypoint", name, self.valid) from None
-        return (waypoint.x, waypoint.y)
+        if name not in self.by_name:
+            raise UnknownName("waypoint", name, self.valid)
+        return (self.by_name[name].x, self.by_name[name].y)
 
     def nearest(self, x: float, y: float) -> str:
         """Return the name of the valid waypoint nearest to a point; ties go to the earlier one in grid order."""
-        best = min((w for w in self.waypoints if w.human), key=lambda w: (w.x - x) ** 2 + (w.y - y) ** 2)
-        return best.name
+        return min((w for w in self.waypoints if w.human), key=lambda w: (w.x - x) ** 2 + (w.y - y) ** 2).name
 
     @cached_property
     def _walks(self) -> dict[tuple[str, str], tuple[str, ...] | None]:
@@ -186,30 +199,20 @@ class Grid(Record):
         ends = (start, end)
         if ends in self._walks:
             return self._walks[ends]
-        walk = self._shortest(start, end)
-        if len(self._walks) < MOST_WALKS:
-            self._walks[ends] = walk
-        return walk
-
-    def _shortest(self, start: str, end: str) -> tuple[str, ...] | None:
-        if start not in self.neighbours or end not in self.neighbours:
-            return None
-        best = {start: 0.0}
-        came: dict[str, str] = {}
-        queue: list[tuple[float, str]] = [(0.0, start)]
-        while queue:
+        best, came, queue = {start: 0.0}, {start: start}, [(0.0, start)]
+        walk: list[str] = []
+        while queue and start in self.neighbours and end in self.neighbours:
             length, name = heapq.heappop(queue)
             if name == end:
-                path = [name]
-                while path[-1] != start:
-                    path.append(came[path[-1]])
-                return tuple(reversed(path))
-            if length > best[name]:
-                continue
-            for other, hop in self._hop_lengths[name]:
-                longer = length + hop
-                if longer < best.get(other, float("inf")):
-                    best[other] = longer
-                    came[other] = name
-                    heapq.heappush(queue, (longer, other))
-        return None
+                walk = [end]
+                while walk[-1] != start:
+                    walk.append(came[walk[-1]])
+                break
+            for other, hop in self._hop_lengths[name] if length <= best[name] else ():
+                if length + hop < best.get(other, math.inf):
+                    best[other], came[other] = length + hop, name
+                    heapq.heappush(queue, (best[other], other))
+        found = tuple(reversed(walk)) or None
+        if len(self._walks) < MOST_WALKS:
+            self._walks[ends] = found
+        return found

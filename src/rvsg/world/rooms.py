@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.errors import InputError
-from rvsg.world.space import Bools, Frame, Space, frame_of, human_space_of, main_floor
+from rvsg.world.space import Bools, Frame, Space, coarser, frame_of, human_space_of, main_floor
 from rvsg.world.world import FREE, OCCUPIED, UNKNOWN, Area, OccupancyMap, Polygon, SolidObject
 
 GATE_M = 3.0
@@ -34,7 +34,7 @@ def open_courts(free: Bools, inside: Bools, closed: Bools, resolution: float) ->
         closed: Other floor, in closed walls.
         resolution: Metres per cell.
     """
-    from scipy.ndimage import distance_transform_edt, label
+    from scipy.ndimage import binary_dilation, distance_transform_edt, label
 
     clear = distance_transform_edt(free) * resolution
     found = []
@@ -45,21 +45,19 @@ def open_courts(free: Bools, inside: Bools, closed: Bools, resolution: float) ->
         mouth = MOUTH * float(clear[court].max())
         if np.count_nonzero(court & _reached(clear, mouth, resolution)) < MOUTH * np.count_nonzero(court):
             continue
-        whole = _with_slivers(court, inside, resolution)
-        rooms = closed | (inside & ~whole)
-        if _share_backed(whole, rooms, free & ~inside, resolution) >= BACKED:
-            found.append(whole)
+        # with its corners, which no disc reaches, and strips along its walls
+        rest, others = label(inside & ~court)
+        small = np.bincount(rest.ravel(), minlength=others + 1) * resolution**2 < SLIVER_M2
+        small[0] = False
+        touching = np.unique(rest[binary_dilation(court)])
+        whole = court | np.isin(rest, touching[small[touching]])
+        rooms, outside = closed | (inside & ~whole), free & ~inside
+        walls = binary_dilation(whole, np.ones((3, 3), bool), 2) & ~whole & ~rooms & ~outside
+        if walls.any() and rooms.any():
+            near = distance_transform_edt(~rooms)[walls] <= math.ceil(WALL_M / resolution)
+            if np.count_nonzero(near) / np.count_nonzero(walls) >= BACKED:
+                found.append(np.asarray(whole))
     return found
-
-
-def widely_open(parts: NDArray[np.int32], resolution: float) -> set[int]:
-    """Return the numbers of the parts that meet an edge of the map in an opening that is no door."""
-    wide = set()
-    for edge in (parts[0], parts[-1], parts[:, 0], parts[:, -1]):
-        starts = np.flatnonzero(np.diff(edge, prepend=-1))
-        lengths = np.diff([*starts, len(edge)]) * resolution
-        wide |= set(edge[starts[lengths > GATE_M]].tolist())
-    return wide - {0}
 
 
 def _reached(clear: NDArray[np.float64], radius: float, resolution: float) -> Bools:
@@ -73,29 +71,6 @@ def _reached(clear: NDArray[np.float64], radius: float, resolution: float) -> Bo
         return np.zeros_like(outer)
     # the disc covers every cell that is nearer to its middle than the wall is
     return np.asarray(distance_transform_edt(~outer) * resolution < radius + resolution) & (clear > 0)
-
-
-def _with_slivers(court: Bools, inside: Bools, resolution: float) -> Bools:
-    """Return a court with its corners, which no disc reaches, and strips along its walls."""
-    from scipy.ndimage import binary_dilation, label
-
-    rest, count = label(inside & ~court)
-    sizes = np.bincount(rest.ravel(), minlength=count + 1) * resolution**2
-    touching = np.unique(rest[binary_dilation(court)])
-    small = [n for n in touching if n and sizes[n] < SLIVER_M2]
-    return np.asarray(court | np.isin(rest, small))
-
-
-def _share_backed(court: Bools, rooms: Bools, outside: Bools, resolution: float) -> float:
-    """Return the share of the walls round a court behind which is floor of the building, not the outside."""
-    from scipy.ndimage import binary_dilation, distance_transform_edt
-
-    walls = binary_dilation(court, np.ones((3, 3), bool), 2) & ~court & ~rooms & ~outside
-    count = np.count_nonzero(walls)
-    if not count or not rooms.any():
-        return 0.0
-    near = math.ceil(WALL_M / resolution)
-    return float(np.count_nonzero(distance_transform_edt(~rooms)[walls] <= near) / count)
 
 
 Labels = NDArray[np.int32]
@@ -140,12 +115,10 @@ def indoors(occupancy: OccupancyMap) -> Bools:
 
     walls = occupancy.cells == OCCUPIED
     seen = np.zeros(walls.shape, np.uint8)
-    for turned in (walls, walls[::-1]):
-        flip = turned is not walls
-        down = np.maximum.accumulate(turned, axis=0)
-        left, right = _diagonal(turned), _diagonal(turned[:, ::-1])[:, ::-1]
-        for hit in (down, left, right):
-            seen += hit[::-1] if flip else hit
+    for turned, hits in ((walls, seen), (walls[::-1], seen[::-1])):  # downwards and upwards
+        hits += np.maximum.accumulate(turned, axis=0)
+        hits += _diagonal(turned)
+        hits += _diagonal(turned[:, ::-1])[:, ::-1]
     seen += np.maximum.accumulate(walls, axis=1)
     seen += np.maximum.accumulate(walls[:, ::-1], axis=1)[:, ::-1]
     share = uniform_filter((seen >= DIRECTIONS).astype(np.float32), max(1, round(SMOOTH_M / occupancy.resolution)))
@@ -169,10 +142,13 @@ def rooms_of(space: Space, floor: Bools) -> tuple[Labels, Frame, tuple[Room, ...
     """
     from scipy.ndimage import find_objects, label
 
-    cells, field, frame = _coarse(space, floor)
+    step = max(1, round(CELL_M / space.frame.resolution), math.ceil(math.sqrt(floor.size / MOST_CELLS)))
+    cells, frame = coarser(floor, space.frame, step, np.any)
+    field, _ = coarser(space.field, space.frame, step, np.max)
     cores, _ = label(cells & (field > DOOR_M / 2), np.ones((3, 3)))
-    cores = _without_small(cores, ROOM_LEAST_M2 / 12 / frame.resolution**2)
-    labels = _grown(cores, cells)
+    large = np.bincount(cores.ravel()) >= ROOM_LEAST_M2 / 12 / frame.resolution**2
+    large[0] = False
+    labels = _grown(np.where(large[cores], cores, 0).astype(np.int32), cells)
     left, count = label(cells & (labels == 0), np.ones((3, 3)))  # parts without a core: narrow corridors and closets
     labels = np.where(left > 0, left + labels.max(), labels) if count else labels
     labels = _joined(labels, ROOM_LEAST_M2 / frame.resolution**2)
@@ -181,7 +157,7 @@ def rooms_of(space: Space, floor: Bools) -> tuple[Labels, Frame, tuple[Room, ...
     return labels, frame, tuple(rooms)
 
 
-def areas_of_rooms(space: Space, floor: Bools, *, most: int = MOST_ROOMS) -> tuple[Area, ...]:
+def areas_of_rooms(space: Space, floor: Bools) -> tuple[Area, ...]:
     """Return rooms, corridors and halls as areas, named by kind and, if there are few of a kind, by place.
 
     Numbers go from top to bottom and left to right. Rooms below ROOM_LEAST_M2 are part of their neighbour.
@@ -190,26 +166,24 @@ def areas_of_rooms(space: Space, floor: Bools, *, most: int = MOST_ROOMS) -> tup
 
     labels, frame, rooms = rooms_of(space, floor)
     windows = find_objects(labels)
-    kept = [room for room in rooms if room.area_m2 >= ROOM_LEAST_M2][:most]
+    kept = [room for room in rooms if room.area_m2 >= ROOM_LEAST_M2][:MOST_ROOMS]
     areas: list[Area] = []
     for kind in ("hall", "corridor", "room"):
         members = [room for room in kept if room.kind == kind]
         members.sort(key=lambda room: (-round(room.middle[1] / 3.0), room.middle[0]))
-        outlines = {r.number: _outline_of_room(labels, r.number, windows[r.number - 1], frame) for r in members}
-        members = [room for room in members if outlines[room.number]]
-        for room, name in zip(members, _names(kind.capitalize(), members), strict=True):
-            outline = outlines[room.number]
-            assert outline is not None
+        outlined = []
+        for room in members:
+            window = windows[room.number - 1]
+            x, y = frame.to_metres(np.array([window[1].start, window[0].start], float)).tolist()
+            cells = labels[window] == room.number
+            origin = frame.origin.model_copy(update={"x": x, "y": y})
+            outline = outline_of(cells, Frame(origin, frame.resolution, (len(cells), cells.shape[1])))
+            if outline is not None:
+                outlined.append((room, outline))
+        names = _names(kind.capitalize(), [room for room, _ in outlined])
+        for name, (_, outline) in zip(names, outlined, strict=True):
             areas.append(Area(name=name, kind=kind, region=None, outline=outline, waypoints=()))
     return tuple(areas)
-
-
-def _outline_of_room(labels: Labels, number: int, window: tuple[slice, slice], frame: Frame) -> Polygon | None:
-    rows, columns = window
-    corner = frame.to_metres(np.array([columns.start, rows.start], float))
-    origin = frame.origin.model_copy(update={"x": float(corner[0]), "y": float(corner[1])})
-    cells = labels[window] == number
-    return outline_of(cells, Frame(origin, frame.resolution, (cells.shape[0], cells.shape[1])))
 
 
 def outline_of(cells: Bools, frame: Frame) -> Polygon | None:
@@ -226,26 +200,6 @@ def outline_of(cells: Bools, frame: Frame) -> Polygon | None:
     ring = shapely.Polygon(largest.exterior).simplify(SIMPLIFY_M / frame.resolution)
     corners = frame.to_metres(shapely.get_coordinates(ring.exterior)[:-1]).round(2)
     return tuple((float(x), float(y)) for x, y in corners)
-
-
-def _coarse(space: Space, floor: Bools) -> tuple[Bools, NDArray[np.float32], Frame]:
-    """Return floor and clearances in cells of about CELL_M."""
-    step = max(1, round(CELL_M / space.frame.resolution), math.ceil(math.sqrt(floor.size / MOST_CELLS)))
-    rows, columns = (n // step for n in floor.shape)
-    if step == 1 or not rows or not columns:
-        return floor, space.field, space.frame
-    block = (slice(rows * step), slice(columns * step))
-    shape = (rows, step, columns, step)
-    cells: Bools = np.asarray(floor[block].reshape(shape).any(axis=(1, 3)))
-    field: NDArray[np.float32] = np.asarray(space.field[block].reshape(shape).max(axis=(1, 3)))
-    return cells, field, Frame(space.frame.origin, space.frame.resolution * step, (rows, columns))
-
-
-def _without_small(labels: Labels, least_cells: float) -> Labels:
-    sizes = np.bincount(labels.ravel())
-    keep = sizes >= least_cells
-    keep[0] = False
-    return np.where(keep[labels], labels, 0).astype(np.int32)
 
 
 def _grown(cores: Labels, cells: Bools) -> Labels:
@@ -364,21 +318,8 @@ OUTDOORS = frozenset(
 """Words in the names of things that stand outdoors."""
 
 
-@dataclass(frozen=True)
-class Choices:
-    """Points (x, y) in metres about which a person has decided that the floor is inside, or outside."""
-
-    indoors: tuple[Point, ...] = ()
-    outdoors: tuple[Point, ...] = ()
-
-
-@dataclass(frozen=True)
-class _Part:
-    """A part of the floor as cells of the map, with where it is and why it is taken as outside."""
-
-    cells: Bools
-    at: Point
-    why: str
+Part = tuple[Bools, Point, str]
+"""A part of the floor as cells of the map, a point on it, and why it is taken as outside."""
 
 
 def main_part(parts: NDArray[np.int32], sizes: NDArray[np.int64], frame: Frame, ceilings: Bools | None) -> int:
@@ -391,17 +332,21 @@ def main_part(parts: NDArray[np.int32], sizes: NDArray[np.int64], frame: Frame, 
     from scipy.ndimage import binary_fill_holes
 
     largest = int(sizes.argmax())
-    around = widely_open(parts, frame.resolution)
     if ceilings is not None:
         covered = np.bincount(parts[ceilings], minlength=len(sizes))
         covered[0] = 0
         if covered.max() >= CEILING_SHARE * sizes[covered.argmax()]:
             return int(covered.argmax())
+    around = {0}  # the parts that meet an edge of the map in an opening that is no door
+    for edge in (parts[0], parts[-1], parts[:, 0], parts[:, -1]):
+        starts = np.flatnonzero(np.diff(edge, prepend=-1))
+        lengths = np.diff([*starts, len(edge)]) * frame.resolution
+        around |= set(edge[starts[lengths > GATE_M]].tolist())
     if largest in around:
         closed = sizes.copy()
         closed[sorted(around)] = 0
         least = max(CLOSED_M2 / frame.resolution**2, CLOSED_SHARE * parts.size)
-        return int(closed.argmax()) if closed.max() >= least and _is_around(parts, largest, frame) else largest
+        return int(closed.argmax()) if closed.max() >= least and _is_yard(parts, largest, frame) else largest
     for other in np.argsort(-sizes, kind="stable")[1:4]:
         if sizes[other] < 0.25 * sizes[largest] or not other:
             break
@@ -411,18 +356,23 @@ def main_part(parts: NDArray[np.int32], sizes: NDArray[np.int64], frame: Frame, 
     return largest
 
 
-def _is_around(parts: NDArray[np.int32], number: int, frame: Frame) -> bool:
+def _is_yard(parts: NDArray[np.int32], number: int, frame: Frame) -> bool:
     """Return whether few places of an open part lie between walls."""
-    cells = np.where(parts == 0, OCCUPIED, np.where(parts == number, FREE, UNKNOWN)).astype(np.uint8)
-    inside = indoors(OccupancyMap(cells=cells, resolution=frame.resolution, origin=frame.origin))
     free = parts == number
+    cells = np.where(parts == 0, OCCUPIED, np.where(free, FREE, UNKNOWN)).astype(np.uint8)
+    inside = indoors(OccupancyMap(cells=cells, resolution=frame.resolution, origin=frame.origin))
     for court in open_courts(free, inside, (parts > 0) & ~free, frame.resolution):
         inside &= ~court
     return bool(inside.sum() < INDOOR_SHARE * np.count_nonzero(free))
 
 
 def within(
-    occupancy: OccupancyMap, objects: Sequence[SolidObject], ceilings: Bools | None, choices: Choices, notes: list[str]
+    occupancy: OccupancyMap,
+    objects: Sequence[SolidObject],
+    ceilings: Bools | None,
+    inside: Sequence[Point],
+    outside: Sequence[Point],
+    notes: list[str],
 ) -> OccupancyMap | None:
     """Return the map with the floor outside the building as unknown; None where the place is a yard with things in it.
 
@@ -430,50 +380,63 @@ def within(
 
     Args:
         ceilings: Which cells of the map have something overhead; None where nothing is.
+        inside: Points in metres about which a person has decided that the floor is inside.
+        outside: The same for floor outside.
     """
-    free = occupancy.cells == FREE
-    for at in choices.indoors:
-        if not frame_of(occupancy).looked_up_at(free, *at):
-            raise InputError(f"--indoors {at[0]:g},{at[1]:g}: no open floor is there, in metres.", code="no-floor")
-    edges = (free[0], free[-1], free[:, 0], free[:, -1])
-    told = ceilings is not None and np.count_nonzero(free & ceilings) >= CEILING_SHARE * np.count_nonzero(free)
-    outside = np.zeros_like(free)
-    courts: list[_Part] = []
-    if any(edge.any() for edge in edges) and not told:
-        inside = indoors(occupancy)
-        if inside.sum() < INDOOR_SHARE * np.count_nonzero(free):
+    frame, free = frame_of(occupancy), occupancy.cells == FREE
+    for x, y in inside:
+        if not frame.looked_up_at(free, x, y):
+            raise InputError(f"--indoors {x:g},{y:g}: no open floor is there, in metres.", code="no-floor")
+    if ceilings is not None and np.count_nonzero(free & ceilings) < CEILING_SHARE * np.count_nonzero(free):
+        ceilings = None
+    left_out = np.zeros_like(free)
+    parts: list[Part] = []
+    if ceilings is None and any(edge.any() for edge in (free[0], free[-1], free[:, 0], free[:, -1])):
+        between_walls = indoors(occupancy)
+        if between_walls.sum() < INDOOR_SHARE * np.count_nonzero(free):
             return None
-        outside = free & ~inside
+        left_out = free & ~between_walls
         why = "it lies wide open to the outside, between rooms of the building"
-        courts = [
-            _Part(cells, _middle(cells, frame_of(occupancy)), why)
-            for cells in open_courts(free, inside, np.zeros_like(free), occupancy.resolution)
-        ]
+        courts = open_courts(free, between_walls, np.zeros_like(free), occupancy.resolution)
+        parts = [(cells, _middle(cells, frame), why) for cells in courts]
         notes.append("the building has openings to the outside; the floor outside of it is taken as unknown.")
-    floor = _map_of(occupancy, free & ~outside)
-    labels, frame, rooms = _rooms(objects, floor)
-    parts = _open_sky(floor, ceilings) if told and ceilings is not None else []
-    if not told:
-        parts = [*courts, *_courtyards(floor, objects, labels, frame, rooms)]
-    parts = [part for part in parts if not _chosen(part, choices.indoors, frame_of(occupancy))]
-    for x, y in choices.outdoors:
-        parts.append(_about((x, y), floor, labels, frame))
-    for part in parts:
-        outside |= part.cells
-        size = np.count_nonzero(part.cells) * occupancy.resolution**2
-        x, y = part.at
+    floor = _map_of(occupancy, free & ~left_out)
+    space = human_space_of(objects, floor)
+    labels, coarse, rooms = rooms_of(space, main_floor(space))
+    inner = without_building(objects, floor)
+    one_mesh = len(inner) < len(objects)
+    if ceilings is None:
+        parts += _courtyards(floor, inner, one_mesh, labels, coarse, rooms)
+    else:
+        parts = _open_sky(floor, ceilings)
+    parts = [part for part in parts if not any(frame.looked_up_at(part[0], x, y) for x, y in inside)]
+    for x, y in outside:
+        number = int(coarse.looked_up_at(labels, x, y))
+        if not number:
+            message = f"--outdoors {x:g},{y:g}: no open floor of the building is there, in metres."
+            raise InputError(message, code="no-floor")
+        parts.append((_on_map(labels == number, labels, coarse, floor), (x, y), "you said so"))
+    for cells, (x, y), why in parts:
+        left_out |= cells
+        size = np.count_nonzero(cells) * occupancy.resolution**2
         notes.append(
-            f"{size:.0f} m² of floor about ({x:.1f}, {y:.1f}) are taken as outside: {part.why}. "
-            + ("" if (x, y) in choices.outdoors else f"--indoors {x:.1f},{y:.1f} makes them floor of the building.")
+            f"{size:.0f} m² of floor about ({x:.1f}, {y:.1f}) are taken as outside: {why}. "
+            + ("" if (x, y) in outside else f"--indoors {x:.1f},{y:.1f} makes them floor of the building.")
         )
-    for at in choices.indoors:
-        if frame_of(occupancy).looked_up_at(outside, *at):
-            raise InputError(
-                f"--indoors {at[0]:g},{at[1]:g}: too few walls stand about it; it lies outside.", code="no-floor"
+    for x, y in inside:
+        if frame.looked_up_at(left_out, x, y):
+            message = f"--indoors {x:g},{y:g}: too few walls stand about it; it lies outside."
+            raise InputError(message, code="no-floor")
+    if ceilings is None and not outside and one_mesh and len(rooms) >= 3:
+        known = {at for _, at, _ in parts}
+        halls = [r for r in rooms if r.area_m2 >= COURTYARD_M2 and r.kind == "hall" and r.middle not in known]
+        if halls:
+            listed = ", ".join(f"{r.area_m2:.0f} m² about ({r.middle[0]:.1f}, {r.middle[1]:.1f})" for r in halls[:3])
+            notes.append(
+                f"if a hall is a courtyard ({listed}), leave it out with --outdoors X,Y: the file has no ceilings to "
+                "tell."
             )
-    if not told and not choices.outdoors and len(without_building(objects, floor)) < len(objects):
-        notes += _doubtful(rooms, parts, labels, frame)
-    return _map_of(occupancy, free & ~outside) if outside.any() else occupancy
+    return _map_of(occupancy, free & ~left_out) if left_out.any() else occupancy
 
 
 def _map_of(occupancy: OccupancyMap, free: Bools) -> OccupancyMap:
@@ -483,12 +446,7 @@ def _map_of(occupancy: OccupancyMap, free: Bools) -> OccupancyMap:
     return OccupancyMap(cells=cells, resolution=occupancy.resolution, origin=occupancy.origin)
 
 
-def _rooms(objects: Sequence[SolidObject], floor: OccupancyMap) -> tuple[Labels, Frame, tuple[Room, ...]]:
-    space = human_space_of(objects, floor)
-    return rooms_of(space, main_floor(space))
-
-
-def _open_sky(floor: OccupancyMap, ceilings: Bools) -> list[_Part]:
+def _open_sky(floor: OccupancyMap, ceilings: Bools) -> list[Part]:
     """Return the parts of the floor without anything overhead."""
     from scipy.ndimage import binary_dilation, binary_erosion, label
 
@@ -503,27 +461,30 @@ def _open_sky(floor: OccupancyMap, ceilings: Bools) -> list[_Part]:
     for number in range(1, count + 1):
         cells = parts == number
         if np.count_nonzero(cells) * floor.resolution**2 >= OPEN_SKY_M2:
-            found.append(_Part(cells, _middle(cells, frame_of(floor)), "nothing is overhead there"))
+            found.append((cells, _middle(cells, frame_of(floor)), "nothing is overhead there"))
     return found
 
 
 def _courtyards(
-    floor: OccupancyMap, objects: Sequence[SolidObject], labels: Labels, frame: Frame, rooms: Sequence[Room]
-) -> list[_Part]:
-    """Return the rooms that are courtyards, told by enclosure, size and what stands in them."""
-    inner = without_building(objects, floor)
-    one_mesh = len(inner) < len(objects)
+    floor: OccupancyMap,
+    things: Sequence[SolidObject],
+    one_mesh: bool,
+    labels: Labels,
+    frame: Frame,
+    rooms: Sequence[Room],
+) -> list[Part]:
+    """Return the rooms that are courtyards, told by enclosure, size and the things that stand in them."""
     found = []
     for room in rooms:
         cells = labels == room.number
-        named, others = _standing_in(inner, cells, frame)
+        named, others = _standing_in(things, cells, frame)
         if named and not others:
             why = f"{', '.join(named[:3])} {'stands' if len(named) == 1 else 'stand'} there"
         elif one_mesh and not others and _is_courtyard(room, rooms, labels):
             why = "the building is around it, it is large and empty, and no way leads through it"
         else:
             continue
-        found.append(_Part(_on_map(cells, labels, frame, floor), room.middle, why))
+        found.append((_on_map(cells, labels, frame, floor), room.middle, why))
     return found
 
 
@@ -573,36 +534,9 @@ def _standing_in(things: Sequence[SolidObject], cells: Bools, frame: Frame) -> t
     return named, others
 
 
-def _doubtful(rooms: Sequence[Room], parts: Sequence[_Part], labels: Labels, frame: Frame) -> list[str]:
-    """Return a note on every large empty room that a person may know to be outside."""
-    known = {part.at for part in parts}
-    large = [
-        room for room in rooms if room.area_m2 >= COURTYARD_M2 and room.kind == "hall" and room.middle not in known
-    ]
-    if not large or len(rooms) < 3:
-        return []
-    listed = ", ".join(f"{r.area_m2:.0f} m² about ({r.middle[0]:.1f}, {r.middle[1]:.1f})" for r in large[:3])
-    return [f"if a hall is a courtyard ({listed}), leave it out with --outdoors X,Y: the file has no ceilings to tell."]
-
-
-def _about(at: Point, floor: OccupancyMap, labels: Labels, frame: Frame) -> _Part:
-    """Return the room about a point that a person has chosen as outside."""
-    number = int(frame.looked_up_at(labels, *at))
-    if not number:
-        raise InputError(
-            f"--outdoors {at[0]:g},{at[1]:g}: no open floor of the building is there, in metres.",
-            code="no-floor",
-        )
-    return _Part(_on_map(labels == number, labels, frame, floor), at, "you said so")
-
-
-def _chosen(part: _Part, points: Sequence[Point], frame: Frame) -> bool:
-    return any(bool(frame.looked_up_at(part.cells, x, y)) for x, y in points)
-
-
 def _on_map(cells: Bools, labels: Labels, frame: Frame, floor: OccupancyMap) -> Bools:
     """Return a room of a coarser frame as free cells of the map, up to its walls but not into other rooms."""
-    from scipy.ndimage import binary_dilation
+    from scipy.ndimage import binary_dilation, label
 
     reach = math.ceil(RIM_M / frame.resolution)
     whole = binary_dilation(cells, np.ones((3, 3), bool), reach, mask=cells | (labels == 0))
@@ -610,18 +544,11 @@ def _on_map(cells: Bools, labels: Labels, frame: Frame, floor: OccupancyMap) -> 
     fine = np.repeat(np.repeat(whole, step, axis=0), step, axis=1)
     rows, columns = floor.cells.shape
     padded = np.pad(fine, ((0, max(0, rows - len(fine))), (0, max(0, columns - fine.shape[1]))), mode="edge")
-    on_floor: Bools = _connected(padded[:rows, :columns] & (floor.cells == FREE), frame_of(floor), cells, frame)
-    return on_floor
-
-
-def _connected(free: Bools, fine: Frame, cells: Bools, coarse: Frame) -> Bools:
-    """Return the parts of some free cells that hold a cell of the room, so that none lies behind a wall."""
-    from scipy.ndimage import label
-
+    free = padded[:rows, :columns] & (floor.cells == FREE)
+    # Only the parts that hold a cell of the room, so that none lies behind a wall
     parts, _ = label(free)
-    rows, columns = np.nonzero(cells)
-    inside = coarse.to_metres(np.column_stack([columns + 0.5, rows + 0.5]))
-    numbers = np.unique(fine.looked_up(parts, inside))
+    inside = frame.to_metres(np.argwhere(cells)[:, ::-1].astype(float) + 0.5)
+    numbers = np.unique(frame_of(floor).looked_up(parts, inside))
     return np.isin(parts, numbers[numbers > 0])
 
 

@@ -7,8 +7,9 @@ footprints and of what the map shows; the robot keeps clear of what its own map 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from dataclasses import field as dataclass_field
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -55,11 +56,11 @@ class Frame:
     def looked_up(self, cells: NDArray[Any], points: Floats) -> NDArray[Any]:
         """Return the values of the cells in which the points (..., 2) in metres lie; 0 off the raster."""
         at = np.floor(self.to_cells(np.asarray(points, float)) + 1e-9).astype(int)
-        rows, columns = self.shape
-        on_map = (at[..., 0] >= 0) & (at[..., 0] < columns) & (at[..., 1] >= 0) & (at[..., 1] < rows)
+        column, row = at[..., 0], at[..., 1]
+        on_map = (column >= 0) & (column < self.shape[1]) & (row >= 0) & (row < self.shape[0])
         if on_map.all():
-            return np.asarray(cells[at[..., 1], at[..., 0]])
-        values = cells[np.where(on_map, at[..., 1], 0), np.where(on_map, at[..., 0], 0)]
+            return np.asarray(cells[row, column])
+        values = cells[np.where(on_map, row, 0), np.where(on_map, column, 0)]
         return np.asarray(np.where(on_map, values, np.zeros((), cells.dtype)))
 
     def looked_up_at(self, cells: NDArray[Any], x: float, y: float) -> Any:
@@ -87,6 +88,15 @@ def covering(points: Floats, resolution: float, margin: float = 0.0) -> Frame:
     return Frame(Pose(x=x, y=y), resolution, (rows, columns))
 
 
+def coarser(cells: NDArray[Any], frame: Frame, step: int, merge: Callable[..., Any]) -> tuple[NDArray[Any], Frame]:
+    """Return a raster with blocks of `step` x `step` cells merged (such as by np.max), and its frame."""
+    high, wide = (n // step for n in frame.shape)
+    if step == 1 or not (high and wide):
+        return cells, frame
+    blocks = cells[: high * step, : wide * step].reshape(high, step, wide, step)
+    return np.asarray(merge(blocks, axis=(1, 3))), Frame(frame.origin, frame.resolution * step, (high, wide))
+
+
 def outermost(cells: Bools) -> NDArray[np.int_]:
     """Return the first and last marked cell of every row that has one, as (n, 2) of column and row.
 
@@ -106,15 +116,10 @@ def outline_cells(polygons: Iterable[Sequence[tuple[float, float]]], frame: Fram
         ends = np.roll(corners, -1, axis=0)
         for a, b in zip(corners, ends, strict=True):
             steps = max(1, int(np.ceil(np.hypot(*(b - a)) * 10)))
-            points = a + (b - a) * np.linspace(0.0, 1.0, steps + 1)[:, None]
-            _mark(cells, np.floor(points + 1e-9).astype(int))
+            at = np.floor(a + (b - a) * np.linspace(0.0, 1.0, steps + 1)[:, None] + 1e-9).astype(int)
+            at = at[((at >= 0) & (at < frame.shape[::-1])).all(axis=1)]
+            cells[at[:, 1], at[:, 0]] = True
     return cells
-
-
-def _mark(cells: Bools, at: NDArray[np.int_]) -> None:
-    rows, columns = cells.shape
-    inside = (at[:, 0] >= 0) & (at[:, 0] < columns) & (at[:, 1] >= 0) & (at[:, 1] < rows)
-    cells[at[inside, 1], at[inside, 0]] = True
 
 
 def inside_cells(polygons: Iterable[Sequence[tuple[float, float]]], frame: Frame) -> Bools:
@@ -196,6 +201,7 @@ class Space:
 
     frame: Frame
     field: NDArray[np.float32]
+    _parts: dict[float, NDArray[np.int32]] = dataclass_field(default_factory=dict, init=False, repr=False)
 
     def clearances(self, points: Floats) -> Floats:
         """Distance in metres from each of the points (..., 2) to the nearest obstacle; 0 in one or off the map."""
@@ -213,24 +219,20 @@ class Space:
     def parts(self, radius: float) -> NDArray[np.int32]:
         """Which connected part of the free space every cell belongs to for a disc of this radius; (rows, columns).
 
-        0 where the disc does not fit, else 1 and up, the larger part first.
+        0 where the disc does not fit, else 1 and up, the larger part first. Large arrays: only the last is kept.
         """
-        known = _parts.setdefault(self, {})
-        if radius not in known:
-            known.clear()  # large arrays: only the last radius is kept
-            known[radius] = self._labelled(radius)
-        return known[radius]
+        if radius not in self._parts:
+            from scipy.ndimage import label
 
-    def _labelled(self, radius: float) -> NDArray[np.int32]:
-        from scipy.ndimage import label
-
-        parts, count = label((self.field > 0) & (self.field >= radius))
-        sizes = np.bincount(parts.ravel(), minlength=count + 1)[1:]
-        rank = np.zeros(count + 1, np.int32)
-        rank[1 + np.argsort(-sizes, kind="stable")] = np.arange(1, count + 1)
-        ranked = np.asarray(rank[parts])
-        ranked.setflags(write=False)
-        return ranked
+            parts, count = label((self.field > 0) & (self.field >= radius))
+            sizes = np.bincount(parts.ravel(), minlength=count + 1)[1:]
+            rank = np.zeros(count + 1, np.int32)
+            rank[1 + np.argsort(-sizes, kind="stable")] = np.arange(1, count + 1)
+            ranked = np.asarray(rank[parts])
+            ranked.setflags(write=False)
+            self._parts.clear()
+            self._parts[radius] = ranked
+        return self._parts[radius]
 
     def segments_free(self, starts: Floats, ends: Floats, radius: float = 0.0) -> Bools:
         """For n segments (n, 2) to (n, 2): whether a disc of this radius can move straight from end to end; (n,)."""
@@ -251,9 +253,6 @@ class Space:
     def segment_free(self, a: tuple[float, float], b: tuple[float, float], radius: float = 0.0) -> bool:
         """Return whether a disc of this radius (metres) can move straight from `a` to `b`."""
         return bool(self.segments_free(np.array([a]), np.array([b]), radius)[0])
-
-
-_parts: WeakKeyDictionary[Space, dict[float, NDArray[np.int32]]] = WeakKeyDictionary()
 
 
 def frame_of(occupancy: OccupancyMap) -> Frame:
@@ -281,22 +280,25 @@ def solid_cells(objects: Sequence[SolidObject], frame: Frame) -> Bools:
     return cells
 
 
-def human_space_of(objects: Sequence[SolidObject], occupancy: OccupancyMap) -> Space:
-    """Return where a person can be: clear of every footprint and of all that the map does not show free.
+_solid_spaces: WeakKeyDictionary[OccupancyMap, tuple[tuple[SolidObject, ...], Space]] = WeakKeyDictionary()
+"""The last answer for each map, as a world is made and checked from the same objects."""
+_map_spaces: WeakKeyDictionary[OccupancyMap, Space] = WeakKeyDictionary()
+_spaces: WeakKeyDictionary[World, dict[str, Space]] = WeakKeyDictionary()
+"""What was computed of each world, by who moves in it."""
 
-    The last answer for a map is kept, as a world is made and checked from the same objects.
-    """
+
+def human_space_of(objects: Sequence[SolidObject], occupancy: OccupancyMap) -> Space:
+    """Return where a person can be: clear of every footprint and of all that the map does not show free."""
     if not objects:
         return robot_space_of(occupancy)
-    among, known = _solid_spaces.get(occupancy, ((), None))
-    if known is None or among != tuple(objects):
-        frame = frame_of(occupancy)
-        known = space_of((occupancy.cells != FREE) | solid_cells(objects, frame), frame)
-        _solid_spaces[occupancy] = tuple(objects), known
-    return known
+    if occupancy not in _solid_spaces or _solid_spaces[occupancy][0] != tuple(objects):
+        _solid_spaces[occupancy] = tuple(objects), _blocked_by(objects, occupancy)
+    return _solid_spaces[occupancy][1]
 
 
-_solid_spaces: WeakKeyDictionary[OccupancyMap, tuple[tuple[SolidObject, ...], Space]] = WeakKeyDictionary()
+def _blocked_by(objects: Sequence[SolidObject], occupancy: OccupancyMap) -> Space:
+    frame = frame_of(occupancy)
+    return space_of((occupancy.cells != FREE) | solid_cells(objects, frame), frame)
 
 
 def robot_space_of(occupancy: OccupancyMap) -> Space:
@@ -306,51 +308,38 @@ def robot_space_of(occupancy: OccupancyMap) -> Space:
     return _map_spaces[occupancy]
 
 
-_map_spaces: WeakKeyDictionary[OccupancyMap, Space] = WeakKeyDictionary()
-
-
 def main_floor(space: Space, clearance_m: float = 0.3) -> Bools:
     """The largest connected part of the floor on which a person has `clearance_m`; (rows, columns)."""
     return np.asarray(space.parts(clearance_m) == 1)
 
 
-_human_spaces: WeakKeyDictionary[World, Space] = WeakKeyDictionary()
-_robot_spaces: WeakKeyDictionary[World, Space] = WeakKeyDictionary()
-_driving_spaces: WeakKeyDictionary[World, Space] = WeakKeyDictionary()
-
-
 def human_space(world: World) -> Space:
     """Return where a person can be in this world, in the world frame; computed once per world."""
-    if world not in _human_spaces:
-        _human_spaces[world] = human_space_of(world.solids, world_map(world))
-    return _human_spaces[world]
+    return _kept(world, "human", lambda: human_space_of(world.solids, world_map(world)))
 
 
 def robot_space(world: World) -> Space:
     """Where the robot can be in this world as far as its map tells, in the world frame; computed once per world."""
-    if world not in _robot_spaces:
-        bare = not world.solids  # then people and robot go by the same map
-        _robot_spaces[world] = human_space(world) if bare else robot_space_of(world_map(world))
-    return _robot_spaces[world]
+    bare = not world.solids  # then people and robot go by the same map
+    return _kept(world, "robot", lambda: human_space(world) if bare else robot_space_of(world_map(world)))
 
 
 def driving_space(world: World) -> Space:
     """Return where the robot really can be: clear of what its map shows, moved objects and doors that stand still."""
     unseen = world.still_doors + world.moved
-    if not unseen:
-        return robot_space(world)
-    if world not in _driving_spaces:
-        occupancy = world_map(world)
-        frame = frame_of(occupancy)
-        _driving_spaces[world] = space_of((occupancy.cells != FREE) | solid_cells(unseen, frame), frame)
-    return _driving_spaces[world]
+    return _kept(world, "driving", lambda: _blocked_by(unseen, world_map(world))) if unseen else robot_space(world)
+
+
+def _kept(world: World, kind: str, make: Callable[[], Space]) -> Space:
+    spaces = _spaces.setdefault(world, {})
+    if kind not in spaces:
+        spaces[kind] = make()
+    return spaces[kind]
 
 
 def in_same_space(changed: World, world: World) -> World:
     """The changed copy of a world whose map and objects are the same: what is computed of its space is kept."""
-    for spaces in (_human_spaces, _robot_spaces, _driving_spaces):
-        if world in spaces:
-            spaces[changed] = spaces[world]
+    _spaces[changed] = dict(_spaces.get(world, {}))
     return changed
 
 

@@ -357,15 +357,20 @@ class View:
         return (round(min(x0, x1)), round(min(y0, y1)), round(max(x0, x1)), round(max(y0, y1)))
 
 
+def check_width(width_px: int) -> None:
+    """Raise InputError for the width of a picture that is absurd."""
+    if not NARROWEST_PX <= width_px <= WIDEST_PX:
+        raise InputError(
+            f"a picture is {NARROWEST_PX} to {WIDEST_PX} pixels wide; {width_px} were asked for", code="picture-width"
+        )
+
+
 def view_of(world: World, *, width_px: int, window: Window | None, margins: tuple[int, int, int, int]) -> View:
     """The view that shows a window of the world (None: all that is known of it) on a page at most `width_px` wide.
 
     `margins` are pixels left, top, right and bottom of the plan. Raises InputError for absurd sizes.
     """
-    if not NARROWEST_PX <= width_px <= WIDEST_PX:
-        raise InputError(
-            f"a picture is {NARROWEST_PX} to {WIDEST_PX} pixels wide; {width_px} were asked for", code="picture-width"
-        )
+    check_width(width_px)
     shown = window or known_window(world)
     x0, y0, x1, y1 = shown
     if not (x1 > x0 and y1 > y0):
@@ -444,8 +449,15 @@ class Sheet:
         if edge is not None:
             self._draw.line([*points, points[0], points[1]], fill=edge, width=self._width(width), joint="curve")
 
+    def stamp(self, cells: NDArray[np.bool_], colour: Colour) -> None:
+        """Colour the marked pixels of the fine image, from its upper left corner."""
+        self._image.paste(colour, (0, 0), Image.fromarray(cells))
+
     def holed(self, ring: Floats, holes: Sequence[Floats], fill: Colour) -> None:
         """Draw a filled polygon with holes in page pixels."""
+        if not holes:
+            self.polygon(ring, fill=fill)
+            return
         mask = Image.new("1", self._image.size)
         draw = ImageDraw.Draw(mask)
         draw.polygon(self._fine(ring), fill=1)
