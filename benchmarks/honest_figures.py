@@ -9,8 +9,7 @@ import sys
 from pathlib import Path
 
 from rvsg.store.sqlite import SqliteLedger
-from rvsg_study.material import Material, gather
-from rvsg_study.tables import Row, build
+from rvsg_study.study_tables import Material, Row, build, gather
 
 METRICS = {"R1": ("dto", "m"), "R2": ("jerk", "m/s³"), "R3": ("trg", "s")}
 INK, GREY, RED, BLUE = "#222222", "#8a8a8a", "#c23b22", "#2b6ca3"

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Literal
 
 from rvsg.core.documents import read_yaml
-from rvsg.evaluation.aims import aim_of, moved_by
+from rvsg.evaluation.signals import aim_of, moved_by
 from rvsg.generation.conversation import DRIVE, CompactConversation, Conversation, VlmGenerator, session_of
 from rvsg.generation.environment import EnvironmentDialogue
 from rvsg.generation.generator import Rehearsal

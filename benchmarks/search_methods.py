@@ -31,11 +31,9 @@ from rvsg.core.errors import BudgetSpent, InputError
 from rvsg.core.files import write_whole
 from rvsg.core.records import Record
 from rvsg.core.seeds import fresh_seeds
-from rvsg.evaluation.diversity import description_diversity, positions, simulation_diversity, task_diversity
-from rvsg.evaluation.judge import violated
-from rvsg.evaluation.sentences import available
+from rvsg.evaluation.diversity import available, description_diversity, positions, simulation_diversity, task_diversity
 from rvsg.evaluation.statistics import Comparison, compare, holm
-from rvsg.evaluation.verdict import Verdict
+from rvsg.evaluation.verdict import Verdict, violated
 from rvsg.report.charts import COLOURS, Scale, span, ticks
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run

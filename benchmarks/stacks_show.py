@@ -24,8 +24,8 @@ from rvsg.campaign.comparison import Comparison, compare
 from rvsg.campaign.suite import CaseResult, SuiteResult
 from rvsg.evaluation.statistics import wilson
 from rvsg.report.charts import COLOURS
-from rvsg.report.comparison import percent, ranking_markdown, shares_figure
-from rvsg.report.frames import Turn
+from rvsg.report.comparison_page import percent, ranking_markdown, shares_figure
+from rvsg.report.stills import Turn
 from rvsg.world.drawing.sheet import palette
 from rvsg.world.drawing.svg import floor_plan, style
 from rvsg.world.world_folder import load_world

@@ -28,7 +28,7 @@ _HOME = {
     "check": "rvsg.scenario.builder",
     "evaluate": "rvsg.app.judgement",
     "judge": "rvsg.app.judgement",
-    "load_requirement": "rvsg.evaluation.judge",
+    "load_requirement": "rvsg.evaluation.verdict",
     "load_runs": "rvsg.app.runs",
     "load_scenario": "rvsg.scenario.builder",
     "load_world": "rvsg.scenario.world_lookup",

@@ -108,7 +108,7 @@ def test_results_are_kept_and_compared_and_a_broken_case_fails_the_build_with_a_
 
 
 def test_the_example_suite_holds_twelve_failures_of_five_routes_that_still_fail() -> None:
-    """Few repeats: two violations in two runs are enough for a known failure (see rvsg.evaluation.judge)."""
+    """Few repeats: two violations in two runs are enough for a known failure (see rvsg.evaluation.verdict)."""
     suite = rvsg.Suite.open(EXAMPLES / "suites" / "warehouse")
     assert len(suite.cases) == 12
     assert {case.scenario.mission.route.name for case in suite.cases} == {f"route_{k}" for k in range(1, 6)}

@@ -12,8 +12,7 @@ from tests.coded import coded
 
 import rvsg
 from rvsg.core.errors import InputError, UnknownName
-from rvsg.evaluation.judge import judge
-from rvsg.evaluation.verdict import Status
+from rvsg.evaluation.verdict import Status, judge
 from rvsg.scenario.scenario import Human, Task
 from rvsg.world.world_folder import SHIPPED
 

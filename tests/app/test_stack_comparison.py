@@ -13,8 +13,8 @@ from rvsg.campaign.comparison import compare
 from rvsg.campaign.suite import CaseResult, SuiteResult, state_of
 from rvsg.cli import main
 from rvsg.core.errors import InputError
-from rvsg.evaluation.judge import judge
-from rvsg.report.comparison import comparison_page
+from rvsg.evaluation.verdict import judge
+from rvsg.report.comparison_page import comparison_page
 from rvsg.scenario.requirement import Requirement
 
 LIMIT = Requirement(name="X", title="x", text="x", metric="min_distance", worse="smaller", limit=0.5)

@@ -12,8 +12,8 @@ from rvsg.app.comparison import compare_versions
 from rvsg.campaign.comparison import Change
 from rvsg.campaign.suite import State
 from rvsg.core.errors import FileError, InputError, UnknownName
-from rvsg.report.comparison import changes_markdown
-from rvsg.report.suites import suite_junit
+from rvsg.report.comparison_page import changes_markdown
+from rvsg.report.summary import suite_junit
 
 FAST = "kinematic"
 

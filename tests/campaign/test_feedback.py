@@ -9,8 +9,7 @@ from tests.campaign.parts import REQUIREMENT, KinematicSimulator, WalkGenerator,
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.feedback import decisive_moments, feedback_of, gaps, separable, worst_run
 from rvsg.campaign.observation import passings_of, stops_of, touches_of
-from rvsg.evaluation.judge import judge
-from rvsg.evaluation.verdict import Verdict
+from rvsg.evaluation.verdict import Verdict, judge
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
 from rvsg.simulation.run import Outcome, Recovery, Run, Trajectory

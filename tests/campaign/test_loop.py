@@ -35,8 +35,7 @@ from rvsg.campaign.runner import Measuring, Runner
 from rvsg.campaign.strategies import Ask, RandomStrategy, StudyStrategy, UnguidedStrategy
 from rvsg.core.errors import BudgetSpent, SimulationError
 from rvsg.core.seeds import fresh_seeds
-from rvsg.evaluation.judge import judge, violated
-from rvsg.evaluation.verdict import Status
+from rvsg.evaluation.verdict import Status, judge, violated
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Requirement

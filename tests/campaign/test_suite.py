@@ -12,8 +12,7 @@ from rvsg.campaign.suite import (
     SuiteResult,
     state_of,
 )
-from rvsg.evaluation.judge import judge
-from rvsg.evaluation.verdict import Verdict
+from rvsg.evaluation.verdict import Verdict, judge
 from rvsg.scenario.requirement import Requirement
 
 LIMIT = Requirement(name="X", title="x", text="x", metric="min_distance", worse="smaller", limit=0.5)

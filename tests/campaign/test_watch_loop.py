@@ -24,7 +24,7 @@ from rvsg.campaign.self_adaptation import (
 )
 from rvsg.campaign.suite import CaseResult, State
 from rvsg.core.errors import FileError, SimulationError
-from rvsg.evaluation.judge import judge
+from rvsg.evaluation.verdict import judge
 from rvsg.scenario.scenario import Scenario
 
 LIMIT = rvsg.Requirement(name="R1", title="x", text="x", metric="min_distance", worse="smaller", limit=0.5)

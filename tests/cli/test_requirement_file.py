@@ -2,7 +2,7 @@ import pytest
 
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError
-from rvsg.evaluation.judge import load_requirement
+from rvsg.evaluation.verdict import load_requirement
 
 WRONG = """wide:
   title: Wide

@@ -6,8 +6,8 @@ import pytest
 from tests.coded import at_key
 
 from rvsg.core.documents import DocumentError
-from rvsg.evaluation.judge import check_requirement, load_requirement
 from rvsg.evaluation.metrics.registry import METRICS
+from rvsg.evaluation.verdict import check_requirement, load_requirement
 from rvsg.scenario.requirement import shipped_requirements
 
 

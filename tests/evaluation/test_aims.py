@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from tests.evaluation.runs import run_of, trajectory
 
-from rvsg.evaluation.aims import aim_of, series_name, series_of
 from rvsg.evaluation.metrics.registry import METRICS
-from rvsg.evaluation.signals import SIGNALS, robustness
+from rvsg.evaluation.signals import SIGNALS, aim_of, robustness, series_name, series_of
 from rvsg.scenario.requirement import Aim, Requirement, load_requirement, shipped_requirements
 
 T = np.arange(0.0, 5.0, 0.05)

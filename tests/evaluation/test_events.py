@@ -9,7 +9,8 @@ import pytest
 from tests.evaluation.runs import run_of, trajectory
 
 from rvsg.evaluation.detection import events_of
-from rvsg.evaluation.events import (
+from rvsg.evaluation.metrics.registry import measure
+from rvsg.evaluation.run_events import (
     EVENTS,
     Abort,
     Arrival,
@@ -24,7 +25,6 @@ from rvsg.evaluation.events import (
     StandStill,
     TimeOut,
 )
-from rvsg.evaluation.metrics.registry import measure
 from rvsg.evaluation.sampled import Sampled
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task
 from rvsg.simulation import run as recorded

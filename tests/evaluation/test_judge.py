@@ -5,9 +5,19 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from tests.evaluation.runs import run_of, trajectory
 
-from rvsg.evaluation.judge import judge, next_repeats, objective, still_open, violated
-from rvsg.evaluation.verdict import DEFAULT, Procedure, Status, Verdict
-from rvsg.evaluation.wording import status_in_words, value_in_words
+from rvsg.evaluation.verdict import (
+    DEFAULT,
+    Procedure,
+    Status,
+    Verdict,
+    judge,
+    next_repeats,
+    objective,
+    status_in_words,
+    still_open,
+    value_in_words,
+    violated,
+)
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Outcome
 

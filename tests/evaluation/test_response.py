@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rvsg.evaluation.response import fit_surface, sensitivities
+from rvsg.evaluation.statistics import fit_surface, sensitivities
 
 RNG = np.random.default_rng
 

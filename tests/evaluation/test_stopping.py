@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from rvsg.evaluation.judge import judge, next_repeats
 from rvsg.evaluation.statistics import clopper_pearson
-from rvsg.evaluation.verdict import DEFAULT
+from rvsg.evaluation.verdict import DEFAULT, judge, next_repeats
 from rvsg.scenario.requirement import shipped_requirements
 
 CLEARANCE = shipped_requirements()["clearance"]

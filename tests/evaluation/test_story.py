@@ -6,11 +6,10 @@ from tests.evaluation.runs import run_of, trajectory
 from tests.evaluation.test_events import REACH, T, a_run, dip, passing, scenario_of, warehouse
 
 from rvsg.evaluation.detection import events_of
-from rvsg.evaluation.events import Contact
 from rvsg.evaluation.metrics.registry import measure
-from rvsg.evaluation.naming import place_name
-from rvsg.evaluation.safety_summary import MEASURED, summarise_safety
+from rvsg.evaluation.run_events import Contact, place_name
 from rvsg.evaluation.story import story_of
+from rvsg.evaluation.verdict import MEASURED, summarise_safety
 from rvsg.scenario.scenario import Human, Task
 from rvsg.simulation.run import Outcome
 

@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.evaluation.runs import run_of, trajectory
 
-from rvsg.evaluation.judge import check_requirement, objective
 from rvsg.evaluation.signals import SIGNALS, robustness
-from rvsg.evaluation.temporal_syntax import FormulaError, parse
+from rvsg.evaluation.temporal import FormulaError, parse
+from rvsg.evaluation.verdict import check_requirement, objective
 from rvsg.scenario.requirement import Requirement
 from rvsg.world.world_folder import load_world
 

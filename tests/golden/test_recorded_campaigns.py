@@ -11,7 +11,7 @@ import yaml
 from tests.recordings import CAMPAIGNS, FOLDERS
 
 from rvsg.core.errors import ReplayDiverged
-from rvsg.evaluation.aims import aim_of, moved_by
+from rvsg.evaluation.signals import aim_of, moved_by
 from rvsg.generation.conversation import DRIVE, VlmGenerator
 from rvsg.generation.environment import EnvironmentDialogue
 from rvsg.generation.facts import configuration_object, human_names

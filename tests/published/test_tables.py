@@ -5,7 +5,7 @@ import csv
 import pytest
 from tests.published_data import published_data
 
-from rvsg.evaluation.sentences import model_folder
+from rvsg.evaluation.diversity import model_folder
 from rvsg.store.sqlite import SqliteLedger
 from rvsg.world.world_folder import load_world
 from rvsg_study.import_study import import_study

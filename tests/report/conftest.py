@@ -13,7 +13,7 @@ from tests.report.test_page import NastyGenerator, campaign, default_campaign, p
 from tests.report.test_trace_view import made
 
 from rvsg.report.overview import Pin, render_overview
-from rvsg.report.trace_view import trace_json, trace_view
+from rvsg.report.replay_data import trace_json, trace_view
 
 
 class Pages(dict[str, Path]):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rvsg.campaign.feedback import MapCell
-from rvsg.report.broken import broken
+from rvsg.report.page import broken
 from rvsg.scenario.brief import Encounter
 
 

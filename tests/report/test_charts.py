@@ -9,8 +9,7 @@ from tests.campaign.parts import REQUIREMENT, MemoryLedger
 from tests.report.test_page import campaign
 
 from rvsg.campaign.attempt import Attempt, Plan
-from rvsg.evaluation.judge import judge
-from rvsg.evaluation.verdict import Verdict
+from rvsg.evaluation.verdict import Verdict, judge
 from rvsg.report.charts import LETTER, confirmation_chart, search_chart
 
 WIDE = [(-9.0, 1.0), (0.5, 40.0), (-1000.0, 1000.0)]

@@ -7,8 +7,8 @@ from pathlib import Path
 from rvsg.generation.generator import Call
 from rvsg.generation.vlm.model import Answer, Message, Request
 from rvsg.generation.vlm.recording import Recording
-from rvsg.report import conversation
-from rvsg.report.conversation import Conversations
+from rvsg.report import page_contents
+from rvsg.report.page_contents import Conversations
 
 
 def call(recording: Recording, number: int, *texts: tuple[str, str], answer: str | None) -> Call:
@@ -43,7 +43,7 @@ def test_a_failed_call_and_one_that_is_not_kept(tmp_path: Path) -> None:
 
 
 def test_a_long_conversation_is_cut_with_a_word(tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
-    monkeypatch.setattr(conversation, "MOST_CHARACTERS", 10)
+    monkeypatch.setattr(page_contents, "MOST_CHARACTERS", 10)
     recording = Recording(tmp_path)
     made = call(recording, 1, ("user", "0123456"), answer="789abcdef")
     (shown,) = Conversations(recording).of([made])

@@ -16,7 +16,7 @@ from tests.report.test_page import campaign
 
 from rvsg.core.errors import InputError
 from rvsg.report.film import HOLD_S, PICTURE_HZ, VIDEO_HZ, Shot, check_film, strip, write_film
-from rvsg.report.robots import footprint_of
+from rvsg.report.run_facts import footprint_of
 from rvsg.robots.robot import shipped_robots
 
 WIDTH = 480

@@ -5,8 +5,7 @@ import itertools
 from hypothesis import given
 from hypothesis.strategies import floats, lists, tuples
 
-from rvsg.report.frames import pins
-from rvsg.report.labels import beside, box_around, free_place, spread
+from rvsg.report.stills import beside, box_around, free_place, pins, spread
 
 INSIDE = (0.0, 0.0, 30.0, 20.0)
 PLACE = tuples(floats(1.0, 29.0), floats(1.0, 19.0))

@@ -10,9 +10,8 @@ from tests.campaign.parts import MemoryLedger, warehouse
 from tests.report.test_page import NastyGenerator, Reader, campaign, default_campaign
 
 from rvsg.campaign.findings import findings
-from rvsg.evaluation.judge import judge
-from rvsg.evaluation.naming import place_name
-from rvsg.evaluation.verdict import Status
+from rvsg.evaluation.run_events import place_name
+from rvsg.evaluation.verdict import Status, judge
 from rvsg.report.overview import Reported, pins_of, render_overview, write_overview
 from rvsg.report.page import render_page
 from rvsg.report.summary import summarise

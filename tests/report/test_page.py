@@ -21,18 +21,14 @@ from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.strategies import RandomStrategy, StudyStrategy
 from rvsg.cli.tables import ranked_table
-from rvsg.evaluation.judge import judge
-from rvsg.evaluation.verdict import Status
-from rvsg.evaluation.wording import how_sure, number
+from rvsg.evaluation.verdict import Status, how_sure, judge, number
 from rvsg.generation.generator import Proposal
 from rvsg.generation.vlm.recording import Recording
-from rvsg.report.answer import CAUSE_WORDS, answer
-from rvsg.report.facts import facts_of
-from rvsg.report.junit import junit_xml
+from rvsg.report.answer import CAUSE_WORDS, answer, unbroken
 from rvsg.report.page import _curse, render_page
-from rvsg.report.summary import Ranked, summarise
+from rvsg.report.run_facts import facts_of
+from rvsg.report.summary import Ranked, junit_xml, summarise
 from rvsg.report.terminal import describe_finding
-from rvsg.report.words import unbroken
 from rvsg.scenario.brief import Brief
 from rvsg.world.world import World
 

@@ -13,12 +13,20 @@ from tests.campaign.parts import REQUIREMENT, MemoryLedger, warehouse
 from tests.evaluation.runs import run_of, trajectory
 from tests.report.test_page import campaign, default_campaign, default_page, page
 
-from rvsg.evaluation.judge import objective
 from rvsg.evaluation.metrics.registry import METRICS
 from rvsg.evaluation.sampled import Sampled
-from rvsg.report.colours import distinct_colours
-from rvsg.report.payload import FAR_STEP, INVOLVED_M, ReplayGroup, ReplayRun, people_colours, replay_payload, varints
-from rvsg.report.quantity import decisive, judged_curve, prefix
+from rvsg.evaluation.verdict import objective
+from rvsg.report.replay_data import (
+    FAR_STEP,
+    INVOLVED_M,
+    ReplayGroup,
+    ReplayRun,
+    distinct_colours,
+    people_colours,
+    replay_payload,
+    varints,
+)
+from rvsg.report.run_facts import decisive, judged_curve, prefix
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Outcome, Run
 

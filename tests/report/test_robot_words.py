@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rvsg.report.robot import robot_words
+from rvsg.report.answer import robot_words
 from rvsg.scenario.scenario import Mission
 from rvsg.world.world_folder import load_world
 

@@ -10,7 +10,7 @@ import rvsg
 from rvsg.app.judgement import write_page
 from rvsg.core.errors import InputError
 from rvsg.generation.random_search import RandomGenerator
-from rvsg.report.robots import EDGES
+from rvsg.report.run_facts import EDGES
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.kinematic import KinematicSimulator

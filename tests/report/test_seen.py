@@ -10,8 +10,8 @@ from tests.evaluation.runs import run_of, trajectory
 from tests.simulation.corridor import ROUTE, hall
 
 from rvsg.campaign.runner import Measuring
-from rvsg.report.facts import run_facts
-from rvsg.report.seen import seen_beside
+from rvsg.report.answer import seen_beside
+from rvsg.report.run_facts import run_facts
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.simulation.run import ObstacleContact
 from rvsg.world.world import Door

@@ -13,7 +13,7 @@ import pytest
 from tests.campaign.parts import warehouse
 from tests.evaluation.runs import run_of, trajectory
 
-from rvsg.report.trace_view import MOST_RAYS, trace_json, trace_view
+from rvsg.report.replay_data import MOST_RAYS, trace_json, trace_view
 from rvsg.robots.robot import load_robot
 from rvsg.scenario.scenario import ROBOT
 from rvsg.simulation.embedded.trace import Evaluation, Frame, NodeChange, Patch, Trace

@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any, cast
 
-from rvsg.report.under_test import under_test
+from rvsg.report.answer import under_test
 from rvsg.simulation.run import Run
 
 

@@ -12,7 +12,7 @@ from tests.simulation.corridor import END, HINGE, ROUTE, hall, person, run
 from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
 from rvsg.evaluation.detection import events_of
-from rvsg.evaluation.events import ObstacleContact as Hit
+from rvsg.evaluation.run_events import ObstacleContact as Hit
 from rvsg.evaluation.sampled import Sampled
 from rvsg.evaluation.story import what_is_hit
 from rvsg.scenario.scenario import Behaviour, PersonKind, Trolley

@@ -11,7 +11,7 @@ from rvsg.app.comparison import compare_campaigns
 from rvsg.app.settings import CampaignConfig
 from rvsg.campaign.comparison import Change
 from rvsg.core.errors import InputError
-from rvsg.evaluation.judge import load_requirement
+from rvsg.evaluation.verdict import load_requirement
 from rvsg_studio.estimate import estimate
 from rvsg_studio.listing import FoundCampaign
 from rvsg_studio.model_questions import conversations_of, named_in

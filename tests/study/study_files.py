@@ -11,7 +11,7 @@ from tests.evaluation.runs import run_of
 from rvsg.evaluation.metrics.registry import measure
 from rvsg.simulation.run import Outcome
 from rvsg_study.study_folder import LOGGED
-from rvsg_study.study_log import read_log
+from rvsg_study.study_format import read_log
 
 
 def configuration(*paths):

@@ -13,9 +13,8 @@ from tests.study.study_files import lines_of, put, write_scenario
 
 from rvsg.core.errors import FileError, RvsgError
 from rvsg.world.world_folder import load_world
-from rvsg_study.files import Unreadable, as_number, read_json, read_table, small_number
 from rvsg_study.import_study import Imported, import_study, write_findings
-from rvsg_study.study_log import read_log
+from rvsg_study.study_format import Unreadable, as_number, read_json, read_log, read_table, small_number
 from rvsg_study.table_files import write_tables
 
 WORLD = load_world("warehouse")

@@ -2,10 +2,9 @@ from xml.etree import ElementTree
 
 import pytest
 
-from rvsg_study import figures
-from rvsg_study.figures import write_repeat_figures
-from rvsg_study.material import TABLED, Material, Sample
-from rvsg_study.table_files import write_tables
+from rvsg_study import table_files
+from rvsg_study.study_tables import TABLED, Material, Sample
+from rvsg_study.table_files import write_repeat_figures, write_tables
 
 pytest.importorskip("matplotlib")
 SVG = "{http://www.w3.org/2000/svg}"
@@ -61,11 +60,11 @@ def test_one_sided_and_single_runs_are_drawn(tmp_path):
 
 
 def test_without_matplotlib_the_tables_are_written_and_the_figures_missed(tmp_path, monkeypatch):
-    monkeypatch.setattr(figures.importlib.util, "find_spec", lambda name: None)
-    assert not figures.can_draw()
+    monkeypatch.setattr(table_files.importlib.util, "find_spec", lambda name: None)
+    assert not table_files.can_draw()
     monkeypatch.setattr("rvsg_study.table_files.gather", lambda *_: material())
-    monkeypatch.setattr("rvsg_study.material.Material.positions", lambda *_: None)
-    monkeypatch.setattr("rvsg_study.tables.simulation_diversity", lambda _: None)
+    monkeypatch.setattr("rvsg_study.study_tables.Material.positions", lambda *_: None)
+    monkeypatch.setattr("rvsg_study.study_tables.simulation_diversity", lambda _: None)
     notes = write_tables(out=tmp_path)
     assert any("-e '.[figures]'" in note for note in notes)
     assert (tmp_path / "honest" / "rq3.csv").exists() and not list(tmp_path.glob("*/*.svg"))

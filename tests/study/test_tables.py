@@ -12,10 +12,9 @@ from rvsg.core.errors import InputError
 from rvsg.store.sqlite import SqliteLedger
 from rvsg.world.world_folder import load_world
 from rvsg_study.import_study import import_study
-from rvsg_study.material import Sample, gather
 from rvsg_study.study_folder import REQUIREMENTS
+from rvsg_study.study_tables import Row, Sample, build, corrected, expected_best, gather
 from rvsg_study.table_files import write_tables
-from rvsg_study.tables import Row, build, corrected, expected_best
 
 METHODS = {"distance": 0.0, "no_req": 1.0, "random": 2.0}
 

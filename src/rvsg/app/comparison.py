@@ -24,8 +24,8 @@ from rvsg.campaign.suite import Case, CaseResult, Expectation, SuiteResult, stat
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec, ignore
-from rvsg.evaluation.wording import counted
-from rvsg.report.comparison import (
+from rvsg.evaluation.verdict import counted
+from rvsg.report.comparison_page import (
     ORDER,
     ReplayedChange,
     change_replay,
@@ -33,7 +33,7 @@ from rvsg.report.comparison import (
     ranking_markdown,
     shares_figure,
 )
-from rvsg.report.facts import run_facts
+from rvsg.report.run_facts import run_facts
 from rvsg.scenario.builder import as_robot
 from rvsg.simulation.simulators import make_simulator
 from rvsg.simulation.stacks.registry import StackChoice

@@ -14,7 +14,7 @@ from rvsg.campaign.exploration import Coverage, Exercise
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec, ignore
-from rvsg.report.coverage import coverage_map, coverage_page, coverage_text
+from rvsg.report.overview import coverage_map, coverage_page, coverage_text
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.simulation.simulators import Simulator
 from rvsg.world.drawing import png_bytes

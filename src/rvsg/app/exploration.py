@@ -16,10 +16,9 @@ from rvsg.core.files import write_whole
 from rvsg.core.outputs import check_writable, write_text
 from rvsg.core.plugins import Spec, ignore
 from rvsg.core.seeds import seed_for
-from rvsg.evaluation.judge import load_requirement
-from rvsg.evaluation.response import Sensitivity, Surface, fit_surface, sensitivities
-from rvsg.evaluation.statistics import clopper_pearson
-from rvsg.report.response import response_page, response_svg
+from rvsg.evaluation.statistics import Sensitivity, Surface, clopper_pearson, fit_surface, sensitivities
+from rvsg.evaluation.verdict import load_requirement
+from rvsg.report.comparison_page import response_page, response_svg
 from rvsg.scenario import validity
 from rvsg.scenario.builder import check_valid, load_family, scenario_json
 from rvsg.scenario.requirement import Requirement

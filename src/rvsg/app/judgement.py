@@ -14,11 +14,16 @@ from rvsg.campaign.runner import Measuring
 from rvsg.core.errors import InputError
 from rvsg.core.outputs import check_writable
 from rvsg.core.records import Pose
-from rvsg.evaluation.judge import load_requirement, next_repeats, violated
-from rvsg.evaluation.verdict import DEFAULT, Procedure, Status, Verdict
-from rvsg.evaluation.wording import (
+from rvsg.evaluation.verdict import (
+    DEFAULT,
+    Procedure,
+    Status,
+    Verdict,
+    load_requirement,
+    next_repeats,
     number,
     status_in_words,
+    violated,
 )
 from rvsg.generation.generator import Proposal
 from rvsg.report.summary import interval
@@ -150,7 +155,7 @@ def write_page(
     Raises:
         InputError: the world of the runs is not known.
     """
-    from rvsg.report.runs_page import write_runs_page
+    from rvsg.report.page import write_runs_page
 
     known = scenario or runs.scenario
     given = world if world is not None else runs.world

@@ -43,8 +43,8 @@ from rvsg.core.files import write_whole
 from rvsg.core.inputs import exists, parse_json, read_text
 from rvsg.core.outputs import make_folder
 from rvsg.core.plugins import ignore
-from rvsg.report.junit import junit_of
 from rvsg.report.overview import Pin, pins_of, write_overview
+from rvsg.report.summary import junit_of
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.world.world_folder import load_world
 

@@ -20,8 +20,8 @@ from rvsg.core.files import write_whole
 from rvsg.core.inputs import parse_json, read_text
 from rvsg.core.outputs import make_folder
 from rvsg.core.plugins import Spec
-from rvsg.evaluation.aims import aim_of, moved_by
-from rvsg.evaluation.judge import load_requirement
+from rvsg.evaluation.signals import aim_of, moved_by
+from rvsg.evaluation.verdict import load_requirement
 from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.generator import Generator, Proposal
 from rvsg.generation.prompts import template_text

@@ -22,12 +22,11 @@ from rvsg.campaign.ranking import best_attempt, candidates, front_of, search_att
 from rvsg.core.errors import InputError, NothingJudged
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec
-from rvsg.evaluation.verdict import Verdict
-from rvsg.evaluation.wording import counted
+from rvsg.evaluation.verdict import Verdict, counted
 from rvsg.generation.vlm.recording import CALLS, Recording
 from rvsg.report.page import render_page
+from rvsg.report.replay_data import traces_beside
 from rvsg.report.summary import Summary, summarise
-from rvsg.report.trace_view import traces_beside
 from rvsg.scenario.builder import scenario_json
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission

@@ -34,11 +34,10 @@ from rvsg.core.errors import FileError, InputError, SimulationError, UnknownName
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec, ignore
 from rvsg.core.records import Record
-from rvsg.evaluation.judge import load_requirement, next_repeats
 from rvsg.evaluation.story import story_of
-from rvsg.evaluation.verdict import DEFAULT, Procedure
-from rvsg.report.facts import run_facts
+from rvsg.evaluation.verdict import DEFAULT, Procedure, load_requirement, next_repeats
 from rvsg.report.film import shot_of_run, write_film
+from rvsg.report.run_facts import run_facts
 from rvsg.robots.robot import Robot
 from rvsg.scenario.builder import as_robot, check_valid, load_scenario_in, with_robot
 from rvsg.scenario.requirement import Requirement

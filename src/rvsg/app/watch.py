@@ -37,8 +37,8 @@ from rvsg.core.documents import read_document
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.plugins import Spec, ignore
 from rvsg.core.seeds import seed_for
-from rvsg.evaluation.judge import judge, objective
-from rvsg.evaluation.naming import WaypointNames
+from rvsg.evaluation.run_events import WaypointNames
+from rvsg.evaluation.verdict import judge, objective
 from rvsg.generation.generator import Generator
 from rvsg.scenario.builder import walk
 from rvsg.scenario.requirement import Requirement

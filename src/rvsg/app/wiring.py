@@ -22,8 +22,7 @@ from rvsg.core import plugins
 from rvsg.core.errors import FileError, InputError
 from rvsg.core.inputs import read_text
 from rvsg.core.plugins import Spec
-from rvsg.evaluation.judge import load_requirement
-from rvsg.evaluation.verdict import Procedure
+from rvsg.evaluation.verdict import Procedure, load_requirement
 from rvsg.generation.generator import Generator, InformedGenerator
 from rvsg.scenario.brief import Remembered
 from rvsg.scenario.builder import check_mission, check_route, mission_of

@@ -11,9 +11,8 @@ from itertools import combinations
 
 from rvsg.campaign.suite import CaseResult, SuiteResult
 from rvsg.core.records import Record
-from rvsg.evaluation.judge import violated
 from rvsg.evaluation.statistics import ShareDifference, holm, share_difference
-from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.evaluation.verdict import Status, Verdict, violated
 
 
 class Change(str, Enum):

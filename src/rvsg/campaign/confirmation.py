@@ -17,8 +17,7 @@ from rvsg.campaign.ledger import whole
 from rvsg.campaign.observation import FailureMode, usual
 from rvsg.campaign.ranking import candidates, confirmations, search_attempts
 from rvsg.core.seeds import fresh_seeds
-from rvsg.evaluation.judge import next_repeats, violated
-from rvsg.evaluation.verdict import Procedure, Status
+from rvsg.evaluation.verdict import Procedure, Status, next_repeats, violated
 from rvsg.scenario.scenario import Human, HumanConfiguration
 
 FEWEST_WITHOUT_ONE = 5

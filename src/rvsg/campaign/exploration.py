@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.records import Record
-from rvsg.evaluation.encounters import EncounterKind, encounters_of
-from rvsg.evaluation.response import Sensitivity, Surface
+from rvsg.evaluation.detection import EncounterKind, encounters_of
+from rvsg.evaluation.statistics import Sensitivity, Surface
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, Scenario
 from rvsg.scenario.variation import Range, waypoints_used

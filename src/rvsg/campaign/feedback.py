@@ -31,9 +31,9 @@ from rvsg.campaign.ranking import measured, standing
 from rvsg.core.errors import SimulationError
 from rvsg.core.records import Record
 from rvsg.core.seeds import seed_for
-from rvsg.evaluation.aims import series_name, series_of
-from rvsg.evaluation.naming import WaypointNames
+from rvsg.evaluation.run_events import WaypointNames
 from rvsg.evaluation.sampled import sampled
+from rvsg.evaluation.signals import series_name, series_of
 from rvsg.evaluation.statistics import welch
 from rvsg.evaluation.verdict import Verdict
 from rvsg.generation.generator import MET_M, Rehearsal, Rehearse, Walked

@@ -13,12 +13,19 @@ from rvsg.campaign.observation import FailureMode, mode_of, usual
 from rvsg.campaign.ranking import confirmations
 from rvsg.campaign.suite import CaseResult
 from rvsg.core.records import Record
-from rvsg.evaluation.judge import violated
-from rvsg.evaluation.safety_summary import Arrivals, Contacts, summarise_safety
 from rvsg.evaluation.statistics import share_difference
 from rvsg.evaluation.story import story_of
-from rvsg.evaluation.verdict import DEFAULT, Procedure, Status, Verdict
-from rvsg.evaluation.wording import how_sure
+from rvsg.evaluation.verdict import (
+    DEFAULT,
+    Arrivals,
+    Contacts,
+    Procedure,
+    Status,
+    Verdict,
+    how_sure,
+    summarise_safety,
+    violated,
+)
 from rvsg.scenario.brief import Remembered
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission, Scenario

@@ -22,8 +22,8 @@ from rvsg.campaign.race import Candidate
 from rvsg.campaign.strategies import Ask, BatchStrategy
 from rvsg.core.records import Record, text_id
 from rvsg.core.seeds import seed_for
-from rvsg.evaluation.aims import aim_of, moved_by
-from rvsg.evaluation.naming import place_name
+from rvsg.evaluation.run_events import place_name
+from rvsg.evaluation.signals import aim_of, moved_by
 from rvsg.generation.descriptions import Described, answer, describe_changed, describe_tuned, same_work, tells_of
 from rvsg.generation.forecast import AIMED, STEP_S, Forecaster, Screen
 from rvsg.generation.people_sampler import added

@@ -17,10 +17,8 @@ from numpy.typing import NDArray
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.ranking import in_full, measured, standing
 from rvsg.core.records import Record
-from rvsg.evaluation.detection import blocked_goals, contacts, place_namer, standstills
-from rvsg.evaluation.encounters import encounters_of
-from rvsg.evaluation.events import Place, StandStill
-from rvsg.evaluation.naming import WaypointNames, place_name
+from rvsg.evaluation.detection import blocked_goals, contacts, encounters_of, place_namer, standstills
+from rvsg.evaluation.run_events import Place, StandStill, WaypointNames, place_name
 from rvsg.evaluation.sampled import Sampled, sampled, stretches
 from rvsg.scenario.brief import Arrival, Encounter, Passing, Stop, Touched
 from rvsg.scenario.requirement import Requirement

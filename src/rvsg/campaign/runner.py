@@ -17,9 +17,8 @@ from rvsg.campaign.ledger import CachedLedger, Recent
 from rvsg.campaign.observation import RunObservation, observe
 from rvsg.campaign.worker_pool import Processes
 from rvsg.core.errors import SimulationError
-from rvsg.evaluation.judge import judge, objective
 from rvsg.evaluation.metrics.registry import measure
-from rvsg.evaluation.verdict import DEFAULT, Procedure, Verdict
+from rvsg.evaluation.verdict import DEFAULT, Procedure, Verdict, judge, objective
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.archive import PackedRun, rounded

@@ -18,8 +18,8 @@ from rvsg.campaign.ranking import last_untold, lessons_of, remember
 from rvsg.core.errors import StoreError
 from rvsg.core.records import Record
 from rvsg.core.seeds import seed_for
-from rvsg.evaluation.aims import aim_of, moved_by
-from rvsg.evaluation.judge import judge
+from rvsg.evaluation.signals import aim_of, moved_by
+from rvsg.evaluation.verdict import judge
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief, Feedback, Remembered
 from rvsg.scenario.scenario import Scenario

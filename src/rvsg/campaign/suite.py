@@ -1,6 +1,6 @@
 """Suites: scenarios that stay, with the verdict you expect of each, and their results.
 
-A case passes a suite where its verdict is the expected one. The sequential procedure of `rvsg.evaluation.judge`
+A case passes a suite where its verdict is the expected one. The sequential procedure of `rvsg.evaluation.verdict`
 decides each verdict with its declared error rate, so a case changes its state only on statistical evidence; where the
 runs do not decide, the state is unclear, and that is no failure.
 """
@@ -15,10 +15,8 @@ from pydantic import Field
 from rvsg.core.errors import NothingJudged
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
-from rvsg.evaluation.judge import violated
 from rvsg.evaluation.statistics import wilson
-from rvsg.evaluation.verdict import DEFAULT, Procedure, Status, Verdict
-from rvsg.evaluation.wording import counted
+from rvsg.evaluation.verdict import DEFAULT, Procedure, Status, Verdict, counted, violated
 from rvsg.robots.robot import Robot
 from rvsg.scenario.scenario import Scenario
 

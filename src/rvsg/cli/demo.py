@@ -80,9 +80,7 @@ def recording_folder(name: str | None) -> Path:
 
 def what_it_means(plan: Plan, summary: Summary) -> str:
     """Return what the verdict says and what it does not say, for a reader who sees one for the first time."""
-    from rvsg.evaluation.judge import still_open
-    from rvsg.evaluation.verdict import Status
-    from rvsg.evaluation.wording import counted, number
+    from rvsg.evaluation.verdict import Status, counted, number, still_open
 
     confirmed, name = summary.confirmed, plan.requirement.name
     tried = "the model's " + (counted(len(summary.ranking), "scenario") if len(summary.ranking) != 1 else "scenario")

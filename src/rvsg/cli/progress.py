@@ -23,7 +23,7 @@ from rvsg.campaign.execution import (
     Shrinks,
 )
 from rvsg.cli.console import console, say
-from rvsg.evaluation.wording import counted, number, status_in_words
+from rvsg.evaluation.verdict import counted, number, status_in_words
 from rvsg.generation.vlm.access import CallNews
 from rvsg.generation.vlm.model import Spending
 from rvsg.report.terminal import describe_spending

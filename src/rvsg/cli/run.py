@@ -184,7 +184,7 @@ def run_one(from_file: dict[str, Any], given: dict[str, Any]) -> Campaign:
     from rvsg.app.settings import effective
     from rvsg.core.files import write_whole
     from rvsg.core.outputs import check_writable
-    from rvsg.report.junit import junit_xml
+    from rvsg.report.summary import junit_xml
 
     asked = effective(None, from_file, given)
     if asked.junit:
@@ -206,7 +206,7 @@ def _run(campaign: Campaign, *, resumed: bool) -> None:
     from rvsg.cli.interruption import interruptible
     from rvsg.cli.progress import CampaignProgress
     from rvsg.core.errors import BudgetSpent, GenerationError, Interrupted, SimulationError
-    from rvsg.evaluation.wording import counted
+    from rvsg.evaluation.verdict import counted
 
     plan, folder = campaign.plan, campaign.folder
     known = campaign.attempts()
@@ -236,7 +236,7 @@ def _run(campaign: Campaign, *, resumed: bool) -> None:
 
 
 def _what_it_does(campaign: Campaign) -> str:
-    from rvsg.evaluation.wording import counted
+    from rvsg.evaluation.verdict import counted
 
     plan = campaign.plan
     search = (
@@ -256,7 +256,7 @@ def _what_it_does(campaign: Campaign) -> str:
 def _show_lost(attempts: list[Attempt]) -> None:
     """Print how many attempts have no scenario and why, and which replies of a model were unusable."""
     from rvsg.campaign.execution import calls_of
-    from rvsg.evaluation.wording import counted
+    from rvsg.evaluation.verdict import counted
     from rvsg.report.terminal import describe_unusable
 
     search = [attempt for attempt in attempts if attempt.purpose == "search"]
@@ -274,8 +274,7 @@ def _show(campaign: Campaign, summary: Summary, spent_s: float, *, as_json: bool
     from rvsg.app.commands import command_for_more
     from rvsg.app.folder import REPORT
     from rvsg.cli.tables import ranked_table, show_findings
-    from rvsg.evaluation.verdict import Status
-    from rvsg.evaluation.wording import counted
+    from rvsg.evaluation.verdict import Status, counted
 
     plan, folder = campaign.plan, campaign.folder
     if as_json:

@@ -101,7 +101,7 @@ def shrink(
 
 
 def _show_step(step: Simplification) -> None:
-    from rvsg.evaluation.wording import counted
+    from rvsg.evaluation.verdict import counted
 
     violated = f"violated in {step.violations} of {counted(step.runs, 'run')}"
     say(f"{'kept' if step.kept else 'no  '}  {violated}: {step.what}")
@@ -109,7 +109,7 @@ def _show_step(step: Simplification) -> None:
 
 def _show(shrunk: Shrunk) -> None:
     """Print the size of the original and of the smallest scenario, and how often each violates."""
-    from rvsg.evaluation.wording import counted
+    from rvsg.evaluation.verdict import counted
 
     for name, people, verdict in (
         ("original", shrunk.original.people, shrunk.before),

@@ -171,7 +171,7 @@ def trace(
     """
     from rvsg.app.playback import check_trace_files, trace_source
     from rvsg.cli.options import spec, stack_spec
-    from rvsg.report.trace_view import trace_file_beside
+    from rvsg.report.replay_data import trace_file_beside
 
     check_trace_files(source, out or [])
     traced = trace_source(

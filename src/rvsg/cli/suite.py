@@ -45,7 +45,7 @@ def add(
 ) -> None:
     """Add a scenario to a suite, or one more requirement to a case that holds the same scenario."""
     from rvsg import Suite
-    from rvsg.evaluation.wording import counted
+    from rvsg.evaluation.verdict import counted
 
     made = Suite.create(suite).add(
         scenario, requirement, name=name, title=title, expected=expect, reason=reason, world=world
@@ -87,7 +87,7 @@ def run(
     from rvsg.app.suites import describe_result
     from rvsg.cli.options import spec, stack_spec
     from rvsg.core.outputs import check_writable, write_text
-    from rvsg.report.suites import suite_junit
+    from rvsg.report.summary import suite_junit
 
     if junit is not None:
         check_writable(junit)
@@ -158,7 +158,7 @@ def compare_versions(
     """
     from rvsg.app.comparison import compare_versions as compare
     from rvsg.core.outputs import check_writable, write_text
-    from rvsg.report.comparison import changes_markdown
+    from rvsg.report.comparison_page import changes_markdown
 
     for file in (markdown, html):
         if file is not None:

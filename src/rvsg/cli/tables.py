@@ -13,9 +13,7 @@ from rich.text import Text
 from rvsg.app.commands import confirm_command
 from rvsg.campaign.attempt import Plan
 from rvsg.cli.console import as_started, say
-from rvsg.evaluation.judge import still_open
-from rvsg.evaluation.verdict import Status, Verdict
-from rvsg.evaluation.wording import OPEN, counted, number
+from rvsg.evaluation.verdict import OPEN, Status, Verdict, counted, number, still_open
 from rvsg.report.summary import Ranked, Summary, interval
 from rvsg.report.terminal import describe_failure, describe_finding
 

@@ -1,21 +1,20 @@
-"""Detection of the events of a run from the simulator's records, the trajectory and the outcome.
+"""Detection of events in the record of a run: contacts, near misses, stops, encounters, people who are stuck.
 
-What the simulator records is taken from it. The rest is detected in the trajectory: near misses, hard braking, standing
-still, a blocked goal, how the run ended, and, where the simulator records nothing of them, contacts and people who are
-stuck, arrive or pause.
+What the simulator records is taken from it. The rest is detected in the trajectory.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from enum import Enum
 from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
-from rvsg.evaluation.events import (
+from rvsg.core.records import Record
+from rvsg.evaluation.run_events import (
     Abort,
     Arrival,
     BlockedGoal,
@@ -25,22 +24,147 @@ from rvsg.evaluation.events import (
     HardBrake,
     NearMiss,
     ObstacleContact,
+    PersonPaused,
+    PersonReached,
+    PersonReacted,
+    PersonStuck,
     Place,
     PlaceAt,
     Recovery,
     Replan,
     StandStill,
     TimeOut,
+    WaypointNames,
 )
-from rvsg.evaluation.naming import WaypointNames
-from rvsg.evaluation.people import people_events
-from rvsg.evaluation.sampled import Flags, Sampled, Touch, joined, sampled, stretches, wrap
-from rvsg.scenario.scenario import Scenario
+from rvsg.evaluation.sampled import Flags, Floats, Sampled, Touch, joined, sampled, stretches, wrap
+from rvsg.scenario.scenario import Behaviour, Human, HumanAgent, Scenario, decode, task_ends
 from rvsg.simulation import run as recorded
 from rvsg.simulation.run import Outcome, RobotContact, Run
 from rvsg.world.world import Door, World
 
-Floats = NDArray[np.float64]
+REACHED_M = 0.45
+"""A person this near a waypoint has reached it; simulated people turn to the next one at 0.3 to 0.4 m."""
+LEFT_M = 0.6
+LEAVING_S = 2.0
+"""How long a person may take to leave after a pause."""
+CHECKED_S = 0.25
+"""Positions are compared at this period."""
+STUCK_S = 5.0
+STUCK_M = 0.3
+"""A person who moves less than this in `STUCK_S` is stuck, unless the task, a reaction or the start explains it."""
+BESIDE_PERSON_M = 0.6
+REACTING_M = 1.0
+"""A person whose behaviour stops it near the robot is not stuck within its distance of reaction plus this."""
+OfPeople = recorded.PersonStuck | recorded.PersonPaused | recorded.PersonReacted | recorded.PersonReached
+STOPPING = (Behaviour.SURPRISED, Behaviour.CURIOUS, Behaviour.THREATENING)
+
+
+def people_events(s: Sampled, scenario: Scenario | None, world: World | None, at: PlaceAt) -> Iterator[Event]:
+    """Yield the events of people: as the simulator recorded them, else as the trajectory shows them.
+
+    The names of tasks need `scenario` and `world`, and so does all that is read off the trajectory.
+    """
+    known = scenario is not None and world is not None
+    humans = {human.name: human for human in scenario.people.humans} if known and scenario is not None else {}
+    if any(isinstance(event, OfPeople) for event in s.run.events):
+        ends = {name: task_ends(human) for name, human in humans.items()}
+        yield from _recorded(s, ends, at)
+    elif scenario is not None and world is not None:
+        for human, agent in zip(scenario.people.humans, decode(scenario.people, world.grid), strict=True):
+            if human.name in s.run.human_names and len(agent.goals) > 1:
+                yield from _of_one(s, s.run.human_names.index(human.name), human, agent, at)
+
+
+def _recorded(s: Sampled, ends: dict[str, dict[int, str]], at: PlaceAt) -> Iterator[Event]:
+    """Yield the recorded events up to the end of the series; of waypoints reached only the ends of tasks."""
+    t = s.series.t
+    for event in s.run.events:
+        if not isinstance(event, OfPeople) or event.time_s > t[-1] + 1e-9:
+            continue
+        start: dict[str, Any] = {"time_s": event.time_s, "place": at(event.x, event.y), "person": event.person}
+        if isinstance(event, recorded.PersonReached):
+            task = ends.get(event.person, {}).get(event.goal)
+            if task is not None:
+                yield PersonReached(**start, task=task)
+            continue
+        until = min(event.until_s, float(t[-1]))
+        if isinstance(event, recorded.PersonPaused):
+            yield PersonPaused(**start, until_s=until)
+        elif isinstance(event, recorded.PersonReacted):
+            yield PersonReacted(**start, until_s=until, behaviour=event.behaviour.value)
+        else:
+            index = min(int(np.searchsorted(t, event.time_s - 1e-9)), len(t) - 1)
+            reason = _beside(s, index, s.run.human_names.index(event.person))
+            yield PersonStuck(**start, until_s=until, reason=reason)
+
+
+def _of_one(s: Sampled, person: int, human: Human, agent: HumanAgent, at: PlaceAt) -> Iterator[Event]:
+    x, y, t = s.series.human_x[:, person], s.series.human_y[:, person], s.series.t
+    ends = task_ends(human)
+    excused: Flags = t < agent.start_delay_s + 1.0
+    for index, goal in _arrivals(x, y, agent):
+        where = at(*agent.goals[goal])
+        begin = round(float(t[index]), 3)
+        if agent.pauses_s[goal] > 0.0:
+            left = float(t[_departure(x, y, index, agent.goals[goal])])
+            until = min(left, begin + agent.pauses_s[goal])
+            excused |= (t >= begin) & (t <= begin + agent.pauses_s[goal] + LEAVING_S)
+            yield PersonPaused(time_s=begin, place=where, until_s=round(until, 3), person=human.name)
+        if goal in ends:
+            yield PersonReached(time_s=begin, place=where, person=human.name, task=ends.pop(goal))
+    if agent.behaviour in STOPPING:
+        excused |= s.distance[:, person] < agent.reaction.distance_m + REACTING_M
+    yield from _stuck(s, person, excused, at)
+
+
+def _arrivals(x: Floats, y: Floats, agent: HumanAgent) -> Iterator[tuple[int, int]]:
+    """Yield the sample and the goal of each arrival, following the cycle of goals from the second on."""
+    goal, start = 1, 0
+    while start < len(x):
+        near = np.hypot(x[start:] - agent.goals[goal][0], y[start:] - agent.goals[goal][1]) < REACHED_M
+        if not near.any():
+            return
+        index = start + int(near.argmax())
+        yield index, goal
+        start, goal = index + 1, (goal + 1) % len(agent.goals)
+
+
+def _departure(x: Floats, y: Floats, index: int, goal: tuple[float, float]) -> int:
+    """Return the sample at which a person who stands at a goal since `index` leaves it, or the last one."""
+    away = np.hypot(x[index:] - goal[0], y[index:] - goal[1]) > LEFT_M
+    return index + int(away.argmax()) if away.any() else len(x) - 1
+
+
+def _stuck(s: Sampled, person: int, excused: Flags, at: PlaceAt) -> Iterator[PersonStuck]:
+    checked = np.append(np.arange(s.series.t[0], s.series.t[-1], CHECKED_S), s.series.t[-1])
+    rows = np.unique(np.searchsorted(s.series.t, checked))
+    x, y, t = s.series.human_x[rows, person], s.series.human_y[rows, person], s.series.t[rows]
+    window = np.searchsorted(t, t + STUCK_S - 1e-9) - np.arange(len(t))
+    last_row = np.arange(len(t)) + window
+    stays: Flags = last_row < len(t)
+    for ahead in range(1, int(window.max(initial=0)) + 1):
+        later = np.minimum(np.minimum(np.arange(len(t)) + ahead, last_row), len(t) - 1)
+        stays &= (np.hypot(x[later] - x, y[later] - y) < STUCK_M) & ~excused[rows[later]]
+    stays &= ~excused[rows]
+    for first, last in stretches(stays):
+        yield PersonStuck(
+            time_s=round(float(t[first]), 3),
+            place=at(x[first], y[first]),
+            until_s=round(float(t[last_row[last]]), 3),
+            person=s.run.human_names[person],
+            reason=_beside(s, int(rows[first]), person),
+        )
+
+
+def _beside(s: Sampled, index: int, person: int) -> Literal["robot", "person", "unknown"]:
+    """Return who stands next to a person at a sample."""
+    if s.gap[index, person] < BESIDE_PERSON_M:
+        return "robot"
+    x, y = s.series.human_x[index], s.series.human_y[index]
+    away = np.hypot(x - x[person], y - y[person]) - np.asarray(s.run.human_radius_m) - s.run.human_radius_m[person]
+    away[person] = np.inf
+    return "person" if len(away) > 1 and away.min() < BESIDE_PERSON_M else "unknown"
+
 
 Reason = Literal["person_ahead", "person_close", "obstacle", "recovery", "contact", "unknown"]
 
@@ -354,3 +478,74 @@ def _nearest(s: Sampled, index: int, within_m: float) -> str:
         return ""
     person = int(s.gap[index].argmin())
     return s.run.human_names[person] if s.gap[index, person] < within_m else ""
+
+
+ENCOUNTER_M = 1.5
+"""An encounter begins where the gap between the bodies falls below this."""
+ENCOUNTER_APART_S = 2.0
+"""Approaches of one person with less time between them are one encounter."""
+STANDING_M_S = 0.15
+BESIDE_RAD = np.deg2rad(45.0)
+"""Directions of travel within 45 degrees count as the same, or as opposite."""
+
+
+class EncounterKind(str, Enum):
+    """How a person comes near the robot, by the directions of both when the encounter begins."""
+
+    HEAD_ON = "head-on"
+    FROM_LEFT = "crossing from the left"
+    FROM_RIGHT = "crossing from the right"
+    ROBOT_OVERTAKES = "robot behind a person"
+    PERSON_OVERTAKES = "person behind the robot"
+    STANDING = "person stands"
+
+
+class Encounter(Record):
+    """One person near the robot, from the moment the gap falls below `ENCOUNTER_M`."""
+
+    kind: EncounterKind
+    person: str
+    time_s: float
+    """When the gap is smallest, seconds since the start of the run."""
+    gap_m: float
+    """The smallest gap between the bodies; negative where they overlap."""
+    place: Place
+    """Where the robot is at that time."""
+
+
+def encounters_of(run: Run, *, world: World | None = None) -> tuple[Encounter, ...]:
+    """Return every encounter of a run in order of time. A `world` names the places."""
+    if not len(run.trajectory) or not run.human_names:
+        return ()
+    found = _encounters(sampled(run, world))
+    return tuple(sorted(found, key=lambda each: (each.time_s, each.person)))
+
+
+def _encounters(s: Sampled) -> Iterator[Encounter]:
+    at = place_namer(s.world)
+    for person in range(s.people):
+        gap = s.gap[:, person]
+        for first, last in joined(stretches(gap < ENCOUNTER_M), s.series.t, ENCOUNTER_APART_S):
+            closest = first + int(gap[first : last + 1].argmin())
+            yield Encounter(
+                kind=_kind(s, first, closest, person),
+                person=s.run.human_names[person],
+                time_s=round(float(s.series.t[closest]), 3),
+                gap_m=round(float(gap[closest]), 3),
+                place=at(float(s.series.x[closest]), float(s.series.y[closest])),
+            )
+
+
+def _kind(s: Sampled, first: int, closest: int, person: int) -> EncounterKind:
+    speed = s.series.human_speed[first : closest + 1, person]
+    if float(np.median(speed)) < STANDING_M_S:
+        return EncounterKind.STANDING
+    # Of the stretch up to the smallest gap the moment in which the person walks: at its start one may still turn.
+    walking = first + int(np.argmax(speed >= STANDING_M_S))
+    turned = float(wrap(s.series.human_yaw[walking, person] - s.series.yaw[walking]))
+    if abs(turned) > np.pi - BESIDE_RAD:
+        return EncounterKind.HEAD_ON
+    if abs(turned) < BESIDE_RAD:
+        ahead = abs(float(s.bearing_of_human[walking, person])) < np.pi / 2
+        return EncounterKind.ROBOT_OVERTAKES if ahead else EncounterKind.PERSON_OVERTAKES
+    return EncounterKind.FROM_LEFT if turned < 0 else EncounterKind.FROM_RIGHT

@@ -8,7 +8,7 @@ import numpy as np
 
 from rvsg.core.records import Record
 from rvsg.evaluation.detection import events_of, place_namer
-from rvsg.evaluation.events import (
+from rvsg.evaluation.run_events import (
     Abort,
     Arrival,
     BlockedGoal,
@@ -27,10 +27,10 @@ from rvsg.evaluation.events import (
     Replan,
     StandStill,
     TimeOut,
+    place_name,
 )
-from rvsg.evaluation.naming import place_name
 from rvsg.evaluation.sampled import joined, sampled, stretches
-from rvsg.evaluation.wording import outcome_in_words
+from rvsg.evaluation.verdict import outcome_in_words
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run
 from rvsg.world.world import World

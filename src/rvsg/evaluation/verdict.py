@@ -1,15 +1,52 @@
-"""The verdict on a scenario from repeated runs."""
+"""Judgement of runs by a requirement, and the verdict on a scenario from repeated runs.
+
+The verdict comes from a sequential procedure with declared error rates.
+
+Let q be the probability that a run violates the requirement. Two likelihood ratios are kept,
+
+    low  = L(often) / L(rare)             often = 0.20, rare = 0.02 by default
+    high = L(1 - rare) / L(1 - often)
+
+and, with e = `error_rate`:
+
+    PASS  when low  <= e        wrong with probability at most e if q >= often
+    FAIL  when high >= 1 / e    wrong with probability at most e if q <= 1 - often
+    FLAKY when low >= 1 / e and high <= e: violates more than rarely, and does not more than rarely;
+                                wrong with probability at most e if q <= rare or q >= 1 - rare
+    INCONCLUSIVE otherwise: more runs are needed, or the budget is spent.
+
+FAIL and FLAKY both imply low >= 1 / e: the requirement is violated more than rarely. That alone is what `violated`
+asks, so it is known, with the same error rate, before it is known which of the two it is: 8 violations in 8 runs are
+INCONCLUSIVE between FAIL and FLAKY, and violated. With the defaults 2 violations in 2 runs are enough, one is not.
+
+These are Wald's sequential probability ratio tests (1945), combined for three hypotheses as by Sobel and Wald (1949),
+with the bounds e and 1/e instead of Wald's approximations: by Ville's inequality each ratio crosses its bound wrongly
+with probability at most e *however long one looks*, so runs may be added in batches, stopped at any time and resumed.
+The status depends on the two counts only, not on their order. With the defaults 15 clean runs pass, 15 violations in
+a row fail, and a scenario that does both is flaky after 4 to 6 runs. One run never confirms anything.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from enum import Enum
 from functools import lru_cache
+from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field, model_validator
 
+from rvsg.core.errors import InputError, Unfit
 from rvsg.core.records import Record
+from rvsg.evaluation.metrics import metric
+from rvsg.evaluation.metrics.registry import find_metric, measure
+from rvsg.evaluation.signals import formula, robustness
+from rvsg.evaluation.statistics import censored_median, clopper_pearson, mean_interval
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.requirement import load_requirement as read_requirement
+from rvsg.simulation.run import Outcome, Run
+from rvsg.world.world import Route, World
 
 
 class Status(str, Enum):
@@ -29,7 +66,7 @@ _SHOWN = (Status.PASS, Status.FAIL, Status.FLAKY, Status.INCONCLUSIVE)
 class Procedure(Record):
     """How runs are judged: the violation probabilities to tell apart, the error rate, the budget of runs.
 
-    `rvsg.evaluation.judge` explains how they decide.
+    `rvsg.evaluation.verdict` explains how they decide.
     """
 
     rare: Annotated[float, Field(gt=0, lt=0.5)] = 0.02
@@ -123,7 +160,7 @@ class Verdict(Record):
     error_rate: float | None = None
     """How often such a status is wrong at most; None without a limit."""
     reason: str = ""
-    """How sure the verdict is, in words: `rvsg.evaluation.wording.how_sure`."""
+    """How sure the verdict is, in words: `rvsg.evaluation.verdict.how_sure`."""
     censored: int = 0
     """Runs that did not arrive and whose value is therefore only a lower bound."""
     median: float | None = None
@@ -135,3 +172,388 @@ class Verdict(Record):
     def judged_by(self) -> Procedure:
         """The procedure that judged."""
         return self.procedure or DEFAULT
+
+
+OPEN = "FAIL or FLAKY is still open"
+"""What is added to a verdict that is violated for sure, but not yet FAIL or FLAKY."""
+
+
+def metres(gap: float) -> str:
+    """Return a gap in words: whole centimetres below 1 m, never rounded down to a contact."""
+    if gap <= 0.0:
+        return "0 cm"
+    return f"{max(1, round(gap * 100))} cm" if gap < 1.0 else f"{gap:.1f} m"
+
+
+def number(value: float | None, unit: str = "") -> str:
+    """Return a value as people read it: three significant digits and its unit; a dash for None."""
+    if value is None:
+        return "–"
+    text = f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+    return f"{text} {unit}".strip()
+
+
+def counted(count: int, one: str, more: str = "") -> str:
+    """Return a number with its noun: `1 run`, `2 runs`; `more` is the plural where an s is not enough."""
+    return f"{count} {one if count == 1 else more or one + 's'}"
+
+
+def outcome_in_words(outcome: Outcome) -> str:
+    """Return how a run ended; what is stored of an aborted one is older than the word for it."""
+    return "navigation aborted before the goal was reached" if outcome is Outcome.ABORTED else outcome.value
+
+
+def percent(share: float) -> str:
+    """Return a share as a percentage without decimals."""
+    return f"{100.0 * share:.0f} %"
+
+
+def value_in_words(verdict: Verdict, unit: str = "") -> str:
+    """Return the mean with its interval; where runs did not arrive in time, how many, and the median.
+
+    A mean over values that the time limit cuts off is named as such and never stands alone.
+    """
+    if verdict.censored:
+        total = counted(verdict.runs, "run")
+        late = f"{verdict.censored} of {total} did not arrive in time"
+        if verdict.censored == verdict.runs:
+            return late
+        middle = f"median {number(verdict.median, unit)}" if verdict.median is not None else "median beyond the limit"
+        return f"{late}; {middle}; mean up to the time limit {_with_interval(verdict, unit)}"
+    return _with_interval(verdict, unit)
+
+
+def _with_interval(verdict: Verdict, unit: str) -> str:
+    if verdict.interval is None:
+        return number(verdict.mean, unit)
+    low, high = verdict.interval
+    return f"{number(verdict.mean)} [{number(low)}, {number(high)}] {unit}".strip()
+
+
+def status_in_words(verdict: Verdict) -> str:
+    """Return the status, and where it is open between FAIL and FLAKY that it is violated."""
+    procedure = verdict.judged_by
+    if verdict.status is Status.INCONCLUSIVE and procedure.violated(verdict.violations, verdict.runs):
+        return f"{verdict.status.value} (violated; {OPEN})"
+    return verdict.status.value
+
+
+def share_in_words(verdict: Verdict) -> str:
+    """Return the share of violating runs with its interval, e.g. `93 %, two-sided 95 % interval 68 to 100 %`."""
+    if verdict.violation_probability is None or verdict.violation_interval is None:
+        return ""
+    low, high = verdict.violation_interval
+    between = f"{100 * low:.0f} to {percent(high)}"
+    return f"{percent(verdict.violation_probability)}, two-sided {percent(verdict.confidence)} interval {between}"
+
+
+def difference_in_words(difference: float, interval: tuple[float, float], confidence: float) -> str:
+    """Return how much larger one share is than another, e.g. `difference 24 points, two-sided 95 % interval 3 to 41`.
+
+    Args:
+        difference: Of two shares, from -1 to 1.
+    """
+    low, high = (round(100 * bound) for bound in interval)
+    points = counted(round(100 * difference), "point")
+    return f"difference {points}, two-sided {percent(confidence)} interval {low} to {high}"
+
+
+def how_sure(verdict: Verdict) -> str:
+    """Return how sure a verdict is: the share of violating runs with its interval, and what the tests rule out.
+
+    The interval has two sides. The status comes from sequential tests that have one each. So their bounds differ, and
+    each is named.
+    """
+    without = ""
+    if verdict.undefined:
+        without = f"; {counted(verdict.undefined, 'run')} {'has' if verdict.undefined == 1 else 'have'} no value"
+    if verdict.status is Status.UNJUDGED:
+        runs = counted(verdict.runs, "run")
+        return f"{runs} measured; the requirement has no limit, so none is judged{without}"
+    verb = "violates" if 1 in (verdict.violations, verdict.runs) else "violate"
+    share = f" ({said})" if (said := share_in_words(verdict)) else ""
+    count = f"{verdict.violations} of {counted(verdict.runs, 'run')} {verb} the requirement{share}{without}"
+    return f"{count}. {_decision(verdict)}"
+
+
+def _decision(verdict: Verdict) -> str:
+    """Return what the tests behind a status rule out, or why none has decided."""
+    procedure = verdict.judged_by
+    sure = f"wrong in at most {percent(procedure.error_rate)} of cases"
+    often, rare = procedure.often, procedure.rare
+    match verdict.status:
+        case Status.PASS:
+            return f"PASS: a one-sided test rules out that {percent(often)} of runs or more violate it ({sure})"
+        case Status.FAIL:
+            return f"FAIL: a one-sided test rules out that {percent(1 - often)} of runs or fewer violate it ({sure})"
+        case Status.FLAKY:
+            return (
+                f"FLAKY: one-sided tests rule out that {percent(rare)} of runs or fewer violate it, and that "
+                f"{percent(1 - rare)} or more do ({sure})"
+            )
+    spent = verdict.runs + verdict.undefined >= procedure.max_runs
+    open_ = f"the budget of {counted(procedure.max_runs, 'run')} is spent" if spent else "too few runs for a verdict"
+    if procedure.violated(verdict.violations, verdict.runs):
+        ruled = f"a one-sided test rules out that {percent(rare)} of runs or fewer violate it ({sure})"
+        return f"INCONCLUSIVE: {ruled}; {OPEN}, {open_}"
+    return f"INCONCLUSIVE: no test has decided; {open_}"
+
+
+def why_ended(verdict: Verdict) -> str:
+    """Return why a confirmation made no more runs, where its verdict is decided; `how_sure` says it of the others."""
+    if verdict.status in (Status.INCONCLUSIVE, Status.UNJUDGED):
+        return ""
+    made, most = verdict.runs + verdict.undefined, verdict.judged_by.max_runs
+    return f"The runs ended after {made} of at most {most} because the verdict was decided."
+
+
+__all__ = [
+    "DEFAULT",
+    "OPEN",
+    "Procedure",
+    "check_requirement",
+    "judge",
+    "next_repeats",
+    "objective",
+    "still_open",
+    "violated",
+]
+
+
+def objective(run: Run, requirement: Requirement, *, world: World | None = None) -> float | None:
+    """Return the value of the requirement's metric, or the robustness of its formula; None: no judgement.
+
+    What concerns obstacles needs the `world` of the run. A run in which the stack under test crashed or hung is not
+    judged: it says nothing about how the robot drives.
+    """
+    if run.outcome is Outcome.STACK_FAILED:
+        return None
+    if requirement.formula is not None:
+        return robustness(run, requirement.formula, world=world)
+    assert requirement.metric is not None
+    return measure(run, [requirement.metric], world=world)[requirement.metric]
+
+
+def check_requirement(requirement: Requirement) -> Requirement:
+    """Return the requirement with the unit of its metric, which may be left out.
+
+    Raises:
+        UnknownName: There is no such metric.
+        FormulaError: The formula cannot be read.
+        Unfit: The unit, the direction or the share of the time limit does not fit the metric.
+    """
+    if requirement.formula is not None:
+        formula(requirement.formula)
+        return requirement
+    assert requirement.metric is not None
+    known = metric(requirement.metric)
+    if requirement.unit and _plain(requirement.unit) != _plain(known.unit):
+        raise Unfit(
+            "unit",
+            f"{known.id} is measured in {known.unit}, got {requirement.unit!r}. "
+            f"Write the limit in {known.unit}, with `unit: {_quoted(known.unit)}`, or leave the unit out.",
+        )
+    if requirement.limit_share is not None and known.unit != "s":
+        raise Unfit(
+            "limit_share",
+            f"is a share of the route's time limit, and {known.id} is measured in {known.unit}, not in s. "
+            f"Give `limit` in {known.unit} instead.",
+        )
+    if known.worse not in ("neither", requirement.worse):
+        raise Unfit(
+            "worse",
+            f"{known.id} is worse when {known.worse}, got {requirement.worse!r}. Write `worse: {known.worse}`; what "
+            "must not be too good either can be asked with a formula, e.g. `always distance_to_person < 3`.",
+        )
+    return requirement.replace(unit=known.unit)
+
+
+def _plain(unit: str) -> str:
+    """Return a unit as a keyboard has it: m/s³, m/s^3 and m/s3 are one."""
+    return unit.translate(str.maketrans("²³", "23", "^ "))
+
+
+def _quoted(unit: str) -> str:
+    """Return a unit as YAML needs it."""
+    return f'"{unit}"' if unit in ("1", "%") else unit
+
+
+def judge(
+    requirement: Requirement,
+    objectives: Sequence[float | None],
+    *,
+    procedure: Procedure = DEFAULT,
+    arrived: Sequence[bool] | None = None,
+    time_limit_s: float | None = None,
+) -> Verdict:
+    """Return the verdict on a scenario from the objectives of its runs.
+
+    Args:
+        objectives: One value for each run; None for a run without judgement.
+        procedure: Error rates, confidence and budget.
+        arrived: Whether the robot arrived, for each run. A metric that is `censored` needs it: the value of a run that
+            did not arrive is only a lower bound.
+        time_limit_s: The route's time limit, which bounds times.
+
+    Raises:
+        InputError: The limit is a share of a time limit and not worked out, so nothing could be judged.
+    """
+    if requirement.limit_share is not None:
+        raise InputError(
+            f"The limit of {requirement.name} is a share of the route's time limit. Work it out first: "
+            "requirement.for_time_limit(route.time_limit_s), or load_requirement(name, route).",
+            code="limit-open",
+        )
+    rows = [k for k, value in enumerate(objectives) if value is not None]
+    known = tuple(float(value) for value in objectives if value is not None)
+    metric_of = find_metric(requirement.metric)
+    late = [metric_of is not None and metric_of.censored and arrived is not None and not arrived[k] for k in rows]
+    least, most = metric_of.bounds(time_limit_s) if metric_of is not None else (None, None)
+    two_valued = metric_of is not None and metric_of.two_valued
+    if any(late):  # a run may end a tick after its limit
+        most = max(value for value, is_late in zip(known, late, strict=True) if is_late)
+    violations = sum(requirement.violated_by(value) for value in known)
+    judged = requirement.threshold is not None
+    undefined = len(objectives) - len(known)
+    status = procedure.status(violations, len(known)) if judged else Status.UNJUDGED
+    verdict = Verdict(
+        requirement=requirement.name,
+        status=status,
+        objectives=known,
+        mean=math.fsum(known) / len(known) if known else None,
+        interval=None
+        if all(late)
+        else mean_interval(known, procedure.confidence, least=least, most=most, two_valued=two_valued),
+        violations=violations,
+        runs=len(known),
+        undefined=undefined,
+        violation_probability=violations / len(known) if known and judged else None,
+        violation_interval=clopper_pearson(violations, len(known), procedure.confidence) if known and judged else None,
+        confidence=procedure.confidence,
+        error_rate=procedure.error_rate if judged else None,
+        censored=sum(late),
+        median=censored_median(known, late),
+        procedure=procedure,
+    )
+    return verdict.replace(reason=how_sure(verdict))
+
+
+def violated(verdict: Verdict, *, procedure: Procedure | None = None) -> bool:
+    """Return whether the runs violate the requirement: FAIL, FLAKY, or surely one of the two."""
+    return verdict.status in (Status.FAIL, Status.FLAKY) or still_open(verdict, procedure=procedure)
+
+
+def still_open(verdict: Verdict, *, procedure: Procedure | None = None) -> bool:
+    """Return whether it is surely violated, but not yet whether nearly always (FAIL) or sometimes (FLAKY).
+
+    The procedure is that of the verdict where none is given.
+    """
+    used = procedure or verdict.judged_by
+    return verdict.status is Status.INCONCLUSIVE and used.violated(verdict.violations, verdict.runs)
+
+
+def next_repeats(
+    requirement: Requirement, objectives: Sequence[float | None], *, procedure: Procedure = DEFAULT
+) -> int:
+    """Return how many more runs are worth their time now: the fewest that can decide the status; 0 if it is decided.
+
+    Runs without judgement count against the budget, so the repeats of a scenario always end. Without a limit there
+    is nothing to decide and the answer is 0.
+    """
+    if requirement.threshold is None or len(objectives) >= procedure.max_runs:
+        return 0
+    known = [value for value in objectives if value is not None]
+    violations = sum(requirement.violated_by(value) for value in known)
+    return min(procedure.fewest_more(violations, len(known)), procedure.max_runs - len(objectives))
+
+
+def load_requirement(
+    name_or_path: str | Path | Requirement, route: Route | None = None, *, time_limit_s: float | None = None
+) -> Requirement:
+    """Load a shipped requirement by its name, or one of a file as `file.yaml` or `file.yaml#name`.
+
+    Some limits are a share of the route's time limit. They are worked out where `route` or `time_limit_s` is given;
+    otherwise `judge` does it for the runs it judges.
+
+    Raises:
+        UnknownName: there is no such requirement.
+        FileError: the file cannot be used; names every mistake with its line.
+    """
+    if isinstance(name_or_path, Requirement):
+        requirement = check_requirement(name_or_path)
+    else:
+        requirement = read_requirement(name_or_path, check=check_requirement)
+    limit = route.time_limit_s if route is not None else time_limit_s
+    return requirement if limit is None else requirement.for_time_limit(limit)
+
+
+MEASURED = ("contacts", "contact_longest", "contact_speed", "min_distance", "completed")
+"""The metrics from which the summary is made."""
+
+
+class Contacts(Record):
+    """Runs in which the robot touches a person."""
+
+    runs: int
+    """Number of runs with contact."""
+    of: int
+    """Number of runs in which people were measured."""
+    longest_s: float | None
+    """Duration of the longest contact; None if there is none."""
+    worst_speed_m_s: float | None
+    """Largest relative speed in contact; None if there is none."""
+    which: tuple[int, ...] = ()
+    """Indices of the runs with contact, in the order given."""
+
+
+class Arrivals(Record):
+    """Runs in which the robot reaches its goal in time."""
+
+    runs: int
+    of: int
+    missed: tuple[int, ...] = ()
+    """Indices of the runs that did not arrive."""
+
+
+class SafetySummary(Record):
+    """What is always reported beside a requirement."""
+
+    contacts: Contacts
+    arrived: Arrivals
+    least_clearance_m: float | None
+    """Smallest gap between the bodies of robot and a person over all runs; negative where they overlap."""
+    closest_run: int | None = None
+    """Index of the run with the smallest gap."""
+
+
+def summarise_safety(measured: Sequence[Mapping[str, float | None]]) -> SafetySummary:
+    """Sum up the metrics of repeated runs.
+
+    Args:
+        measured: The metrics of each run by id; at least `MEASURED`, as `measure` returns them.
+    """
+    touched = [k for k, values in enumerate(measured) if (values.get("contacts") or 0.0) > 0.0]
+    arrived = [values["completed"] for values in measured if values.get("completed") is not None]
+    gaps = {k: gap for k, values in enumerate(measured) if (gap := values.get("min_distance")) is not None}
+    closest = min(gaps, key=lambda k: gaps[k], default=None)
+    return SafetySummary(
+        contacts=Contacts(
+            runs=len(touched),
+            of=sum(values.get("contacts") is not None for values in measured),
+            longest_s=_largest(measured, touched, "contact_longest"),
+            worst_speed_m_s=_largest(measured, touched, "contact_speed"),
+            which=tuple(touched),
+        ),
+        arrived=Arrivals(
+            runs=sum(value == 1.0 for value in arrived),
+            of=len(arrived),
+            missed=tuple(k for k, values in enumerate(measured) if values.get("completed") == 0.0),
+        ),
+        least_clearance_m=gaps[closest] if closest is not None else None,
+        closest_run=closest,
+    )
+
+
+def _largest(measured: Sequence[Mapping[str, float | None]], rows: Sequence[int], name: str) -> float | None:
+    known = [value for k in rows if (value := measured[k].get(name)) is not None]
+    return max(known, default=None)

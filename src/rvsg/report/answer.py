@@ -1,24 +1,332 @@
-"""The answer of a campaign in words: the verdict, and what else the runs show, each number with the runs it counts."""
+"""Words for requirements on the page and in the terminal."""
 
 from __future__ import annotations
 
+import math
+import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 from rvsg.campaign.attempt import Plan
-from rvsg.evaluation.judge import still_open, violated
-from rvsg.evaluation.verdict import Status, Verdict
-from rvsg.evaluation.wording import OPEN, counted, difference_in_words, number, share_in_words
-from rvsg.report.causes import Cause, Pair
-from rvsg.report.facts import AttemptFacts, RunFacts
-from rvsg.report.payload import INVOLVED_M
-from rvsg.report.pieces import Badge, Piece, Sentence, ids_of, span_of
-from rvsg.report.quantity import Why
-from rvsg.report.seen import distinct_runs, elsewhere, seen_beside
+from rvsg.evaluation.metrics.registry import find_metric
+from rvsg.evaluation.run_events import place_name
+from rvsg.evaluation.story import Sentence, what_is_hit
+from rvsg.evaluation.verdict import (
+    OPEN,
+    Status,
+    Verdict,
+    counted,
+    difference_in_words,
+    metres,
+    number,
+    share_in_words,
+    still_open,
+    violated,
+)
+from rvsg.report.run_facts import INVOLVED_M, AttemptFacts, Cause, Pair, RunFacts, Why
 from rvsg.report.summary import Summary, interval
-from rvsg.report.words import direction, quantity
 from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Mission
+from rvsg.simulation.run import Run
+
+
+def quantity(requirement: Requirement) -> str:
+    """Return the judged quantity in words, with the id of its metric."""
+    if requirement.formula is not None:
+        return "robustness of the formula"
+    known = find_metric(requirement.metric)
+    if known is None:
+        return requirement.metric or "objective"
+    title = known.title[:1].lower() + known.title[1:] if known.title[1:2].islower() else known.title
+    return f"{title} ({requirement.metric})"
+
+
+def direction(requirement: Requirement) -> str:
+    """Return which values are worse, e.g. `lower is worse`."""
+    return "lower is worse" if requirement.worse == "smaller" else "higher is worse"
+
+
+UNITS = "s|m|cm|m/s|m/s²|m/s³|rad|rad/s|Hz|%|USD|kB|MB|points"
+_VALUE = re.compile(rf"(?<=\d) (?=(?:{UNITS})(?![\w/]))")
+
+
+def unbroken(text: str) -> str:
+    """Return a text in which no line breaks between a number and its unit."""
+    return _VALUE.sub("\N{NO-BREAK SPACE}", text)
+
+
+def shown_at(t_s: float) -> str:
+    """Return the tenth of a second at which the replay shows what happens at a time: the first that is not before."""
+    return f"{math.ceil(10 * t_s - 1e-6) / 10:.1f}"
+
+
+def untimed(sentence: Sentence) -> str:
+    """Return the text of a sentence without its time, which stands beside it."""
+    text = sentence.text.removeprefix(f"At {sentence.time_s:.1f} s ").removeprefix(f"From {sentence.time_s:.1f} s on ")
+    return text[:1].upper() + text[1:]
+
+
+def robot_words(mission: Mission) -> str:
+    """Return the robot's name and whether it is calibrated; the name alone where only another simulator knows it."""
+    robot = mission.robot_record
+    if robot is None:
+        return mission.robot_name
+    return f"{robot.name} ({'' if robot.calibrated else 'not '}calibrated against published runs)"
+
+
+@dataclass(frozen=True)
+class UnderTest:
+    """The stack under test in the runs of a campaign."""
+
+    repeatable: bool
+    """Whether equal seeds give equal runs."""
+    rows: tuple[tuple[str, str], ...]
+    """What there is to tell, each with its label."""
+
+
+def under_test(runs: Iterable[Run]) -> UnderTest:
+    """Return what the runs tell of their stack; no rows where it is the built-in one and nothing went wrong."""
+    made = {run.id: run for run in runs}.values()  # attempts share runs
+    told = [(run, facts) for run in made if isinstance(facts := run.details.get("stack"), Mapping)]
+    rows = [
+        *_start([run for run, _ in told]),
+        *_pace([facts for _, facts in told]),
+        *_refused([facts for _, facts in told]),
+        *_warnings([run for run, _ in told]),
+    ]
+    return UnderTest(all(facts.get("repeatable", True) for _, facts in told), tuple(rows))
+
+
+def _start(runs: list[Run]) -> Iterable[tuple[str, str]]:
+    """Yield how the stack was started."""
+    for name, label in (("launch", "Launch command"), ("params", "Parameter file")):
+        given = {str(value) for run in runs if (value := _options(run).get(name))}
+        if given:
+            yield label, ", ".join(sorted(given))
+
+
+def _options(run: Run) -> Mapping[str, Any]:
+    """Return the options of the stack under test."""
+    stack = run.options.get("stack")
+    options = stack.get("options") if isinstance(stack, Mapping) else None
+    return options if isinstance(options, Mapping) else {}
+
+
+def _pace(told: list[Mapping[str, Any]]) -> Iterable[tuple[str, str]]:
+    """Yield how fast the runs went, and how many control periods were missed."""
+    releases = sorted({str(facts["release"]) for facts in told if "release" in facts})
+    if releases:
+        yield "ROS 2", ", ".join(releases)
+    kept = [facts for facts in told if "speed" in facts and "speed_asked" in facts]
+    if kept:
+        asked = _range([float(facts["speed_asked"]) for facts in kept], "g")
+        reached = _range([float(facts["speed"]) for facts in kept], ".2f")
+        yield "Speed, in times of real time", f"{asked} asked, {reached} reached"
+    counts = [(facts["missed_periods"], facts["missed_periods"] + facts["commands"]) for facts in kept]
+    due = sum(every for _, every in counts)
+    if due:
+        missed, worst = sum(some for some, _ in counts), max(some / every for some, every in counts if every)
+        most = f" ({100.0 * missed / due:.2g} %), at most {100.0 * worst:.2g} % in one run" if missed else ""
+        yield "Control periods missed", f"{missed:,} of {due:,}{most}"
+
+
+def _refused(told: list[Mapping[str, Any]]) -> Iterable[tuple[str, str]]:
+    """Yield the velocities that the robot could not take as they came."""
+    for name, label in (
+        ("clipped", "Velocities beyond the limits of the robot, cut"),
+        ("not_finite", "Velocities that are no numbers, left out"),
+    ):
+        found = [facts[name] for facts in told if facts.get(name)]
+        if found:
+            yield label, f"{sum(found):,} in {counted(len(found), 'run')}"
+
+
+def _warnings(runs: list[Run]) -> Iterable[tuple[str, str]]:
+    """Yield how many runs have warnings of the stack, and the first of each run until there are a few."""
+    warned = [run for run in runs if run.stack_warnings]
+    if warned:
+        first = list(dict.fromkeys(text for run in warned for text in run.stack_warnings))[:3]
+        yield "Runs with warnings of the stack", f"{len(warned)} of {len(runs)}; for instance: {'; '.join(first)}"
+
+
+def _range(values: list[float], form: str) -> str:
+    """Return the least and the largest of some numbers in words."""
+    low, high = format(min(values), form), format(max(values), form)
+    return low if low == high else f"{low} to {high}"
+
+
+class Piece(NamedTuple):
+    """A part of a sentence. With `runs` it is a link that opens them; `t_s` is the time at which it does."""
+
+    text: str
+    runs: tuple[str, ...] = ()
+    t_s: float | None = None
+
+    @property
+    def address(self) -> str:
+        """The part of the page's address that opens the runs in the replay."""
+        if len(self.runs) == 1:
+            return f"#run={self.runs[0]}" + (f"&t={shown_at(self.t_s)}" if self.t_s is not None else "")
+        return "#runs=" + ",".join(self.runs)
+
+
+Pieces = list[Piece]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Badge:
+    """A fact in two or three words beside the verdict. `tone` is bad, good, warn or quiet."""
+
+    tone: str
+    text: str
+    runs: tuple[str, ...] = ()
+
+
+def span_of(times: Sequence[float]) -> str:
+    """Return between which times after the start something happens, in words."""
+    low, high = min(times), max(times)
+    when = f"{low:.0f} s" if round(low) == round(high) else f"{low:.0f} to {high:.0f} s"
+    return f"{when} after the start"
+
+
+def ids_of(runs: Iterable[RunFacts]) -> tuple[str, ...]:
+    """Return the ids of runs."""
+    return tuple(run.id for run in runs)
+
+
+def seen_beside(
+    runs: Sequence[RunFacts], plan: Plan, kind: str, nobody: Pair | None = None
+) -> tuple[list[Badge], list[Pieces]]:
+    """Return what the runs show besides the requirement: contacts, arrivals and the smallest gap.
+
+    Args:
+        nobody: The same seeds without people.
+    """
+    badges, sentences = [], []
+    total = counted(len(runs), kind)
+    touched = [run for run in runs if run.contacts]
+    people = any(run.closest_m is not None for run in runs)
+    if touched:
+        badges.append(Badge(tone="bad", text=f"contact in {len(touched)} of {len(runs)} runs", runs=ids_of(touched)))
+        sentences.append(_contacts(touched, total))
+    elif people:
+        badges.append(Badge(tone="good", text=f"no contact in {counted(len(runs), 'run')}"))
+    struck = [run for run in runs if run.obstacle_contacts]
+    if struck:
+        hit = f"hits {_what_is_hit(struck)} in {len(struck)} of {len(runs)}"
+        badges.append(Badge(tone="bad", text=hit, runs=ids_of(struck)))
+        sentences.append(_struck(struck, total, nobody))
+    late = [run for run in runs if not run.arrived]
+    if late:
+        badges.append(Badge(tone="bad", text=f"{len(late)} of {len(runs)} did not arrive", runs=ids_of(late)))
+        limit = number(plan.mission.route.time_limit_s, "s")
+        sentences.append(
+            [
+                Piece("The robot does not reach its goal in "),
+                Piece(f"{len(late)} of {total}", ids_of(late)),
+                Piece(f" (time limit {limit})."),
+            ]
+        )
+    else:
+        badges.append(Badge(tone="good", text="all arrived"))
+    met = [run for run in runs if run.closest_m is not None]
+    nearest = min(met, key=lambda run: run.closest_m if run.closest_m is not None else 0.0, default=None)
+    if nearest is not None and not touched:
+        sentences.append(
+            [
+                Piece("The robot touches nobody; the smallest gap is "),
+                Piece(metres(nearest.closest_m or 0.0), (nearest.id,), nearest.closest_s),
+                Piece(f", to {nearest.closest_to} near {nearest.closest_near}, {span_of([nearest.closest_s])}."),
+            ]
+        )
+    return badges, sentences
+
+
+def _contacts(touched: Sequence[RunFacts], total: str) -> Pieces:
+    """Return in which runs robot and person touch, for how long at most, and how fast."""
+    longest, in_longest = max(
+        ((_measured(run, "contact_longest", c.duration_s), run) for run in touched for c in run.contacts),
+        key=lambda pair: pair[0],
+    )
+    fastest, in_fastest = max(
+        ((_measured(run, "contact_speed", c.closing_speed_m_s), run) for run in touched for c in run.contacts),
+        key=lambda pair: pair[0],
+    )
+    return [
+        Piece("Robot and person touch in "),
+        Piece(f"{len(touched)} of {total}", ids_of(touched)),
+        Piece(f" ({_touched(touched)}); the longest contact lasts "),
+        Piece(number(longest, "s"), (in_longest.id,), in_longest.contacts[0].time_s),
+        Piece(", and the largest relative speed is "),
+        Piece(number(fastest, "m/s"), (in_fastest.id,), in_fastest.contacts[0].time_s),
+        Piece("."),
+    ]
+
+
+def _struck(runs: Sequence[RunFacts], total: str, nobody: Pair | None) -> Pieces:
+    """Return in which runs the robot hits an obstacle, where, how fast, and whether it does so without people."""
+    first = [run.obstacle_contacts[0] for run in runs]
+    near = Counter(place_name(run.world, e.place.x, e.place.y) for run, e in zip(runs, first, strict=True))
+    hits = ((event, run) for run in runs for event in run.obstacle_contacts)
+    hardest, in_hardest = max(hits, key=lambda pair: pair[0].speed_m_s)
+    sentence = [
+        Piece(f"The robot hits {_what_is_hit(runs)} in "),
+        Piece(f"{len(runs)} of {total}", ids_of(runs)),
+        Piece(f", first near {near.most_common(1)[0][0]}, {span_of([event.time_s for event in first])}; at most at "),
+        Piece(number(hardest.speed_m_s, "m/s"), (in_hardest.id,), hardest.time_s),
+    ]
+    if nobody is not None:
+        alone = [run for run in nobody.runs if run.obstacle_contacts]
+        said = f"{len(alone)} of {counted(len(nobody.runs), 'run')}"
+        sentence += [Piece("; on the same seeds without people in "), Piece(said, ids_of(alone or nobody.runs))]
+    return [*sentence, Piece(".")]
+
+
+def _what_is_hit(runs: Sequence[RunFacts]) -> str:
+    """Return what the robot hits in any of the runs: a door by its name where it is that alone."""
+    hit = {what_is_hit(event) for run in runs for event in run.obstacle_contacts}
+    return hit.pop() if len(hit) == 1 else "an obstacle"
+
+
+def _touched(runs: Sequence[RunFacts]) -> str:
+    """Return whom the robot touches most often, where, and when, in words."""
+    first = [run.contacts[0] for run in runs]
+    who, count = Counter(contact.person for contact in first).most_common(1)[0]
+    theirs = [(run, contact) for run, contact in zip(runs, first, strict=True) if contact.person == who]
+    near = Counter(place_name(run.world, contact.place.x, contact.place.y) for run, contact in theirs)
+    often = "" if count == len(runs) else f" in {count}"
+    return f"{who}{often}, near {near.most_common(1)[0][0]}, {span_of([contact.time_s for _, contact in theirs])}"
+
+
+def elsewhere(others: Sequence[AttemptFacts], searched: Sequence[AttemptFacts]) -> list[Pieces]:
+    """Return in how many runs that are not of the finding robot and person touch, if they do in any."""
+    sentence: Pieces = []
+    for attempts, kind, which in (
+        (others, "confirmation run", " of other configurations"),
+        (searched, "run", " of the search"),
+    ):
+        runs = distinct_runs(attempts)
+        touched = [run for run in runs if run.contacts]
+        if touched:
+            sentence += [
+                Piece(" and in " if sentence else "Elsewhere in the campaign, robot and person touch in "),
+                Piece(f"{len(touched)} of {counted(len(runs), kind)}", ids_of(touched)),
+                Piece(which),
+            ]
+    return [[*sentence, Piece(".")]] if sentence else []
+
+
+def _measured(run: RunFacts, metric: str, otherwise: float) -> float:
+    """Return the metric of a run, which the terminal and the JSON report, too."""
+    value = run.measurement.values.get(metric)
+    return otherwise if value is None else value
+
+
+def distinct_runs(attempts: Iterable[AttemptFacts]) -> list[RunFacts]:
+    """Return every run of some attempts once."""
+    return list({run.id: run for attempt in attempts for run in attempt.runs}.values())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +337,7 @@ class Answer:
     chip: str
     text: str
     badges: list[Badge] = field(default_factory=list)
-    sentences: list[Sentence] = field(default_factory=list)
+    sentences: list[Pieces] = field(default_factory=list)
 
 
 def headline(plan: Plan, summary: Summary) -> dict[str, str]:
@@ -112,7 +420,7 @@ def answer_of_runs(plan: Plan, facts: AttemptFacts) -> Answer:
     return Answer(tone=tone_of(verdict), chip=chip, text=text, badges=badges, sentences=sentences)
 
 
-def _judged(plan: Plan, confirmed: AttemptFacts, kind: str = "confirmation run") -> list[Sentence]:
+def _judged(plan: Plan, confirmed: AttemptFacts, kind: str = "confirmation run") -> list[Pieces]:
     """Return how often the limit is violated, and by how much."""
     verdict, requirement = confirmed.attempt.verdict, plan.requirement
     if verdict is None or verdict.mean is None:
@@ -162,7 +470,7 @@ DECIDES: dict[Why, str] = {
 }
 
 
-def _where(facts: AttemptFacts) -> list[Sentence]:
+def _where(facts: AttemptFacts) -> list[Pieces]:
     """Return where and when the violating runs are decided, or all of them, and who is near then."""
     runs = facts.violating or facts.runs
     if not runs:
@@ -176,7 +484,7 @@ def _where(facts: AttemptFacts) -> list[Sentence]:
     return [[*sentence, *_who(told)]]
 
 
-def _who(runs: Sequence[RunFacts]) -> Sentence:
+def _who(runs: Sequence[RunFacts]) -> Pieces:
     """Return who is nearest at the decisive moments, as the end of a sentence."""
     who = Counter(run.decisive_with for run in runs if run.decisive_with).most_common(1)
     if not who:
@@ -214,7 +522,7 @@ CAUSE_WORDS = {"yes": "yes", "no": "no, recurs without", "open": "open", "not vi
 """Whether the people cause a violation, in the tables of findings."""
 
 
-def _why(plan: Plan, cause: Cause) -> tuple[list[Badge], list[Sentence]]:
+def _why(plan: Plan, cause: Cause) -> tuple[list[Badge], list[Pieces]]:
     """Return whether it was the people: the same seeds without them, and without each of them."""
     finding, nobody = cause.finding, cause.nobody
     if finding.about_people == "not violated":
@@ -238,7 +546,7 @@ def _why(plan: Plan, cause: Cause) -> tuple[list[Badge], list[Sentence]]:
     return badges, [sentence]
 
 
-def _alone(plan: Plan, nobody: Pair, said: str, difference: str) -> Sentence:
+def _alone(plan: Plan, nobody: Pair, said: str, difference: str) -> Pieces:
     """Return what the mission without people shows on the same seeds."""
     if all(run.measurement.objective is None for run in nobody.runs):
         return [Piece(f"Without people, {plan.requirement.name} measures nothing: it is about the people themselves.")]

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 
 from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.ranking import search_attempts
-from rvsg.evaluation.verdict import Verdict
-from rvsg.evaluation.wording import number
+from rvsg.evaluation.verdict import Verdict, number
 from rvsg.scenario.requirement import Requirement
 
 LETTER = 6.5

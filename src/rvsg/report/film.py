@@ -20,13 +20,12 @@ from PIL import Image, ImageDraw
 from rvsg.campaign.attempt import Measurement
 from rvsg.core.errors import InputError, how_to_install
 from rvsg.core.files import write_whole
-from rvsg.evaluation.wording import number, outcome_in_words
-from rvsg.report.facts import RunFacts, run_facts
-from rvsg.report.frames import nearest_in_words
-from rvsg.report.happened import still_times
-from rvsg.report.payload import people_colours
-from rvsg.report.robots import footprint_of
-from rvsg.report.words import quantity
+from rvsg.evaluation.verdict import number, outcome_in_words
+from rvsg.report.answer import quantity
+from rvsg.report.page import still_times
+from rvsg.report.replay_data import people_colours
+from rvsg.report.run_facts import RunFacts, footprint_of, run_facts
+from rvsg.report.stills import nearest_in_words
 from rvsg.robots.robot import Robot
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario

@@ -1,50 +1,240 @@
-"""The report of a campaign as one HTML page that works offline: no network, no third-party script.
+"""Report pages: that of a campaign, with its replay, and that of stored runs.
 
-All text that comes from a person, a model or a file is escaped. The replay's data stands in the page as JSON without
-any `<`. The page is a function of the records: equal campaigns give equal pages.
+A page works offline: no network, no third-party script. All text that comes from a person, a model or a file is
+escaped. The replay's data stands in the page as JSON without any `<`. The page is a function of the records: equal
+campaigns give equal pages.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import jinja2
+import numpy as np
 from markupsafe import Markup, escape
 
 import rvsg
-from rvsg.campaign.attempt import Attempt, Plan
-from rvsg.campaign.feedback import failure_map, separable
+from rvsg.campaign.attempt import Attempt, Measurement, Plan
+from rvsg.campaign.feedback import MapCell, failure_map, separable
 from rvsg.campaign.findings import distinct_failures, findings
 from rvsg.campaign.observation import met
 from rvsg.campaign.ranking import rule
 from rvsg.core.files import write_whole
-from rvsg.evaluation.verdict import Verdict
-from rvsg.evaluation.wording import counted, how_sure, number, why_ended
+from rvsg.core.records import Record
+from rvsg.evaluation.verdict import Verdict, counted, how_sure, number, outcome_in_words, why_ended
+from rvsg.generation.generator import Proposal
+from rvsg.generation.people_sampler import added
 from rvsg.generation.vlm.recording import Recording
-from rvsg.report.answer import answer, headline
-from rvsg.report.broken import broken
+from rvsg.report.answer import (
+    answer,
+    answer_of_runs,
+    direction,
+    headline,
+    quantity,
+    robot_words,
+    shown_at,
+    unbroken,
+    under_test,
+    untimed,
+)
 from rvsg.report.charts import confirmation_chart, search_chart
-from rvsg.report.colours import distinct_colours
-from rvsg.report.conversation import Conversations
-from rvsg.report.facts import facts_of
-from rvsg.report.floors import area_colours
-from rvsg.report.happened import what_happens
-from rvsg.report.names import narrow_names
-from rvsg.report.replay import component, replay_data
-from rvsg.report.robot import robot_words
-from rvsg.report.shown import Shown, look_of
+from rvsg.report.page_contents import (
+    Conversations,
+    Shown,
+    finding_rows,
+    group_label,
+    in_order,
+    look_of,
+    manner,
+    people_rows,
+    run_rows,
+    run_rows_of,
+    thinking,
+)
+from rvsg.report.replay_data import ReplayGroup, ReplayRun, distinct_colours, replay_payload
+from rvsg.report.run_facts import AttemptFacts, RunFacts, facts_of, footprint_of, run_facts
+from rvsg.report.stills import area_colours, frame, narrow_names, nearest_in_words, overview
 from rvsg.report.summary import Summary, summarise, tried_of
-from rvsg.report.tables import finding_rows, people_rows, run_rows
-from rvsg.report.thinking import thinking
-from rvsg.report.under_test import under_test
-from rvsg.report.words import direction, quantity, unbroken
+from rvsg.scenario.brief import Brief
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.simulation.run import Run
-from rvsg.world.drawing.svg import floor_plan
+from rvsg.world.drawing.svg import FloorPlan, floor_plan
 from rvsg.world.world import World
+
+
+def component() -> str:
+    """Return the JavaScript of the replay and its traces; the files in `static` say how to use them."""
+    folder = resources.files("rvsg.report") / "static"
+    return "\n".join((folder / name).read_text(encoding="utf-8") for name in ("replay.js", "trace.js"))
+
+
+def styles() -> str:
+    """Return the styles of the replay component, with the colours that they use."""
+    folder = resources.files("rvsg.report") / "templates"
+    return "\n".join((folder / name).read_text(encoding="utf-8") for name in ("plan.css", "replay.css"))
+
+
+def look() -> str:
+    """Return the style sheet of the pages, that of the replay component included."""
+    folder = resources.files("rvsg.report") / "templates"
+    return "".join((folder / name).read_text(encoding="utf-8") for name in ("plan.css", "look.css", "replay.css"))
+
+
+def replay_data(shown: Shown) -> dict[str, Any]:
+    """Return the data of the replay: the runs of every configuration, the subject of the page first."""
+    plan = shown.plan
+    return data_of(
+        in_order(shown), mission=plan.mission, requirement=plan.requirement, world=shown.world, floor=shown.floor
+    )
+
+
+def data_of(
+    shown: Iterable[AttemptFacts], *, mission: Mission, requirement: Requirement, world: World, floor: FloorPlan
+) -> dict[str, Any]:
+    """Return the data of the replay component for the runs of these configurations, in this order."""
+    groups = []
+    for facts in shown:
+        scenario = facts.attempt.proposal.scenario
+        groups.append(
+            ReplayGroup(
+                id=str(facts.attempt.index),
+                label=f"{group_label(facts)[:1].upper()}{group_label(facts)[1:]} ({counted(len(facts.runs), 'run')})",
+                purpose=facts.attempt.purpose,
+                status=facts.attempt.verdict.status.value if facts.attempt.verdict else "",
+                manners={human.name: manner(human) for human in scenario.people.humans} if scenario else {},
+                runs=tuple(_replay_run(run) for run in _worst_first(facts, requirement)),
+                moved=tuple(thing.footprint for thing in added(mission, scenario.mission)) if scenario else (),
+            )
+        )
+    return replay_payload(
+        groups,
+        mission=mission,
+        requirement=requirement,
+        waypoints=[(w.name, w.x, w.y) for w in world.grid.waypoints if w.human],
+        matrix=floor.matrix,
+        quantity=f"{quantity(requirement)} so far",
+        footprint=lambda run: footprint_of(run, mission.robot_record),
+        doors=world.moving_doors,
+    )
+
+
+def _worst_first(facts: AttemptFacts, requirement: Requirement) -> list[RunFacts]:
+    def key(run: RunFacts) -> float:
+        value = run.measurement.objective
+        return -requirement.badness(value) if value is not None else float("inf")
+
+    return sorted(facts.runs, key=key)
+
+
+def _replay_run(run: RunFacts) -> ReplayRun:
+    return ReplayRun(
+        run=run.run,
+        objective=run.measurement.objective,
+        violated=run.violated,
+        curve=run.curve,
+        opens_s=run.decisive_s,
+        note=run.note,
+        lanes=run.lanes,
+        moments=[(sentence.time_s, unbroken(untimed(sentence))) for sentence in run.story],
+    )
+
+
+STILLS = 4
+APART_S = 0.8
+"""Moments closer together than this look alike."""
+
+
+def what_happens(shown: Shown, subject: AttemptFacts) -> dict[str, Any] | None:
+    """Tell what happens in the run that represents the finding: sentences, an overview and frames."""
+    run, which = _shown_run(shown, subject)
+    if run is None:
+        return None
+    look = look_of(shown, subject)
+    times = still_times(run)
+    label = f"Way of the robot and of the people it meets, seed {run.run.seed}"
+    return {
+        "run": run,
+        "which": which,
+        "story": [
+            {"t": sentence.time_s, "text": untimed(sentence), "address": f"#run={run.id}&t={shown_at(sentence.time_s)}"}
+            for sentence in run.story
+        ],
+        "overview": Markup(overview(run.run, times, look, label, narrow_names(shown.floor))),  # noqa: S704
+        "frames": [
+            {
+                "number": place,
+                "t": t,
+                "address": f"#run={run.id}&t={t:.1f}",
+                "caption": caption(run, t),
+                "svg": Markup(frame(run.run, t, look, caption(run, t))),  # noqa: S704
+            }
+            for place, t in enumerate(times, 1)
+        ],
+        "description": subject.attempt.proposal.scenario.description if subject.attempt.proposal.scenario else "",
+    }
+
+
+def _shown_run(shown: Shown, subject: AttemptFacts) -> tuple[RunFacts | None, str]:
+    """Return the run that is told, and which one it is: the worst, or where none violates one with a contact."""
+    kind = "confirmation run" if subject.attempt.purpose == "confirmation" else "search run"
+    if not shown.summary.ranking and shown.summary.confirmed is None:
+        kind = "run"  # of no campaign
+    touched = [run for run in subject.runs if run.contacts]
+    if touched and not subject.violating:
+        run = max(touched, key=lambda each: max(contact.duration_s for contact in each.contacts))
+        return run, f"the {kind} with the longest contact, seed {run.run.seed}"
+    worst = subject.worst(shown.plan.requirement) or (subject.runs[0] if subject.runs else None)
+    return worst, f"the worst {kind}, seed {worst.run.seed}" if worst is not None else ""
+
+
+def still_times(run: RunFacts) -> list[float]:
+    """Return up to four moments worth a picture, in order: the decisive one, the closest, a contact, the end."""
+    t = run.run.trajectory.t
+    end = float(t[-1])
+    contact = [event.time_s for event in run.contacts[:1]]
+    wanted = [run.decisive_s, *contact, run.closest_s, end, end / 2, end / 4]
+    found: list[float] = []
+    for time in wanted:
+        if len(found) < STILLS and all(abs(time - other) >= APART_S for other in found):
+            found.append(float(shown_at(float(time))))
+    return sorted(found)
+
+
+def caption(run: RunFacts, t_s: float) -> str:
+    """Return what a frame shows, in words."""
+    path = run.run.trajectory
+    row = min(int(np.searchsorted(path.t, t_s - 1e-9)), len(path) - 1)
+    speed = round(float(path.signed_speed[row]), 1) + 0.0  # no "-0.0"
+    text = f"robot at {speed:.1f} m/s"
+    if run.run.human_names:
+        text += f", {nearest_in_words(run.run, t_s, '{who} is {gap} away')}"
+    if row == len(path) - 1:
+        text += f"; {outcome_in_words(run.run.outcome)}"
+    return text
+
+
+class Broken(Record):
+    """A table: the worst configuration of every kind of encounter (rows) at every place (columns), None where none."""
+
+    places: tuple[str, ...]
+    rows: tuple[tuple[str, tuple[MapCell | None, ...]], ...]
+
+
+def broken(cells: Sequence[MapCell]) -> Broken:
+    """Return the table of a failure map; the worst cell of each place and kind stands for all parts of the way."""
+    worst: dict[tuple[str, str], MapCell] = {}
+    for cell in cells:  # the worst first
+        worst.setdefault((cell.encounter.kind, cell.encounter.place), cell)
+    kinds = tuple(dict.fromkeys(kind for kind, _ in worst))
+    places = tuple(dict.fromkeys(place for _, place in worst))
+    return Broken(places=places, rows=tuple((kind, tuple(worst.get((kind, p)) for p in places)) for kind in kinds))
+
 
 __all__ = ["environment", "headline", "render_page", "write_page"]
 
@@ -213,3 +403,67 @@ def script_safe(value: Any) -> Markup:
     """Return JSON that can stand in a script element: nothing in it can end the element."""
     text = json.dumps(value, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))  # noqa: S704
+
+
+def write_runs_page(
+    path: Path,
+    runs: Sequence[Run],
+    measurements: Sequence[Measurement],
+    verdict: Verdict,
+    *,
+    requirement: Requirement,
+    mission: Mission,
+    world: World,
+    scenario: Scenario | None = None,
+    notes: Sequence[str] = (),
+) -> None:
+    """Write the page of runs and their verdict, whole or not at all.
+
+    Args:
+        mission: What the robot was to do.
+        scenario: What the people were asked to do, where that is known.
+        notes: What the runs rest on, and what recordings lack.
+    """
+    brief = Brief(mission=mission, requirement=requirement, seed=0, humans=max(1, len(runs[0].human_names)))
+    attempt = Attempt(
+        campaign="by hand",
+        index=0,
+        strategy="by hand",
+        brief=brief,
+        proposal=Proposal(generator="by hand", scenario=scenario),
+        measurements=tuple(measurements),
+        verdict=verdict,
+    )
+    told = tuple(run_facts(run, m, requirement, world, scenario) for run, m in zip(runs, measurements, strict=True))
+    facts = AttemptFacts(attempt=attempt, runs=told)
+    plan = Plan(name="by hand", mission=mission, requirement=requirement)
+    floor = floor_plan(world, tooltips=False)
+    shown = Shown(
+        plan=plan, world=world, attempts=[attempt], summary=summarise(plan, []), facts=[facts], findings=(), floor=floor
+    )
+    data = data_of([facts], mission=mission, requirement=requirement, world=world, floor=floor)
+    data["groups"][0]["label"] = counted(len(runs), "run")
+    data["groups"][0]["purpose"] = "given"
+    page = environment().get_template("runs.html")
+    text = page.render(
+        version=rvsg.__version__,
+        requirement=requirement,
+        place=f"{world.title}, {mission.route.name}",
+        robot=robot_words(mission) if scenario is not None else "",
+        answer=answer_of_runs(plan, facts),
+        notes=[*notes, *(f"{label}: {text}." for label, text in under_test(runs).rows)],
+        happened=what_happens(shown, facts),
+        people=people_rows(facts),
+        shown_tasks=SHOWN_TASKS,
+        doors=mission.doors,
+        box=floor.view_box,
+        floor=Markup(floor.shapes),  # noqa: S704 - made by us, its words escaped
+        names=Markup(narrow_names(floor)),  # noqa: S704
+        look=Markup(area_colours(world, floor)),  # noqa: S704
+        replay=script_safe(data),
+        component=Markup(component()),  # noqa: S704
+        traces=(),
+        sure=how_sure(verdict),
+        runs=run_rows_of(facts, requirement.unit),
+    )
+    write_whole(path, text)

@@ -1,19 +1,31 @@
-"""Summary of a campaign as plain data: the one source of `--json`, the ranked table, JUnit and the page."""
+"""Summary of a campaign as plain data, and as JUnit XML and Markdown for continuous integration."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Sequence
 from typing import Literal
 
 from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.execution import Accounting, account, runs_of
 from rvsg.campaign.findings import badness, worst_confirmation
 from rvsg.campaign.ranking import confirmations, confirmed_candidate, ranking, search_attempts
+from rvsg.campaign.suite import CaseResult, State, SuiteResult
 from rvsg.core.records import Record
-from rvsg.evaluation.judge import violated
-from rvsg.evaluation.safety_summary import SafetySummary, summarise_safety
-from rvsg.evaluation.verdict import Verdict
-from rvsg.evaluation.wording import counted, number, status_in_words, value_in_words
+from rvsg.evaluation.verdict import (
+    SafetySummary,
+    Status,
+    Verdict,
+    counted,
+    how_sure,
+    metres,
+    number,
+    status_in_words,
+    summarise_safety,
+    value_in_words,
+    violated,
+)
 from rvsg.scenario.scenario import Scenario
 
 __all__ = [
@@ -31,7 +43,7 @@ __all__ = [
 ]
 
 
-State = Literal["confirmed", "candidate", "not violated"]
+Standing = Literal["confirmed", "candidate", "not violated"]
 
 
 class Ranked(Record):
@@ -48,7 +60,7 @@ class Ranked(Record):
     attempt: int
     scenario_id: str
     description: str
-    state: State
+    state: Standing
     """A candidate violated the requirement in the search and is not confirmed."""
     verdict: Verdict
     """Of the confirmation runs where it is confirmed, else of the runs of the search."""
@@ -152,7 +164,7 @@ def _ranked(candidate: Attempt, confirmation: Attempt | None, searched: Sequence
     scenario, shown = candidate.proposal.scenario, confirmation or candidate
     assert scenario is not None and shown.verdict is not None
     tried = sum(other.brief.scenario_index == candidate.brief.scenario_index for other in searched)
-    state: State = "confirmed" if confirmation else "candidate" if shown.verdict.violations else "not violated"
+    state: Standing = "confirmed" if confirmation else "candidate" if shown.verdict.violations else "not violated"
     return Ranked(
         rank=0,
         scenario=candidate.brief.scenario_index,
@@ -165,3 +177,134 @@ def _ranked(candidate: Attempt, confirmation: Attempt | None, searched: Sequence
         verdict=shown.verdict,
         seen=summarise_safety([measured.values for measured in shown.measurements]),
     )
+
+
+def junit_xml(plan: Plan, summary: Summary) -> str:
+    """Return a test case for each scenario, and one for each further configuration that is confirmed.
+
+    Where there is a confirmation, confirmations decide: a candidate is skipped with that reason, because the search
+    selected it for being extreme. A verdict that needs more runs or has no limit is skipped with the reason.
+    """
+    return junit_of([(plan, summary)])
+
+
+def junit_of(campaigns: Iterable[tuple[Plan, Summary]]) -> str:
+    """Return the XML of several campaigns, a test suite for each."""
+    suites = ET.Element("testsuites")
+    suites.extend(_suite(plan, summary) for plan, summary in campaigns)
+    ET.indent(suites, "")
+    text = ET.tostring(suites, encoding="unicode")
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
+
+
+def _suite(plan: Plan, summary: Summary) -> ET.Element:
+    name = clean(f"rvsg {plan.mission.world} {plan.mission.route.name} {plan.requirement.name}")
+    suite = ET.Element("testsuite", name=name)
+    alone = summary.confirmed is None
+    for entry in sorted(summary.ranking, key=lambda entry: entry.scenario):
+        suite.append(_case(name, f"scenario {entry.scenario + 1}", entry, plan, decides=alone))
+    for entry in summary.further:
+        case = f"scenario {entry.scenario + 1}, configuration {entry.configuration + 1}"
+        suite.append(_case(name, case, entry, plan, decides=alone))
+    counts = {"tests": len(suite), "failures": len(suite.findall("*/failure")), "errors": 0}
+    counts["skipped"] = len(suite.findall("*/skipped"))
+    suite.attrib.update({key: str(count) for key, count in counts.items()})
+    return suite
+
+
+def _properties(entry: Ranked) -> dict[str, str]:
+    """Return the state of a scenario, and what its runs show beside the requirement."""
+    seen = entry.seen
+    found = {"state": entry.state, "attempt": str(entry.attempt)}
+    if seen.contacts.of:
+        found["contacts"] = f"{seen.contacts.runs} of {counted(seen.contacts.of, 'run')}"
+    if seen.arrived.of:
+        found["arrived"] = f"{seen.arrived.runs} of {counted(seen.arrived.of, 'run')}"
+    if seen.least_clearance_m is not None:
+        found["minimum clearance"] = metres(seen.least_clearance_m)
+    return found
+
+
+def _case(suite: str, name: str, entry: Ranked, plan: Plan, *, decides: bool) -> ET.Element:
+    """Return a case. A verdict of the search counts only where it `decides`."""
+    verdict, properties = entry.verdict, _properties(entry)
+    said = f"{status_in_words(verdict)}: {interval(verdict, plan.requirement.unit)}"
+    if plan.requirement.threshold is not None:
+        said += f", limit {number(plan.requirement.threshold, plan.requirement.unit)}"
+    whole = f"{said}. {how_sure(verdict)}"
+    if "contacts" in properties and "arrived" in properties:
+        whole += f". Contact with people in {properties['contacts']}; {properties['arrived']} arrived"
+    case = ET.Element("testcase", classname=suite, name=clean(f"{name}: {entry.description[:120]}"))
+    told = ET.SubElement(case, "properties")
+    for key, value in properties.items():
+        ET.SubElement(told, "property", name=key, value=clean(value))
+    if violated(verdict) and (decides or entry.state == "confirmed"):
+        ET.SubElement(case, "failure", message=clean(said)).text = clean(whole)
+    elif entry.state == "candidate" and not decides:
+        ET.SubElement(case, "skipped", message=clean(f"{whole}. A candidate of the search; the confirmation decides"))
+    elif violated(verdict) or verdict.status in (Status.INCONCLUSIVE, Status.UNJUDGED):
+        ET.SubElement(case, "skipped", message=clean(whole))
+    else:
+        ET.SubElement(case, "system-out").text = clean(whole)
+    return case
+
+
+def clean(text: str) -> str:
+    """Replace the characters that XML 1.0 cannot hold."""
+    return re.sub(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "\ufffd", text)
+
+
+def suite_junit(result: SuiteResult) -> str:
+    """Return JUnit XML with one test case for each case and requirement, under stable names.
+
+    A broken case is a failure. A known failure and an unclear case are skipped with the reason; a fixed one passes
+    and says in `system-out` that the expectation can be updated. A picture is named there in the notation of Jenkins
+    and GitLab, `[[ATTACHMENT|path]]`.
+    """
+    suite = ET.Element("testsuite", name=clean(f"rvsg {result.suite}"))
+    suite.extend(_suite_case(result, case) for case in result.cases)
+    totals = {
+        "tests": len(result.cases),
+        "failures": len(result.broken),
+        "errors": 0,
+        "skipped": sum(case.state in (State.KNOWN_FAILURE, State.UNCLEAR) for case in result.cases),
+    }
+    suite.attrib.update({key: str(value) for key, value in totals.items()})
+    suite.set("time", f"{sum(case.seconds for case in result.cases):.1f}")
+    suites = ET.Element("testsuites")
+    suites.append(suite)
+    ET.indent(suites, "")
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(suites, encoding="unicode")}\n'
+
+
+def _suite_case(result: SuiteResult, case: CaseResult) -> ET.Element:
+    element = ET.Element(
+        "testcase",
+        classname=clean(f"rvsg.{result.suite}.{case.requirement}"),
+        name=clean(case.case),
+        time=f"{case.seconds:.1f}",
+    )
+    properties = ET.SubElement(element, "properties")
+    probability = case.verdict.violation_probability
+    facts = {
+        "title": case.title,
+        "version": result.version,
+        "state": case.state.value,
+        "verdict": case.verdict.status.value,
+        "runs": str(case.verdict.runs),
+        "violation_probability": "" if probability is None else f"{probability:.3f}",
+        "runs_with_contact": str(case.contacts),
+        "runs_that_arrived": str(case.arrived),
+    }
+    for name, value in facts.items():
+        ET.SubElement(properties, "property", name=name, value=clean(value))
+    message = clean(f"{case.state.value}: {case.verdict.reason}")
+    if case.state is State.BROKEN:
+        ET.SubElement(element, "failure", message=message).text = clean("\n".join(case.story))
+    elif case.state is State.KNOWN_FAILURE:
+        ET.SubElement(element, "skipped", message=clean(f"{message}. {case.reason}".strip()))
+    elif case.state is State.UNCLEAR:
+        ET.SubElement(element, "skipped", message=message)
+    attached = [] if case.picture is None else [f"[[ATTACHMENT|{case.picture}]]"]
+    ET.SubElement(element, "system-out").text = clean("\n".join([message, *case.story, *attached]))
+    return element

@@ -6,10 +6,11 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
 from rvsg.campaign.findings import DistinctFailure, Finding
-from rvsg.evaluation.wording import (
+from rvsg.evaluation.verdict import (
     counted,
     difference_in_words,
     how_sure,
+    metres,
     number,
     percent,
     status_in_words,
@@ -18,7 +19,6 @@ from rvsg.evaluation.wording import (
 from rvsg.generation.generator import Call, Proposal
 from rvsg.generation.vlm.model import Spending
 from rvsg.report.summary import interval
-from rvsg.report.words import metres
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.validity import warnings
 from rvsg.world.world import World

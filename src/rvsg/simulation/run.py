@@ -1,9 +1,9 @@
 """The Run: what happened in one simulation of a scenario, with the events that its simulator recorded.
 
 Recorded events are measurements that the trajectory does not show exactly. From them, the trajectory and the outcome,
-`rvsg.evaluation.detection` makes the full list of a run's events (`rvsg.evaluation.events`). They are separate records:
-a stored run stays readable while the list grows, the list names waypoints and tasks, which no simulator knows, and a
-simulator that records nothing still gets the list.
+`rvsg.evaluation.detection` makes the full list of a run's events (`rvsg.evaluation.run_events`). They are separate
+records: a stored run stays readable while the list grows, the list names waypoints and tasks, which no simulator knows,
+and a simulator that records nothing still gets the list.
 """
 
 from __future__ import annotations

@@ -95,7 +95,7 @@ def similarities(base: KnowledgeBase, text: str, descriptions: Sequence[str]) ->
 
     By sentence embeddings, stored once computed; by the words in common where the model is not installed.
     """
-    from rvsg.evaluation.sentences import embed, model_folder
+    from rvsg.evaluation.diversity import embed, model_folder
 
     if not descriptions:
         return []

@@ -20,8 +20,7 @@ from rvsg.app.playback import kept_trace, trace_source, trace_text
 from rvsg.app.runs import RunSet
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
-from rvsg.evaluation.judge import load_requirement
-from rvsg.evaluation.wording import counted
+from rvsg.evaluation.verdict import counted, load_requirement
 from rvsg.scenario.builder import check_valid, load_scenario_in, save_scenario
 from rvsg.scenario.requirement import Requirement, shipped_requirements
 from rvsg.scenario.world_lookup import world_of

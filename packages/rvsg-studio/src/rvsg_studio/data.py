@@ -12,7 +12,7 @@ from fastapi.responses import JSONResponse, Response
 from nicegui import run
 
 from rvsg.core.errors import RvsgError
-from rvsg.report.replay import component, look
+from rvsg.report.page import component, look
 from rvsg_studio import answers, unsaved_input
 from rvsg_studio.answers import trace
 from rvsg_studio.unsaved_input import typed, typed_keep

@@ -309,7 +309,7 @@ def _found(campaign: Any, place: str, changed: float) -> FoundCampaign:
 
 def _confirmations(attempts: list[Any]) -> Iterator[FoundFinding]:
     from rvsg.campaign.ranking import confirmations
-    from rvsg.evaluation.judge import violated
+    from rvsg.evaluation.verdict import violated
 
     for attempt in confirmations(attempts):
         verdict, scenario = attempt.verdict, attempt.proposal.scenario

@@ -19,9 +19,9 @@ from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
 from rvsg.generation.generator import Proposal
-from rvsg.report.facts import AttemptFacts, facts_of, run_facts
-from rvsg.report.floors import area_colours, floor_svg
-from rvsg.report.replay import data_of
+from rvsg.report.page import data_of
+from rvsg.report.run_facts import AttemptFacts, facts_of, run_facts
+from rvsg.report.stills import area_colours, floor_svg
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.builder import check_route, walk
 from rvsg.scenario.repair import repair

@@ -20,8 +20,8 @@ from rvsg.core.errors import FileError, UnknownName
 from rvsg.core.files import write_whole
 from rvsg.core.inputs import read_bytes
 from rvsg.core.records import content_id
-from rvsg.evaluation.judge import judge
 from rvsg.evaluation.metrics.registry import measure
+from rvsg.evaluation.verdict import judge
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.rules import Finding
@@ -29,7 +29,6 @@ from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.simulation.archive import PackedRun
 from rvsg.simulation.run import Outcome, Run
 from rvsg.world.world import Route, World
-from rvsg_study.files import LARGEST_LOG, Unreadable, read_table, shown
 from rvsg_study.study_folder import (
     EXACT,
     LOGGED,
@@ -45,7 +44,7 @@ from rvsg_study.study_folder import (
     read_logged,
     read_people,
 )
-from rvsg_study.study_log import read_log
+from rvsg_study.study_format import LARGEST_LOG, Unreadable, read_log, read_table, shown
 
 SIMULATOR = "imported"
 STRATEGY = {"rvsg": "study", "unguided": "unguided", "random": "random", "best": "study", "worst": "study"}

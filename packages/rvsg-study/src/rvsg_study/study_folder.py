@@ -22,7 +22,7 @@ from typing import Any, Literal
 from rvsg.core.records import Record
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import ForceFactors, Human, HumanConfiguration, Task
-from rvsg_study.files import (
+from rvsg_study.study_format import (
     Unreadable,
     as_number,
     children,
@@ -31,8 +31,8 @@ from rvsg_study.files import (
     read_table,
     shown,
     small_number,
+    truth,
 )
-from rvsg_study.study_log import truth
 
 Method = Literal["rvsg", "unguided", "random", "best", "worst"]
 

@@ -7,9 +7,9 @@
  *
  * `element` receives the controls. `data` is the JSON that rvsg/report/payload.py makes. `map` is an <svg> with the
  * floor plan in it; the component draws over it. Without it, `data.floor` is the plan as SVG text, made by
- * rvsg.report.replay.floor_svg. With `address` the shown run and time are kept in location.hash as
+ * rvsg.report.page.floor_svg. With `address` the shown run and time are kept in location.hash as
  * #run=ID&t=SECONDS, and #runs=ID,ID marks several runs. `keys` is where keyboard shortcuts are listened for (default:
- * the element). The component needs the styles of rvsg.report.replay.styles() and no global but `rvsgReplay`; a page
+ * the element). The component needs the styles of rvsg.report.page.styles() and no global but `rvsgReplay`; a page
  * can hold several.
  *
  * A layer is drawn on the map between the floor plan and the bodies, and has a switch where a run has it:

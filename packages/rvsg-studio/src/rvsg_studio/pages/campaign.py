@@ -16,7 +16,7 @@ from rvsg.app.matrix import Matrix
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.ranking import best_attempt, confirmations
 from rvsg.core.errors import InputError, RvsgError
-from rvsg.evaluation.wording import counted, number
+from rvsg.evaluation.verdict import counted, number
 from rvsg.report.charts import search_chart
 from rvsg.report.summary import Summary, interval, tried_of
 from rvsg.scenario.builder import save_scenario

@@ -16,7 +16,7 @@ from rvsg.app.comparison import VersionComparison, compare_campaigns
 from rvsg.campaign.comparison import CaseChange, Change
 from rvsg.campaign.suite import CaseResult
 from rvsg.core.errors import InputError, RvsgError
-from rvsg.report.comparison import change_rows
+from rvsg.report.comparison_page import change_rows
 from rvsg_studio.answers import compared_versions
 from rvsg_studio.frame import PATIENT_S, Page, address, chip, field, link, load, page, problem, select, tag
 from rvsg_studio.listing import FoundCampaign, Listing, suite_results_in

@@ -12,7 +12,7 @@ from nicegui import ui
 
 import rvsg
 from rvsg.core.errors import InputError, RvsgError
-from rvsg.evaluation.wording import counted
+from rvsg.evaluation.verdict import counted
 from rvsg.generation.environment import store_description
 from rvsg.world.world import Description
 from rvsg_studio.frame import (

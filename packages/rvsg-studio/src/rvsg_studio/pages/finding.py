@@ -14,7 +14,7 @@ import rvsg
 from rvsg.app.commands import confirm_command, runs_command, shrink_command
 from rvsg.campaign.attempt import Attempt
 from rvsg.core.errors import InputError, RvsgError
-from rvsg.evaluation.wording import counted, how_sure, status_in_words
+from rvsg.evaluation.verdict import counted, how_sure, status_in_words
 from rvsg.report.terminal import describe_finding
 from rvsg.scenario.builder import save_scenario, without_people
 from rvsg_exchange import formats as exchange

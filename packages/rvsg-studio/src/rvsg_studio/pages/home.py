@@ -8,7 +8,7 @@ from nicegui import ui
 
 import rvsg
 from rvsg.core.errors import RvsgError
-from rvsg.evaluation.wording import counted
+from rvsg.evaluation.verdict import counted
 from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.frame import PATIENT_S, Page, address, chip, link, load, page, problem, tag
 from rvsg_studio.listing import FoundCampaign, FoundFinding, Listing

@@ -14,7 +14,7 @@ from nicegui import ui
 import rvsg
 from rvsg.app.proposal import read_proposal
 from rvsg.core.errors import InputError, RvsgError
-from rvsg.evaluation.wording import counted
+from rvsg.evaluation.verdict import counted
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.builder import load_scenario_in, save_scenario
 from rvsg.scenario.requirement import shipped_requirements

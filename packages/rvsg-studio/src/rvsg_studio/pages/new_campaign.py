@@ -15,7 +15,7 @@ from rvsg.app.matrix import LISTED, Matrix
 from rvsg.app.settings import MACHINE, CampaignConfig, effective, parse_campaign_file
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import write_whole
-from rvsg.evaluation.wording import counted
+from rvsg.evaluation.verdict import counted
 from rvsg.robots.robot import shipped_robots
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.world.world_folder import shipped_worlds

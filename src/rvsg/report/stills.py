@@ -1,4 +1,4 @@
-"""Still pictures of a run as SVG: an overview of the way and frames of single moments, without JavaScript.
+"""Still pictures of a run as SVG, with labels that do not cover each other.
 
 They draw over the floor plan that the page defines once under the id `rvsg-floor`.
 """
@@ -7,18 +7,163 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.evaluation.sampled import sampled
-from rvsg.report.labels import Box, beside, box_around, free_place, spread
-from rvsg.report.names import LETTER, NARROW_PX, SMALLEST_PX
-from rvsg.report.payload import PERIOD_S
-from rvsg.report.words import metres
+from rvsg.evaluation.verdict import metres
+from rvsg.report.replay_data import PERIOD_S
 from rvsg.simulation.run import Run
+from rvsg.world.drawing.sheet import DARK, LIGHT
+from rvsg.world.drawing.svg import FloorPlan, floor_plan
+from rvsg.world.world import World
+
+Point = tuple[float, float]
+Box = tuple[float, float, float, float]
+"""Left, top, right, bottom."""
+
+RINGS, DIRECTIONS = 5, 12
+
+
+def box_around(x: float, y: float, half_width: float, half_height: float) -> Box:
+    """Return the box with this middle."""
+    return (x - half_width, y - half_height, x + half_width, y + half_height)
+
+
+def free_place(candidates: Iterable[Point], half: Point, taken: Sequence[Box], inside: Box) -> Point:
+    """Return the first candidate at which a label lies inside and covers nothing taken; without any, the first.
+
+    Args:
+        half: Half the width and half the height of the label.
+    """
+    first: Point | None = None
+    for x, y in candidates:
+        first = first or (x, y)
+        left, top, right, bottom = box_around(x, y, *half)
+        if left < inside[0] or top < inside[1] or right > inside[2] or bottom > inside[3]:
+            continue
+        if all(right <= o[0] or o[2] <= left or bottom <= o[1] or o[3] <= top for o in taken):
+            return x, y
+    assert first is not None, "there is a candidate"
+    return first
+
+
+def around(x: float, y: float, step: float) -> Iterator[Point]:
+    """Yield a point and rings of points around it, the nearest ring first, each from the top on."""
+    yield x, y
+    for ring in range(1, RINGS + 1):
+        for k in range(DIRECTIONS):
+            angle = 2.0 * math.pi * k / DIRECTIONS
+            yield x + ring * step * math.sin(angle), y - ring * step * math.cos(angle)
+
+
+def beside(x: float, y: float, radius: float, half: Point) -> Iterator[Point]:
+    """Yield the places for a name beside a round body: above, below, right, left, then farther away."""
+    for away in (radius, 2.5 * radius, 4.0 * radius):
+        for dx, dy in ((0, -1), (0, 1), (1, 0), (-1, 0), (1, -1), (-1, -1), (1, 1), (-1, 1)):
+            yield x + dx * (away + half[0]), y + dy * (away + half[1])
+
+
+def spread(points: Sequence[Point], radius: float, inside: Box) -> list[Point]:
+    """Return where round markers of one size go so that none covers another one or the point of another one."""
+    placed: list[Point] = []
+    taken: list[Box] = []
+    for x, y in points:
+        place = free_place(around(x, y, 1.1 * radius), (radius, radius), taken, inside)
+        placed.append(place)
+        taken.append(box_around(*place, radius, radius))
+    return placed
+
+
+NARROW_PX = 342
+"""Width of a map on a phone 390 px wide."""
+SMALLEST_PX = 11.5
+LETTER = 0.6
+"""Width of a letter against its height."""
+
+LINE = 1.15
+"""Distance of the lines of a name against the height of a letter."""
+
+_NAME = re.compile(r'<text class="area-name" font-size="([\d.]+)"( transform=)?.*?</text>', re.DOTALL)
+_LINE = re.compile(r'<tspan x="(-?[\d.]+)" y="(-?[\d.]+)">(.*?)</tspan>', re.DOTALL)
+
+
+def narrow_size(floor: FloorPlan) -> float:
+    """Return the size of letters, in units of the plan, that is 11.5 px on a phone."""
+    return SMALLEST_PX * float(floor.view_box.split()[2]) / NARROW_PX
+
+
+def _apart(name: str, lines: list[tuple[str, str, str]], y: float) -> str:
+    """Return a name whose lines are as far apart as its letters are high, at every size of the letters."""
+    spans = "".join(
+        f'<tspan x="{x}" y="{y:.2f}" dy="{(k - (len(lines) - 1) / 2) * LINE:.2f}em">{text}</tspan>'
+        for k, (x, _, text) in enumerate(lines)
+    )
+    return f"{name[: name.index('<tspan')]}{spans}</text>"
+
+
+def narrow_names(floor: FloorPlan) -> str:
+    """Return the plan's names; those that would cover another one on a phone have the class `minor`."""
+    size = narrow_size(floor)
+    taken: list[tuple[float, float, float, float]] = []
+
+    def placed(found: re.Match[str]) -> str:
+        lines = _LINE.findall(found[0])
+        x = sum(float(line[0]) for line in lines) / len(lines)
+        y = sum(float(line[1]) for line in lines) / len(lines)
+        wide, high = max(len(line[2]) for line in lines) * size * LETTER, len(lines) * size * 1.2
+        if found[2]:
+            wide, high = high, wide
+        found_name = _apart(found[0], lines, y)
+        box = (x - wide / 2, y - high / 2, x + wide / 2, y + high / 2)
+        left, top, width, height = (float(v) for v in floor.view_box.split())
+        inside = left <= box[0] and top <= box[1] and box[2] <= left + width and box[3] <= top + height
+        if inside and all(box[2] < o[0] or o[2] < box[0] or box[3] < o[1] or o[3] < box[1] for o in taken):
+            taken.append(box)
+            return found_name
+        return found_name.replace('class="area-name"', 'class="area-name minor"', 1)
+
+    return _NAME.sub(placed, floor.names)
+
+
+def floor_svg(world: World) -> str:
+    """Return the floor plan as one SVG element for the replay component, with the colours of the areas."""
+    floor = floor_plan(world, tooltips=False)
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" class="map" viewBox="{floor.view_box}" role="img" '
+        f'aria-label="Floor plan of {html.escape(world.title, quote=True)} with the robot and the people">'
+        f"<style>{area_colours(world, floor)}</style>{floor.shapes}{narrow_names(floor)}</svg>"
+    )
+
+
+def area_colours(world: World, floor: FloorPlan, *, within: str = "") -> str:
+    """Return the style of the areas, as in `rvsg world draw`, and of their names on a narrow screen.
+
+    Args:
+        within: The selector of the element that holds the plan, on a page with several.
+    """
+    at = f"{within} " if within else ""
+    kinds = (area.kind for area in world.areas)
+    names = list(dict.fromkeys(kinds))
+    rules = []
+    for ink, wrap in ((LIGHT, "{}"), (DARK, "@media (prefers-color-scheme: dark){{{}}}")):
+        colours = ink.kind_colours(names).values()
+        tints = "".join(
+            f"{at}.plan .kind-{place}{{fill:{css};stroke:{css};fill-opacity:{ink.tint}}}"
+            for place, css in enumerate("#{:02x}{:02x}{:02x}".format(*colour) for colour in colours)
+        )
+        rules.append(wrap.format(tints))
+    size = narrow_size(floor)
+    words = ",".join(f"{at}{each}" for each in (".still .area-name", ".map .area-name", ".pin text"))
+    rules.append(
+        f"@media (max-width:640px){{{words}{{font-size:{size:.3f}px}}{at}.pin circle{{r:{0.8 * size:.3f}px}}}}"
+    )
+    return "".join(rules)
+
 
 Floats = NDArray[np.float64]
 Outline = Sequence[tuple[float, float]]

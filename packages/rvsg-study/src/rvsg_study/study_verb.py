@@ -1,0 +1,82 @@
+"""`rvsg import-study`: import published results into a store."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rvsg.cli import console
+from rvsg.cli.frame import Verb, verb
+from rvsg.core.outputs import make_folder
+from rvsg.core.records import Record
+
+VERBS = {
+    "import-study": Verb("rvsg_study.study_verb", "Import results in the published study's layout into a store"),
+}
+app = verb()
+
+
+class StudyImport(Record):
+    """What was imported, and where it is."""
+
+    store: str
+    findings: str
+    """The file of everything that could not be trusted, with its reason."""
+    campaigns: int
+    attempts: int
+    runs: int
+    refused: int
+    compared: int
+    """Runs whose metrics were computed again and compared with the logged ones."""
+    differing: int
+    findings_by_kind: dict[str, int]
+    """Findings of this import."""
+
+
+@app.command()
+def import_study(
+    folder: Annotated[Path, typer.Argument(help="Root of the results, with distance/route_1/0, no_req/..., ...")],
+    out: Annotated[Path, typer.Option(help="Folder of the store (DIR/ledger.sqlite), or the file itself.")],
+    world: Annotated[str, typer.Option(help="The world of the results: its routes and waypoints.")] = "warehouse",
+) -> None:
+    """Import results in the layout of the published study into a store, and write a file of findings beside it.
+
+    Every metric is computed again from the logs and compared with the logged value. Data that cannot be trusted is
+    listed with the reason and not imported. Unknown waypoint names are listed and kept.
+    """
+    from rvsg.scenario.world_lookup import as_world
+    from rvsg.store.sqlite import SqliteLedger
+    from rvsg_study import import_study as study
+
+    place = as_world(world)
+    study.find_campaigns(folder, [])  # before a store is made for nothing
+    store = out if out.suffix in (".sqlite", ".db") else out / "ledger.sqlite"
+    make_folder(store.parent)
+    added_to = store.exists()
+    with SqliteLedger(store) as ledger:
+        read = study.import_study(folder, ledger, place, console.say)
+    findings = store.with_name("findings.csv")
+    listed = study.write_findings(read.findings, findings, keep=added_to)
+    done = StudyImport(
+        store=str(store),
+        findings=str(findings),
+        campaigns=read.campaigns,
+        attempts=read.attempts,
+        runs=read.runs,
+        refused=read.refused,
+        compared=read.compared,
+        differing=read.differing,
+        findings_by_kind=dict(Counter(finding.kind for finding in read.findings)),
+    )
+    count = len(read.findings)
+    console.say(
+        f"{done.runs} runs in {done.attempts} attempts of {done.campaigns} campaigns -> {done.store}\n"
+        f"{done.compared} runs compared with their logged metrics: "
+        + ("all equal" if done.compared and not done.differing else f"{done.differing} differences")
+        + f"\n{count} findings -> {done.findings}"
+        + (f" (with the earlier ones: {listed})" if listed != count else "")
+    )
+    console.print_json(done.model_dump(mode="json"))

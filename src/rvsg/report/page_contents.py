@@ -1,0 +1,476 @@
+"""Contents of the report page: attempts, tables, facts of runs and the conversation with the model."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.findings import Finding
+from rvsg.campaign.ranking import best_attempt, confirmed_candidate, search_attempts
+from rvsg.evaluation.verdict import (
+    OPEN,
+    Status,
+    Verdict,
+    counted,
+    metres,
+    number,
+    outcome_in_words,
+    percent,
+    still_open,
+)
+from rvsg.generation.generator import Call
+from rvsg.generation.vlm.recording import RecordedCall, Recording
+from rvsg.report.answer import CAUSE_WORDS, tone_of
+from rvsg.report.replay_data import people_colours
+from rvsg.report.run_facts import AttemptFacts, Cause, cause_of, footprint_of
+from rvsg.report.stills import Look, Turn
+from rvsg.report.summary import Summary, in_short, interval
+from rvsg.scenario.brief import Feedback
+from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration
+from rvsg.world.drawing.svg import FloorPlan
+from rvsg.world.world import World
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shown:
+    """What the parts of the page share."""
+
+    plan: Plan
+    world: World
+    attempts: Sequence[Attempt]
+    summary: Summary
+    facts: Sequence[AttemptFacts]
+    findings: Sequence[Finding]
+    floor: FloorPlan
+
+    @property
+    def confirmed(self) -> AttemptFacts | None:
+        """The confirmation runs of the first finding."""
+        wanted = self.summary.confirmed
+        return next((f for f in self.facts if wanted is not None and f.attempt.index == wanted.index), None)
+
+    @property
+    def candidate(self) -> Attempt | None:
+        """The configuration of the search that the first finding confirms."""
+        return self.candidate_of(self.summary.confirmed) if self.summary.confirmed is not None else None
+
+    def candidate_of(self, confirmation: Attempt) -> Attempt | None:
+        """Return the configuration of the search that an attempt confirms."""
+        return confirmed_candidate(confirmation, self.attempts)
+
+    @property
+    def cause(self) -> Cause | None:
+        """Return whether the people cause the finding; None before a confirmation."""
+        confirmed = self.confirmed
+        found = [f for f in self.findings if confirmed is not None and f.confirmation == confirmed.attempt.index]
+        return cause_of(found[0], confirmed, self.facts) if found and confirmed is not None else None
+
+    @property
+    def searched(self) -> list[AttemptFacts]:
+        """The configurations of the search that were simulated."""
+        return [f for f in self.facts if f.attempt.purpose == "search"]
+
+    @property
+    def others(self) -> list[AttemptFacts]:
+        """The confirmations of other configurations than that of the first finding."""
+        own = _kind(self.confirmed) if self.confirmed is not None else None
+        return [f for f in self.facts if f.attempt.purpose == "confirmation" and _kind(f) != own]
+
+    @property
+    def subject(self) -> AttemptFacts | None:
+        """What the page tells of: the confirmed finding, else the worst candidate."""
+        best = best_attempt(self.attempts, self.plan.requirement)
+        return self.confirmed or next((f for f in self.facts if best and f.attempt.index == best.index), None)
+
+
+def look_of(shown: Shown, facts: AttemptFacts) -> Look:
+    """Return how still pictures of these runs are drawn."""
+    runs = [each.run for each in facts.runs]
+    return Look(
+        turn=Turn.of(shown.floor.matrix),
+        view_box=shown.floor.view_box,
+        outline=footprint_of(runs[0], shown.plan.mission.robot_record),
+        colours=people_colours(runs),
+    )
+
+
+def in_order(shown: Shown) -> list[AttemptFacts]:
+    """Sort: the subject first, then other confirmations, then the search by rank, then the rest.
+
+    A configuration that the search measured several times, each time in more runs, is shown with all of them.
+    """
+    rank = {entry.attempt: entry.rank for entry in shown.summary.ranking}
+    subject = shown.subject
+    return sorted(
+        _fullest(shown.facts, shown.subject),
+        key=lambda f: (
+            f is not subject,
+            f.attempt.purpose != "confirmation",
+            rank.get(f.attempt.index, len(rank) + 1),
+            f.attempt.index,
+        ),
+    )
+
+
+def _fullest(facts: Sequence[AttemptFacts], subject: AttemptFacts | None) -> list[AttemptFacts]:
+    """Leave out attempts whose runs a later one of the same purpose holds, with more.
+
+    A search may measure a configuration several times, and a confirmation may be continued.
+    """
+    runs = {each.attempt.index: {run.id for run in each.runs} for each in facts}
+    held: dict[tuple[str, str], list[AttemptFacts]] = {}
+    for each in facts:
+        if each.attempt.purpose in ("search", "confirmation"):
+            held.setdefault(_kind(each), []).append(each)
+
+    def superseded(each: AttemptFacts) -> bool:
+        others = held.get(_kind(each), [])
+        mine, index = runs[each.attempt.index], each.attempt.index
+        return any(
+            mine < runs[other.attempt.index] or (mine == runs[other.attempt.index] and other.attempt.index < index)
+            for other in others
+        )
+
+    return [each for each in facts if each is subject or not superseded(each)]
+
+
+def _kind(facts: AttemptFacts) -> tuple[str, str]:
+    """Return what the runs of a configuration are for, and its scenario."""
+    scenario = facts.attempt.proposal.scenario
+    return facts.attempt.purpose, scenario.id if scenario is not None else ""
+
+
+def group_label(facts: AttemptFacts) -> str:
+    """Return what a set of runs is called in menus and tables."""
+    attempt = facts.attempt
+    brief, verdict = attempt.brief, attempt.verdict
+    scenario = f"scenario {brief.scenario_index + 1}, configuration {brief.configuration_index + 1}"
+    match attempt.purpose:
+        case "baseline":
+            return "mission without people"
+        case "removal":
+            return f"{scenario}, without {', '.join(attempt.without)}"
+        case "shrinking":
+            return f"{scenario}, shrunk"
+        case "confirmation":
+            return f"{scenario}, confirmation{f', {verdict.status.value}' if verdict else ''}"
+        case _:
+            return f"{scenario}, search"
+
+
+LIKE = 60
+"""Descriptions that share this many characters from the beginning do not tell scenarios apart."""
+
+
+REACTS = {
+    Behaviour.REGULAR: "treats the robot as a person (regular)",
+    Behaviour.IMPASSIVE: "ignores the robot (impassive)",
+    Behaviour.SURPRISED: "stops and looks at the robot (surprised)",
+    Behaviour.SCARED: "shies away from the robot (scared)",
+    Behaviour.CURIOUS: "approaches the robot (curious)",
+    Behaviour.THREATENING: "blocks the robot's way (threatening)",
+}
+"""How a person reacts to the robot, with the name of the behaviour in HuNavSim."""
+
+
+def people_rows(subject: AttemptFacts) -> list[dict[str, Any]]:
+    """Return what each person of the scenario is asked to do, with its colour in the replay."""
+    scenario = subject.attempt.proposal.scenario
+    colours = people_colours([each.run for each in subject.runs])
+    return [_tasks(human) | {"colour": colours.get(human.name)} for human in scenario.people.humans] if scenario else []
+
+
+def _tasks(human: Human) -> dict[str, Any]:
+    """Return a person's work as the page shows it."""
+    return {
+        "name": human.name,
+        "manner": manner(human),
+        "tasks": [
+            {
+                "name": task.name,
+                "path": " ".join(task.path),
+                "pauses": [f"stands {number(pause.duration_s, 's')} at {pause.at}" for pause in task.pauses],
+            }
+            for task in human.tasks
+        ],
+    }
+
+
+def manner(human: Human) -> str:
+    """Return how a person walks and reacts, in a few words."""
+    ways = [f"{REACTS[human.behaviour]}, {number(human.speed_m_s, 'm/s')}"]
+    if human.start_delay_s:
+        ways.append(f"starts after {number(human.start_delay_s, 's')}")
+    if human.group is not None:
+        ways.append(f"group {human.group}")
+    return ", ".join(ways)
+
+
+def finding_rows(shown: Shown) -> list[dict[str, Any]]:
+    """Return findings and candidates, the worst first. A confirmed scenario shows its confirmation verdict.
+
+    Where descriptions begin alike, `short` says instead what everybody does first, which tells the scenarios apart.
+    After the scenarios come further configurations that were confirmed.
+    """
+    attempts = {attempt.index: attempt for attempt in shown.attempts}
+    by_index = {each.attempt.index: each for each in shown.facts}
+    confirmations = {_scenario_id(f.attempt): f for f in shown.facts if f.attempt.purpose == "confirmation"}
+    causes = {finding.attempt: CAUSE_WORDS[finding.about_people] for finding in shown.findings}
+    rows = []
+    begins = Counter(entry.description[:LIKE] for entry in shown.summary.ranking)
+    for entry in (*shown.summary.ranking, *shown.summary.further):
+        facts = confirmations[entry.scenario_id] if entry.state == "confirmed" else by_index[entry.attempt]
+        row = {"rank": entry.rank or "", "configurations": entry.configurations, "description": entry.description}
+        scenario = attempts[entry.attempt].proposal.scenario
+        row["short"] = entry.description
+        if scenario is not None and max(begins.values()) > 1:
+            row["short"] = in_short(scenario)
+        row |= {"cause": causes.get(entry.attempt, "–"), "touched": entry.seen.contacts.runs > 0}
+        rows.append(row | _finding_row(shown, attempts[entry.attempt], facts, entry.state))
+    return rows
+
+
+def _finding_row(shown: Shown, attempt: Attempt, facts: AttemptFacts, state: str) -> dict[str, Any]:
+    """Return the row of a configuration, by its confirmation runs where it has any, else by its search runs."""
+    verdict, scenario = facts.attempt.verdict, attempt.proposal.scenario
+    assert verdict is not None and scenario is not None
+    return {
+        "scenario": attempt.brief.scenario_index,
+        "configuration": attempt.brief.configuration_index,
+        "state": state,
+        "attempt": attempt.index,
+        "objective": interval(verdict, shown.plan.requirement.unit),
+        "violated": f"{verdict.violations} of {verdict.runs}" if _judged(verdict) else "–",
+        "status": verdict.status.value,
+        "tone": tone_of(verdict),
+        "means": f"violated; {OPEN}" if still_open(verdict) else "",
+        "contacts": f"{len(facts.with_contact)} of {len(facts.runs)}",
+        "arrived": f"{len(facts.runs) - len(facts.not_arrived)} of {len(facts.runs)}",
+        "address": "#runs=" + ",".join(run.id for run in facts.runs),
+        "people": [_tasks(human) for human in scenario.people.humans],
+        "repairs": [f"{repair.human}: {repair.what}" for repair in attempt.proposal.repairs],
+    }
+
+
+def _scenario_id(attempt: Attempt) -> str:
+    scenario = attempt.proposal.scenario
+    return scenario.id if scenario is not None else ""
+
+
+def _judged(verdict: Verdict) -> bool:
+    return verdict.status is not Status.UNJUDGED
+
+
+def run_rows(shown: Shown) -> list[dict[str, Any]]:
+    """Return every recorded run of the campaign, for the table at the end."""
+    unit = shown.plan.requirement.unit
+    return [row | {"of": group_label(facts)} for facts in in_order(shown) for row in run_rows_of(facts, unit)]
+
+
+def run_rows_of(facts: AttemptFacts, unit: str) -> list[dict[str, Any]]:
+    """Return the runs of one configuration for a table."""
+    return [
+        {
+            "id": run.id,
+            "address": f"#run={run.id}",
+            "seed": run.run.seed,
+            "objective": number(run.measurement.objective, unit),
+            "violated": run.violated,
+            "outcome": outcome_in_words(run.run.outcome),
+            "contacts": len(run.contacts),
+            "gap": metres(run.closest_m) if run.closest_m is not None else "–",
+        }
+        for run in facts.runs
+    ]
+
+
+MOST_CHARACTERS = 600_000
+"""Characters of conversations that a page holds; the record beside the campaign holds all."""
+
+
+class Conversations:
+    """What was said in the calls of a campaign. Every message is given once, where it is said first."""
+
+    def __init__(self, recording: Recording | None) -> None:
+        self._recording = recording
+        self._calls: Mapping[str, RecordedCall] = {
+            call.key: call for call in recording or () if call.answer is not None
+        }
+        self._failed = {call.key: call for call in recording or () if call.answer is None}
+        self._said: set[str] = set()
+        self._answers: set[str] = set()
+        self._left = MOST_CHARACTERS
+
+    def of(self, calls: Sequence[Call]) -> list[dict[str, Any]]:
+        """Return purpose, new messages and answer of each call that is on record."""
+        found = []
+        for call in calls:
+            kept = self._calls.get(call.recording or "") or self._failed.get(call.recording or "")
+            if kept is not None and self._recording is not None:
+                found.append(self._one(kept, self._recording))
+        return found
+
+    def _one(self, call: RecordedCall, recording: Recording) -> dict[str, Any]:
+        said = []
+        for message_id in call.messages:
+            if message_id in self._said:
+                continue
+            self._said.add(message_id)
+            message = recording.message(message_id)
+            if message.role == "assistant" and message.text in self._answers:
+                continue
+            said.append({"role": message.role, "text": self._room(message.text), "pictures": len(message.pictures)})
+        self._answers |= {call.answer.text} if call.answer is not None else set()
+        answer = call.answer.text if call.answer is not None else f"No answer: {call.error}"
+        return {"purpose": call.purpose, "said": said, "answer": self._room(answer)}
+
+    def _room(self, text: str) -> str:
+        """Return the text, cut where the page has no room left for it."""
+        kept = text[: max(0, self._left)]
+        self._left -= len(kept)
+        return kept if len(kept) == len(text) else f"{kept} … ({len(text) - len(kept)} more characters in the record)"
+
+
+WIDTH_M, WIDEST = 0.12, 3
+"""Width of a planned path; those drawn under others are wider, up to so many times more, so that all are seen."""
+
+
+def thinking(
+    plan: Plan,
+    attempts: Sequence[Attempt],
+    world: World,
+    look: Look,
+    colours: Sequence[str],
+    conversations: Conversations,
+) -> list[dict[str, Any]]:
+    """Return one entry for each scenario of the search, with its configurations in their order."""
+    found: dict[int, dict[str, Any]] = {}
+    before: dict[int, HumanConfiguration] = {}
+    for attempt in search_attempts(attempts):
+        index = attempt.brief.scenario_index
+        scenario = attempt.proposal.scenario
+        entry = found.setdefault(index, {"scenario": index, "description": "", "configurations": []})
+        entry["description"] = entry["description"] or (scenario.description if scenario else "")
+        made = _configuration(plan, attempt, world, look, before.get(index), colours)
+        entry["configurations"].append(made | {"talk": conversations.of(attempt.proposal.calls)})
+        if scenario is not None:
+            before[index] = scenario.people
+    return list(found.values())
+
+
+def _configuration(
+    plan: Plan,
+    attempt: Attempt,
+    world: World,
+    look: Look,
+    before: HumanConfiguration | None,
+    colours: Sequence[str],
+) -> dict[str, Any]:
+    proposal, unit = attempt.proposal, plan.requirement.unit
+    return {
+        "number": attempt.brief.configuration_index + 1,
+        "result": interval(attempt.verdict, unit) if attempt.verdict else "not simulated",
+        "reasoning": proposal.reasoning,
+        "told": _feedback(attempt.brief.feedback, unit),
+        "memory": len(attempt.brief.memory),
+        "findings": [finding.reason for finding in proposal.first_findings],
+        "repairs": [f"{repair.human}: {repair.what}" for repair in proposal.repairs],
+        "problems": [finding.reason for finding in proposal.problems],
+        "corrections": proposal.corrections,
+        "calls": _calls(proposal.calls),
+        "map": _paths(proposal.scenario.people if proposal.scenario else None, before, world, look, colours),
+        "changed": before is not None,
+        "people": _who(proposal.scenario.people if proposal.scenario else None, colours),
+    }
+
+
+def _feedback(feedback: Feedback | None, unit: str) -> list[str]:
+    """Return what the generator knew of the configuration before."""
+    if feedback is None:
+        return []
+    low, high = feedback.interval
+    lines = [f"Mean {number(feedback.mean, unit)} ({number(low)} to {number(high, unit)})."]
+    if feedback.violation_share is not None:
+        lines.append(f"Violated in {percent(feedback.violation_share)} of runs.")
+    lines += [
+        f"{moment.time_s:.1f} s: robot at {moment.robot_at}, {moment.closest_human} is {metres(moment.gap_m)} away"
+        f"{'; ' + moment.note.replace('m/s2', 'm/s²') if moment.note else ''}."
+        for moment in feedback.moments
+    ]
+    lines += [
+        f"{each.name}: closest gap {metres(each.closest_gap_m)}, within 2 m for {percent(each.share_within_2_m)} of "
+        "the time."
+        for each in feedback.influences
+    ]
+    return lines
+
+
+def _calls(calls: Sequence[Call]) -> str:
+    """Return what the calls of a model took."""
+    if not calls:
+        return ""
+    tokens = sum(call.input_tokens for call in calls)
+    out = sum(call.output_tokens for call in calls)
+    costs = [call.cost_usd for call in calls]
+    price = f", {sum(c for c in costs if c is not None):.4f} USD" if None not in costs else ", cost unknown"
+    seconds = sum(call.latency_s for call in calls)
+    return (
+        f"{counted(len(calls), 'call')} of {calls[0].model}: {tokens} tokens in, {out} out{price}, {seconds:.1f} s "
+        f"({', '.join(call.purpose for call in calls)})"
+    )
+
+
+def _paths(
+    people: HumanConfiguration | None,
+    before: HumanConfiguration | None,
+    world: World,
+    look: Look,
+    colours: Sequence[str],
+) -> str:
+    """Draw the planned paths on the floor plan; those of the configuration before are dashed."""
+    if people is None:
+        return ""
+    at = {w.name: (w.x, w.y) for w in world.grid.waypoints}
+    parts = [f'<svg class="still paths" viewBox="{look.view_box}" role="img" aria-label="Planned paths">']
+    parts.append('<use href="#rvsg-floor"/>')
+    for configuration, kind in ((people, "planned"), (before, "planned before")):
+        for place, human in enumerate(configuration.humans if configuration else ()):
+            if before is not None and kind == "planned before" and _same_path(human.name, before, people):
+                continue
+            under = min(WIDEST, len(configuration.humans) - 1 - place) if configuration else 0
+            colour = colours[place % len(colours)]
+            width = WIDTH_M * (1 + under) if kind == "planned" else WIDTH_M
+            parts.append(_path(_waypoints(human), at, look, colour, kind, width))
+    return "".join([*parts, "</svg>"])
+
+
+def _who(people: HumanConfiguration | None, colours: Sequence[str]) -> list[dict[str, str]]:
+    """Return the names of the people and the colours of their paths."""
+    humans = people.humans if people else ()
+    return [{"name": human.name, "colour": colours[k % len(colours)]} for k, human in enumerate(humans)]
+
+
+def _waypoints(human: Any) -> list[str]:
+    return [name for task in human.tasks for name in task.path]
+
+
+def _same_path(name: str, before: HumanConfiguration, after: HumanConfiguration) -> bool:
+    paths = [[_waypoints(h) for h in people.humans if h.name == name] for people in (before, after)]
+    return paths[0] == paths[1]
+
+
+def _path(
+    names: Sequence[str], at: Mapping[str, tuple[float, float]], look: Look, colour: str, kind: str, width: float
+) -> str:
+    known = np.array([at[name] for name in names if name in at])
+    if not len(known):
+        return ""
+    x, y = look.turn.points(known[:, 0], known[:, 1])
+    points = " ".join(f"{a:.2f},{b:.2f}" for a, b in zip(x, y, strict=True))
+    start = f'<circle r="0.2" cx="{x[0]:.2f}" cy="{y[0]:.2f}" fill="{colour}"/>' if kind == "planned" else ""
+    return f'<polyline class="{kind}" stroke="{colour}" stroke-width="{width:.2f}" points="{points}"/>{start}'

@@ -1,0 +1,474 @@
+"""Data of the replay: runs and traces as JSON with packed numbers, and the colours of people.
+
+A run is one blob of channels at 10 Hz, in centimetres. Each channel holds integers: the first value and then the
+differences, as zigzag varints, deflated. `static/replay.js` and `static/trace.js` document and read the layout. The
+replay is a view: verdicts and counts come from the exact records, never from this rounded copy. A trace keeps 5 moments
+a second and every few rays; the bag of the same trace holds all of it.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import zlib
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.core.errors import FileError
+from rvsg.core.inputs import parse_json, read_text
+from rvsg.evaluation.sampled import sampled
+from rvsg.evaluation.verdict import outcome_in_words
+from rvsg.report.run_facts import INVOLVED_M, Curve
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Mission
+from rvsg.simulation.run import DoorMoved, Run
+from rvsg.world.world import Door, World
+
+if TYPE_CHECKING:
+    from rvsg.simulation.embedded.trace import Evaluation, Frame, Trace
+
+
+FIRST = ("#c4570a", "#0b8270", "#a23bb8", "#8a6d00", "#c2255c", "#3f7d20", "#6a5acd", "#9c4a2f")
+"""Enough for most scenarios, chosen by hand: none is near the blue of the robot."""
+ROBOT_HUES = (235.0, 285.0)
+"""Hues (degrees in OKLCH) that the robot's blue keeps for itself."""
+
+
+def distinct_colours(count: int) -> list[str]:
+    """Return `count` different colours as `#rrggbb`."""
+    if count <= len(FIRST):
+        return list(FIRST[:count])
+    free = 360.0 - (ROBOT_HUES[1] - ROBOT_HUES[0])
+    hues = math.ceil(count / 2)
+    found = []
+    for place in range(count):
+        hue = (ROBOT_HUES[1] + (place % hues + 0.5 * (place // hues)) * free / hues) % 360.0
+        found.append(_hex(0.5 if place < hues else 0.64, 0.125, math.radians(hue)))
+    return found
+
+
+def _hex(lightness: float, chroma: float, hue: float) -> str:
+    """Convert OKLCH to sRGB by the matrices of Ottosson (2020); values outside sRGB are cut off."""
+    a, b = chroma * math.cos(hue), chroma * math.sin(hue)
+    long = (lightness + 0.3963377774 * a + 0.2158037573 * b) ** 3
+    medium = (lightness - 0.1055613458 * a - 0.0638541728 * b) ** 3
+    short = (lightness - 0.0894841775 * a - 1.2914855480 * b) ** 3
+    linear = (
+        4.0767416621 * long - 3.3077115913 * medium + 0.2309699292 * short,
+        -1.2684380046 * long + 2.6097574011 * medium - 0.3413193965 * short,
+        -0.0041960863 * long - 0.7034186147 * medium + 1.7076147010 * short,
+    )
+    return "#" + "".join(f"{round(255 * _gamma(min(1.0, max(0.0, value)))):02x}" for value in linear)
+
+
+def _gamma(value: float) -> float:
+    return 12.92 * value if value <= 0.0031308 else 1.055 * value ** (1 / 2.4) - 0.055
+
+
+Floats = NDArray[np.float64]
+
+PERIOD_S = 0.1
+LEAF_STEPS = 10
+FAR_STEP = 5
+"""A person who is not involved in a run is kept at every fifth sample (2 Hz)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayRun:
+    """A run to replay, with the facts the component shows beside it. `moments` are (time in s, text)."""
+
+    run: Run
+    objective: float | None
+    violated: bool
+    curve: Curve
+    opens_s: float
+    note: str = ""
+    lanes: Mapping[str, Sequence[tuple[float, float]]] = field(default_factory=dict)
+    moments: Sequence[tuple[float, str]] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayGroup:
+    """Runs of one configuration. `status` is its verdict; `manners` describes each person by name; `moved` are the
+    outlines of objects that its scenario moved into the world."""
+
+    id: str
+    label: str
+    purpose: str
+    runs: tuple[ReplayRun, ...]
+    status: str = ""
+    moved: tuple[tuple[tuple[float, float], ...], ...] = ()
+    manners: dict[str, str] = field(default_factory=dict)
+
+
+def replay_payload(
+    groups: Sequence[ReplayGroup],
+    *,
+    mission: Mission,
+    requirement: Requirement,
+    waypoints: Sequence[tuple[str, float, float]],
+    matrix: str,
+    quantity: str,
+    footprint: Callable[[Run], Sequence[tuple[float, float]]],
+    doors: Sequence[Door] = (),
+) -> dict[str, Any]:
+    """Return the JSON data of the component.
+
+    Args:
+        waypoints: Name, x and y (m) of the waypoints of the grid.
+        matrix: From world metres to the units of the floor plan (`FloorPlan.matrix`).
+        quantity: The judged quantity in words.
+        footprint: Gives the outline of the robot of a run in its own frame, m.
+        doors: The automatic doors of the world.
+    """
+    route = mission.route
+    leaves = {"doors": [_door(door) for door in doors]} if doors else {}
+    return leaves | {
+        "version": 1,
+        "period": PERIOD_S,
+        "matrix": [float(v) for v in matrix[7:-1].replace(",", " ").split()],
+        "route": {
+            "start": [route.start.x, route.start.y],
+            "goal": [route.goal.x, route.goal.y],
+            "through": [[pose.x, pose.y] for pose in route.through],
+        },
+        "waypoints": [[name, round(x, 2), round(y, 2)] for name, x, y in waypoints],
+        "requirement": {
+            "name": requirement.name,
+            "quantity": quantity,
+            "unit": requirement.unit,
+            "worse": requirement.worse,
+            "limit": requirement.threshold,
+        },
+        "groups": [_group(group, footprint) for group in groups],
+    }
+
+
+def _door(door: Door) -> dict[str, Any]:
+    """Return the leaf of a door, opened by 0, 0.1 ... 1 of its way."""
+    shares = [[[round(x, 3), round(y, 3)] for x, y in door.leaf(k / LEAF_STEPS)] for k in range(LEAF_STEPS + 1)]
+    return {"name": door.name, "opening": door.opening_s, "leaf": shares}
+
+
+def _door_moves(run: Run) -> dict[str, list[list[float]]]:
+    """Return when each door moves: begin (s), how far it is open then, 1 to open or 0 to close, and end (s)."""
+    moves: dict[str, list[list[float]]] = {}
+    for event in run.events:
+        if isinstance(event, DoorMoved):
+            moves.setdefault(event.door, []).append([event.time_s, event.share, float(event.opens), event.until_s])
+    return moves
+
+
+def people_colours(runs: Sequence[Run]) -> dict[str, str | None]:
+    """Return a colour for each person of the runs by name; None for a person who is not involved in any of them."""
+    names = list(dict.fromkeys(name for run in runs for name in run.human_names))
+    involved = [name for name in names if name in _involved_in(runs)]
+    return dict.fromkeys(names) | dict(zip(involved, distinct_colours(len(involved)), strict=True))
+
+
+def _group(group: ReplayGroup, footprint: Callable[[Run], Sequence[tuple[float, float]]]) -> dict[str, Any]:
+    runs = [each.run for each in group.runs]
+    colours = people_colours(runs)
+    names = list(colours)
+    radii = {name: radius for run in runs for name, radius in zip(run.human_names, run.human_radius_m, strict=True)}
+    outlines = {
+        n: o for run in runs for n, o in zip(run.human_names, run.human_outlines, strict=bool(run.human_outlines))
+    }
+    return {
+        "id": group.id,
+        "label": group.label,
+        "purpose": group.purpose,
+        "status": group.status,
+        "robot": {
+            "outline": [[round(x, 3), round(y, 3)] for x, y in footprint(runs[0])] if runs else [],
+            "radius": runs[0].robot_radius_m if runs else 0.0,
+        },
+        "people": [
+            {"name": n, "radius": radii[n], "colour": colours[n], "manner": group.manners.get(n, "")}
+            | ({"outline": outlines[n]} if outlines.get(n) else {})
+            for n in names
+        ],
+        **({"moved": [[list(point) for point in outline] for outline in group.moved]} if group.moved else {}),
+        "runs": [_run(each, names) for each in group.runs],
+    }
+
+
+def _involved_in(runs: Iterable[Run]) -> set[str]:
+    """Return the names of the people who come within 2 m of the robot in at least one run."""
+    found: set[str] = set()
+    for run in runs:
+        if run.human_names and len(run.trajectory):
+            closest = sampled(run).gap.min(axis=0)
+            found |= {n for n, gap in zip(run.human_names, closest, strict=True) if gap <= INVOLVED_M}
+    return found
+
+
+def _run(each: ReplayRun, names: Sequence[str]) -> dict[str, Any]:
+    run = each.run
+    coded, samples, far, near = _coded(run, names)
+    data: dict[str, Any] = {
+        "id": run.id,
+        "seed": run.seed,
+        "objective": each.objective,
+        "violated": each.violated,
+        "outcome": outcome_in_words(run.outcome),
+        "arrived": run.completed,
+        "note": each.note,
+        "t0": round(float(run.trajectory.t[0]), 3) if len(run.trajectory) else 0.0,
+        "samples": samples,
+        "opens": round(each.opens_s, 2),
+        "present": [names.index(name) for name in run.human_names],
+        "far": far,
+        "near": near,
+        "lanes": {name: [[round(a, 2), round(b, 2)] for a, b in spans] for name, spans in each.lanes.items() if spans},
+        "moments": [[round(t, 2), text] for t, text in each.moments],
+        "blob": coded,
+    }
+    if moves := _door_moves(run):
+        data["doors"] = moves
+    if each.curve.is_known:
+        data["judged"] = _judged(each.curve)
+    return data
+
+
+def _judged(curve: Curve) -> dict[str, Any]:
+    """Return the curve as numbers of four significant digits; null where there is no judgement yet."""
+    return {
+        "t": [round(float(t), 2) for t in curve.t],
+        "value": [float(f"{v:.4g}") if np.isfinite(v) else None for v in curve.value],
+    }
+
+
+def _coded(run: Run, names: Sequence[str]) -> tuple[str, int, list[int], list[list[int]]]:
+    """Encode a run: the blob, its samples per channel, which of the run's people are kept at 2 Hz, and who is nearest.
+
+    Who is nearest is given as [sample, person among `names`] where it changes.
+
+    Channels: x, y (cm), yaw (0.01 rad), v (cm/s), gap to the nearest person (mm); then x, y (cm), yaw (0.05 rad) of
+    every person of the run.
+    """
+    path = run.trajectory
+    if not len(path):
+        return "", 0, [], []
+    wanted = np.arange(0.0, float(path.t[-1] - path.t[0]) + PERIOD_S / 2, PERIOD_S) + float(path.t[0])
+    rows = np.clip(np.searchsorted(path.t, wanted - 1e-9), 0, len(path) - 1)
+    gap = sampled(run).gap
+    people = len(run.human_names)
+    least = _least(gap.min(axis=1), rows) if people else rows
+    channels = [path.x[rows] * 100, path.y[rows] * 100, np.unwrap(path.yaw)[rows] * 100, path.signed_speed[rows] * 100]
+    channels.append((gap.min(axis=1)[least] if people else np.zeros(len(rows))) * 1000)
+    who = [names.index(run.human_names[h]) for h in gap[least].argmin(axis=1)] if people else []
+    near = [[k, person] for k, person in enumerate(who) if k == 0 or person != who[k - 1]]
+    far = [h for h in range(people) if gap[:, h].min() > INVOLVED_M]
+    for h in range(people):
+        at = rows[:: FAR_STEP if h in far else 1]
+        channels += [path.human_x[at, h] * 100, path.human_y[at, h] * 100, np.unwrap(path.human_yaw[:, h])[at] * 20]
+    body = b"".join(varints(np.round(channel).astype(np.int64)) for channel in channels)
+    return base64.b64encode(zlib.compress(body, 9)).decode(), len(rows), far, near
+
+
+def _least(values: Floats, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return where the smallest value since the row before is, so that thinning hides no contact."""
+    starts = np.minimum(np.concatenate([[0], rows[:-1] + 1]), rows)
+    return np.array([a + int(values[a : b + 1].argmin()) for a, b in zip(starts, rows, strict=True)], np.intp)
+
+
+def varints(values: NDArray[np.int64]) -> bytes:
+    """Return the first value and the differences of the rest as zigzag varints (7 bits a byte, low bits first)."""
+    steps = np.diff(values, prepend=np.int64(0))
+    numbers = ((steps << 1) ^ (steps >> 63)).astype(np.uint64)
+    most = max(1, -(-int(numbers.max(initial=0)).bit_length() // 7))
+    rest = numbers[:, None] >> (np.uint64(7) * np.arange(most, dtype=np.uint64))
+    more = np.column_stack([rest[:, 1:] > 0, np.zeros(len(numbers), np.bool_)])
+    used = np.column_stack([np.ones(len(numbers), np.bool_), rest[:, 1:] > 0])
+    return ((rest & np.uint64(0x7F)) | (more.astype(np.uint64) << np.uint64(7))).astype(np.uint8)[used].tobytes()
+
+
+FORMAT = "rvsg-trace"
+VERSION = 1
+EVERY = 2
+"""Of the frames of a trace, 10 a second, every n-th is kept."""
+MOST_RAYS = 181
+"""Rays of a lidar that are kept at most."""
+MOST_SAMPLES = 150
+"""Samples of the local planner that are kept at most: evenly, and always the chosen one."""
+PLAN_STEP = 6
+"""Of the poses of a plan, 0.025 m apart, every n-th is kept."""
+
+
+def trace_view(trace: Trace, world: World) -> dict[str, Any]:
+    """Return the data of the file."""
+    frames = trace.frames[::EVERY]
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "run": trace.run.id,
+        "scenario": trace.run.scenario_id,
+        "seed": trace.run.seed,
+        "frames": [round(frame.t, 2) for frame in frames],
+        "lidars": [_lidar(trace, frames, k) for k in range(len(trace.robot.lidars))],
+        "local": _local(trace, frames),
+        "global": _global(trace, world),
+        "plans": _plans(trace),
+        "tried": _tried(frames),
+        "phases": _changes((frame.t, frame.phase) for frame in trace.frames),
+        "nodes": [[change.t, change.node, change.before, change.after] for change in trace.nodes],
+    }
+
+
+def trace_json(trace: Trace, world: World) -> str:
+    """Return the text of the file."""
+    return json.dumps(trace_view(trace, world), ensure_ascii=False, allow_nan=False, separators=(",", ":")) + "\n"
+
+
+def _lidar(trace: Trace, frames: Sequence[Frame], number: int) -> dict[str, Any]:
+    """Channels: x, y (cm) and yaw (0.01 rad) of the robot at the scan of each frame; then its ranges (cm, 0: none)."""
+    lidar = trace.robot.lidars[number]
+    step = -(-lidar.rays // MOST_RAYS)
+    kept = np.arange(0, lidar.rays, step)
+    poses = np.array([frame.seen_from[number] for frame in frames]).reshape(-1, 3)
+    ranges = np.array([frame.scans[number][kept] for frame in frames]).reshape(len(frames), len(kept))
+    channels = [poses[:, 0] * 100, poses[:, 1] * 100, np.unwrap(poses[:, 2]) * 100]
+    channels += list(np.where(np.isfinite(ranges), np.maximum(1.0, ranges * 100), 0.0))
+    return {
+        "x": lidar.x,
+        "y": lidar.y,
+        "first": round(lidar.yaw - lidar.field_of_view_rad / 2, 5),
+        "step": round(step * lidar.field_of_view_rad / (lidar.rays - 1), 6),
+        "rays": len(kept),
+        "blob": _channels(channels),
+    }
+
+
+def _local(trace: Trace, frames: Sequence[Frame]) -> dict[str, Any]:
+    """`origins`: channels of the corner's x and y in cells; `blob`: the bytes of each frame, row by row."""
+    cells = np.array([frame.costmap for frame in frames], np.uint8)
+    corners = np.array([frame.costmap_origin for frame in frames]).reshape(-1, 2) / trace.resolution
+    return {
+        "rows": cells.shape[1] if cells.ndim == 3 else 0,
+        "columns": cells.shape[2] if cells.ndim == 3 else 0,
+        "resolution": trace.resolution,
+        "origins": _channels([corners[:, 0], corners[:, 1]]),
+        "blob": _packed(cells.tobytes()),
+    }
+
+
+def _global(trace: Trace, world: World) -> dict[str, Any]:
+    """`patches`: time, row, column, rows and columns of each change, the first is the whole; `blob`: their bytes."""
+    new = [(frame.t, frame.global_costmap) for frame in trace.frames if frame.global_costmap is not None]
+    x, y = trace.global_origin
+    return {
+        "x": round(x + world.map_offset[0], 4),
+        "y": round(y + world.map_offset[1], 4),
+        "resolution": trace.global_resolution,
+        "patches": [[round(t, 2), p.row, p.column, *p.cells.shape] for t, p in new],
+        "blob": _packed(b"".join(p.cells.tobytes() for _, p in new)),
+    }
+
+
+def _plans(trace: Trace) -> dict[str, Any]:
+    """`plans`: time and number of points of each plan; `blob`: for each the channels x and y (cm)."""
+    new = [(frame.t, _thinned(frame.plan)) for frame in trace.frames if frame.plan is not None]
+    channels = [points[:, axis] * 100 for _, points in new for axis in (0, 1)]
+    return {"plans": [[round(t, 2), len(points)] for t, points in new], "blob": _channels(channels)}
+
+
+def _tried(frames: Sequence[Frame]) -> dict[str, Any]:
+    """`asked`: time, number of samples, the chosen one (-1: none) and x, y, yaw of the robot at each answer.
+
+    `blob`: for each answer the channels forward speed (mm/s), yaw rate (mrad/s), with `sideways` the speed to the left
+    (mm/s), x and y of the end from the robot (cm), and score (tenths; -1: forbidden). `shares`: for each answer what
+    each of `critics` adds to the total of the chosen sample; empty where none is chosen.
+    """
+    asked, channels, shares = [], [], []
+    critics: tuple[str, ...] = ()
+    answers = [frame.evaluation for frame in frames if frame.evaluation is not None]
+    for tried in answers:
+        kept = _spread(tried)
+        best = int(np.flatnonzero(kept == tried.best)[0]) if tried.best >= 0 else -1
+        x, y, yaw = tried.pose
+        asked.append([round(tried.t, 2), len(kept), best, round(x, 2), round(y, 2), round(yaw, 3)])
+        critics = tried.critics
+        shares.append((tried.raw[tried.best] * tried.scales).round(2).tolist() if critics and tried.best >= 0 else [])
+        score = tried.score[kept]
+        channels += [
+            *(tried.velocity[kept] * 1000).T,
+            (tried.end[kept, 0] - x) * 100,
+            (tried.end[kept, 1] - y) * 100,
+            np.where(np.isfinite(score), score * 10, -1.0),
+        ]
+    sideways = any(tried.velocity.shape[1] == 3 for tried in answers)
+    return {
+        "asked": asked,
+        "critics": critics,
+        "shares": shares,
+        **({"sideways": True} if sideways else {}),
+        "blob": _channels(channels),
+    }
+
+
+def _spread(tried: Evaluation) -> NDArray[np.intp]:
+    kept = np.arange(0, len(tried.score), max(1, -(-len(tried.score) // MOST_SAMPLES)))
+    return np.union1d(kept, [tried.best]) if tried.best >= 0 else kept
+
+
+def _thinned(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.vstack([points[:-1:PLAN_STEP], points[-1:]])
+
+
+def _changes(values: Iterable[tuple[float, str]]) -> list[list[Any]]:
+    """Keep the first of equal values that follow each other."""
+    found: list[list[Any]] = []
+    for t, value in values:
+        if not found or found[-1][1] != value:
+            found.append([round(t, 2), value])
+    return found
+
+
+def _channels(channels: Iterable[NDArray[np.float64]]) -> str:
+    return _packed(b"".join(varints(np.round(channel).astype(np.int64)) for channel in channels))
+
+
+def _packed(data: bytes) -> str:
+    return base64.b64encode(zlib.compress(data, 9)).decode()
+
+
+TRACES = "traces"
+"""The folder beside a report in which the report finds traces."""
+
+
+SUFFIX = ".trace.json"
+
+
+MOST_IN_A_PAGE = 1_500_000
+"""Bytes of traces that a page holds; it opens further ones from their files."""
+
+
+def trace_file_beside(folder: Path, run: str) -> Path:
+    """Return the file in which the report of a folder finds the trace of a run."""
+    return folder / TRACES / f"{run}{SUFFIX}"
+
+
+def traces_beside(page: Path, runs: Collection[str]) -> list[Mapping[str, Any]]:
+    """Return the traces beside a page that are of its runs, in the order of their names, as far as the page holds them.
+
+    Raises:
+        FileError: a file is no trace.
+    """
+    found: list[Mapping[str, Any]] = []
+    left = MOST_IN_A_PAGE
+    for path in sorted((page.parent / TRACES).glob(f"*{SUFFIX}")):
+        if path.name.removesuffix(SUFFIX) not in runs or path.stat().st_size > left:
+            continue
+        value = parse_json(read_text(path), path)
+        if not isinstance(value, dict) or value.get("format") != FORMAT or value.get("run") not in runs:
+            raise FileError(path, "this is not the trace its name says. Remove it, or write it again: rvsg trace.")
+        left -= path.stat().st_size
+        found.append(value)
+    return found

@@ -1,0 +1,390 @@
+"""Facts about a run: its judged quantity over time, its worst moment and its causes.
+
+The values come from the requirement's own metric or formula, applied to the first part of the run. So the curve of a
+mean is its running mean, the curve of a minimum is the minimum so far, the curve of a formula is its robustness so
+far, and every curve ends at the objective that the verdict uses. Plug-in metrics need nothing extra.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.campaign.attempt import Attempt, Measurement
+from rvsg.campaign.findings import Finding
+from rvsg.evaluation.detection import events_of, place_namer
+from rvsg.evaluation.metrics.registry import find_metric
+from rvsg.evaluation.run_events import Contact, Event, ObstacleContact, Place, Recovery, StandStill, place_name
+from rvsg.evaluation.sampled import sampled, stretches
+from rvsg.evaluation.story import Sentence, story_of
+from rvsg.evaluation.verdict import objective
+from rvsg.robots.robot import Robot
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Scenario
+from rvsg.simulation.run import Outcome, Run, Trajectory
+from rvsg.world.world import World
+
+Floats = NDArray[np.float64]
+
+POINTS = 80
+IMU_RATE_HZ = 100.0
+INVOLVED_M = 2.0
+"""A person who never comes nearer to the robot than this, surface to surface, is drawn grey."""
+SETTLED_S = 1.5
+"""A mean over fewer seconds than this says little, so its swings do not count as decisive."""
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """The judged quantity at increasing times (s); NaN where the first part of the run holds no judgement."""
+
+    t: Floats
+    value: Floats
+
+    @property
+    def is_known(self) -> bool:
+        """Return whether the curve has at least two values."""
+        return int(np.isfinite(self.value).sum()) >= 2
+
+
+def prefix(run: Run, end: int) -> Run:
+    """Return the run as if it had ended, at its goal, with sample `end` - 1 of its trajectory."""
+    if end >= len(run.trajectory):
+        return run
+    t_s = float(run.trajectory.t[end - 1])
+    trajectory = _first(run.trajectory, end)
+    log = (
+        trajectory
+        if run.log is run.trajectory
+        else _first(run.log, int(np.searchsorted(run.log.t * run.clock_ratio, t_s, side="right")))
+    )
+    imu = run.imu[: round(t_s * IMU_RATE_HZ) + 1]
+    return dataclasses.replace(run, trajectory=trajectory, log=log, imu=imu, outcome=Outcome.REACHED)
+
+
+def judged_curve(run: Run, requirement: Requirement, world: World | None, *, points: int = POINTS) -> Curve:
+    """Return the judged quantity at about `points` moments of the run, the last being its end."""
+    samples = len(run.trajectory)
+    if samples < 2:
+        return Curve(np.empty(0), np.empty(0))
+    ends = np.unique(np.linspace(2, samples, min(points, samples - 1)).round().astype(int))
+    metric = find_metric(requirement.metric)
+    if metric is not None and metric.so_far is not None and metric.series == "trajectory":
+        values = metric.so_far(sampled(run, world))[ends - 1]
+        ends_at = objective(run, requirement, world=world)
+        values[-1] = np.nan if ends_at is None else ends_at
+    else:
+        found = [objective(prefix(run, int(end)), requirement, world=world) for end in ends]
+        values = np.array([np.nan if value is None else value for value in found])
+    return Curve(run.trajectory.t[ends - 1], values)
+
+
+Why = Literal["limit", "worst", "time", "share", "closest"]
+
+
+class Decisive(NamedTuple):
+    """The moment that decides a requirement in a run."""
+
+    time_s: float
+    why: Why
+    """`limit`: the limit is passed. `worst`: the final value is reached. `time`: the robot loses most time. `share`:
+    the run adds most to a mean. `closest`: the closest approach, where the curve tells nothing."""
+
+
+def decisive(run: Run, requirement: Requirement, curve: Curve) -> Decisive:
+    """Return the moment that decides the requirement in this run.
+
+    A quantity that only gets worse (a minimum, a count) is decided where it passes its limit, else where it got its
+    final value. A quantity that rises with the clock is decided where the robot loses most time. A mean is decided
+    where the run adds most to it. Without a curve it is the closest approach.
+    """
+    known = np.isfinite(curve.value)
+    t, worse = curve.t[known], np.array([requirement.badness(float(v)) for v in curve.value[known]])
+    closest = Decisive(closest_approach(run), "closest")
+    if len(t) < 3 or np.ptp(worse) == 0.0:
+        return closest
+    limit = requirement.badness(requirement.threshold) if requirement.threshold is not None else None
+    if np.allclose(worse[:-1] - worse[0], t[:-1] - t[0], atol=0.15):
+        lost = _longest_standstill(run)
+        return Decisive(lost, "time") if lost is not None else closest
+    if (np.diff(worse) >= -1e-9).all():
+        if limit is not None and worse[-1] > limit:
+            return Decisive(float(t[int(np.argmax(worse > limit))]), "limit")
+        return Decisive(float(t[int(np.argmax(worse >= worse[-1] - 1e-9))]), "worst")
+    contribution = np.diff(t * worse) / np.diff(t)  # of a running mean: the mean over each step
+    contribution[t[1:] < SETTLED_S] = -np.inf
+    if not np.isfinite(contribution).any():
+        return closest
+    return Decisive(float(t[1:][int(contribution.argmax())]), "share")
+
+
+def closest_approach(run: Run) -> float:
+    """Return the time (s) at which robot and people are nearest; 0 without people."""
+    if not len(run.trajectory) or not run.trajectory.human_x.shape[1]:
+        return 0.0
+    return float(run.trajectory.t[int(sampled(run).closest_gap.argmin())])
+
+
+def _longest_standstill(run: Run) -> float | None:
+    """Return when the robot, once under way, makes least way in the next 3 s; None where it is never under way."""
+    path = run.trajectory
+    travelled = np.concatenate([[0.0], np.hypot(np.diff(path.x), np.diff(path.y)).cumsum()])
+    later = np.searchsorted(path.t, path.t + 3.0)
+    usable = np.flatnonzero((later < len(path)) & (travelled > 0.1))
+    if not len(usable):
+        return None
+    return float(path.t[usable[int((travelled[later[usable]] - travelled[usable]).argmin())]])
+
+
+def _first(series: Trajectory, count: int) -> Trajectory:
+    return series.at(slice(max(1, count)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunFacts:
+    """A run and what happened in it. `closest_m`, `closest_to`, `closest_s`: the smallest gap, to whom and when."""
+
+    run: Run
+    measurement: Measurement
+    violated: bool
+    events: tuple[Event, ...]
+    story: tuple[Sentence, ...]
+    curve: Curve
+    decisive_s: float
+    decisive_why: Why
+    """What makes this moment decide the requirement."""
+    decisive_with: str
+    """The person nearest to the robot at the decisive moment; empty where nobody is within 2 m then."""
+    decisive_at: Place
+    world: World
+    closest_m: float | None
+    closest_to: str
+    closest_s: float
+
+    @property
+    def id(self) -> str:
+        """The id of the run."""
+        return self.run.id
+
+    @cached_property
+    def decisive_near(self) -> str:
+        """The name of the place where the robot is at the decisive moment, as failures and maps name it."""
+        return place_name(self.world, self.decisive_at.x, self.decisive_at.y)
+
+    @cached_property
+    def closest_near(self) -> str:
+        """The name of the place where the robot is at the smallest gap to a person."""
+        at = _where(self.run, self.closest_s, self.world)
+        return place_name(self.world, at.x, at.y)
+
+    @property
+    def arrived(self) -> bool:
+        """Return whether the robot reached its goal in time."""
+        return self.run.completed
+
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """The contacts of the robot with people."""
+        return tuple(event for event in self.events if isinstance(event, Contact))
+
+    @property
+    def obstacle_contacts(self) -> tuple[ObstacleContact, ...]:
+        """The contacts of the robot with walls and things."""
+        return tuple(event for event in self.events if isinstance(event, ObstacleContact))
+
+    @property
+    def lanes(self) -> dict[str, list[tuple[float, float]]]:
+        """The spells that the timeline of the replay shows, in seconds."""
+        return {
+            "contact": [(e.time_s, e.until_s) for e in self.contacts],
+            "standing": [(e.time_s, e.until_s) for e in self.events if isinstance(e, StandStill)],
+            "recovery": [(e.time_s, e.until_s) for e in self.events if isinstance(e, Recovery)],
+            "violated": self.beyond,
+        }
+
+    @property
+    def note(self) -> str:
+        """What else is worth knowing of the run, in a few words."""
+        return "contact" if self.contacts else ""
+
+    beyond: list[tuple[float, float]]
+    """When the judged quantity is beyond its limit, seconds."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AttemptFacts:
+    """The runs of one configuration."""
+
+    attempt: Attempt
+    runs: tuple[RunFacts, ...]
+
+    @property
+    def with_contact(self) -> tuple[RunFacts, ...]:
+        """The runs in which the robot and a person touch."""
+        return tuple(run for run in self.runs if run.contacts)
+
+    @property
+    def violating(self) -> tuple[RunFacts, ...]:
+        """The runs that violate the requirement."""
+        return tuple(run for run in self.runs if run.violated)
+
+    @property
+    def not_arrived(self) -> tuple[RunFacts, ...]:
+        """The runs that end before the goal."""
+        return tuple(run for run in self.runs if not run.arrived)
+
+    def worst(self, requirement: Requirement) -> RunFacts | None:
+        """Return the run with the worst objective; the first of equals."""
+        valued = [run for run in self.runs if run.measurement.objective is not None]
+        return max(valued, key=lambda run: requirement.badness(run.measurement.objective or 0.0), default=None)
+
+    def nearest(self) -> RunFacts | None:
+        """Return the run with the smallest gap to a person; the first of equals."""
+        met = [run for run in self.runs if run.closest_m is not None]
+        return min(met, key=lambda run: run.closest_m if run.closest_m is not None else 0.0, default=None)
+
+
+def facts_of(
+    attempts: Iterable[Attempt], requirement: Requirement, world: World, run_of: Callable[[str], Run]
+) -> list[AttemptFacts]:
+    """Return the facts of every attempt that was simulated, in the order of the attempts."""
+    found = []
+    known: dict[str, RunFacts] = {}  # a strategy may measure a configuration several times, each time in more runs
+    for attempt in attempts:
+        scenario = attempt.proposal.scenario
+        if scenario is None or not attempt.measurements:
+            continue
+        for each in attempt.measurements:
+            if each.run_id not in known:
+                known[each.run_id] = run_facts(run_of(each.run_id), each, requirement, world, scenario)
+        found.append(AttemptFacts(attempt=attempt, runs=tuple(known[m.run_id] for m in attempt.measurements)))
+    return found
+
+
+def run_facts(
+    run: Run, measurement: Measurement, requirement: Requirement, world: World, scenario: Scenario | None = None
+) -> RunFacts:
+    """Return the facts of one run."""
+    if scenario is not None:
+        world = scenario.mission.place(world)
+    curve = judged_curve(run, requirement, world)
+    events = events_of(run, world=world, scenario=scenario)
+    decides = decisive(run, requirement, curve)
+    objective = measurement.objective
+    closest, person, at = _closest(run)
+    return RunFacts(
+        run=run,
+        measurement=measurement,
+        violated=objective is not None and requirement.violated_by(objective),
+        events=events,
+        story=story_of(run, world=world, scenario=scenario, events=events),
+        curve=curve,
+        decisive_s=decides.time_s,
+        decisive_why=decides.why,
+        decisive_with=_nearest_at(run, decides.time_s),
+        decisive_at=_where(run, decides.time_s, world),
+        world=world,
+        closest_m=closest,
+        closest_to=person,
+        closest_s=at,
+        beyond=_beyond(curve, requirement),
+    )
+
+
+def _closest(run: Run) -> tuple[float | None, str, float]:
+    if not run.human_names or not len(run.trajectory):
+        return None, "", 0.0
+    gap = sampled(run).gap
+    row, person = np.unravel_index(int(gap.argmin()), gap.shape)
+    return float(gap[row, person]), run.human_names[int(person)], float(run.trajectory.t[row])
+
+
+def _row(run: Run, t_s: float) -> int:
+    return min(int(np.searchsorted(run.trajectory.t, t_s - 1e-9)), len(run.trajectory) - 1)
+
+
+def _nearest_at(run: Run, t_s: float) -> str:
+    if not run.human_names or not len(run.trajectory):
+        return ""
+    gap = sampled(run).gap[_row(run, t_s)]
+    return run.human_names[int(gap.argmin())] if gap.min() <= INVOLVED_M else ""
+
+
+def _where(run: Run, t_s: float, world: World) -> Place:
+    row = _row(run, t_s)
+    return place_namer(world)(float(run.trajectory.x[row]), float(run.trajectory.y[row]))
+
+
+def _beyond(curve: Curve, requirement: Requirement) -> list[tuple[float, float]]:
+    if requirement.threshold is None or not len(curve.t):
+        return []
+    bad = np.array([np.isfinite(v) and requirement.violated_by(float(v)) for v in curve.value])
+    return [(float(curve.t[a]), float(curve.t[b])) for a, b in stretches(bad)]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pair:
+    """Runs of a finding and runs on the same seeds with fewer people. `without` names who is left out."""
+
+    without: str
+    runs: tuple[RunFacts, ...]
+    before: tuple[RunFacts, ...]
+
+    @property
+    def violating(self) -> tuple[RunFacts, ...]:
+        """The runs with fewer people that violate the requirement."""
+        return tuple(run for run in self.runs if run.violated)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cause:
+    """What leaving people out does to a finding, with the runs that show it."""
+
+    finding: Finding
+    nobody: Pair | None
+    each: tuple[Pair, ...]
+
+
+def cause_of(finding: Finding, confirmed: AttemptFacts, facts: Sequence[AttemptFacts]) -> Cause:
+    """Return what the baseline and the removals say about the people of a finding."""
+    baseline = next((f for f in reversed(facts) if f.attempt.purpose == "baseline"), None)
+    removals = [f for f in facts if f.attempt.purpose == "removal" and f.attempt.confirms == confirmed.attempt.index]
+    each = tuple(pair for f in removals if (pair := _pair(", ".join(f.attempt.without), confirmed, f)) is not None)
+    return Cause(
+        finding=finding,
+        nobody=_pair("anybody", confirmed, baseline) if baseline is not None else None,
+        each=each,
+    )
+
+
+def _pair(without: str, confirmed: AttemptFacts, fewer: AttemptFacts) -> Pair | None:
+    """Pair the runs by seed; None where no seed was run both ways."""
+    known = {run.run.seed: run for run in fewer.runs}
+    both = [(run, known[run.run.seed]) for run in confirmed.runs if run.run.seed in known]
+    if not both:
+        return None
+    return Pair(without=without, runs=tuple(b for _, b in both), before=tuple(a for a, _ in both))
+
+
+EDGES = 24
+
+
+def footprint_of(run: Run, robot: Robot | None) -> Sequence[tuple[float, float]]:
+    """Return the robot's outline in its own frame: metres, x ahead, y to the left.
+
+    A robot that is not given is drawn with the outline that the run keeps, and without that as the disc with which the
+    run measures gaps.
+    """
+    if robot is not None:
+        return robot.footprint
+    if run.robot_outline:
+        return run.robot_outline
+    angles = [2 * math.pi * k / EDGES for k in range(EDGES)]
+    return tuple((run.robot_radius_m * math.cos(a), run.robot_radius_m * math.sin(a)) for a in angles)
