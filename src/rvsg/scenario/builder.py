@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 from rvsg.core.documents import record_of
 from rvsg.core.errors import FileError, InputError, InvalidScenario, UnknownName
@@ -31,19 +32,24 @@ WORLD_FOLDER = "world_folder"
 
 def read_scenario(path: Path) -> tuple[Scenario, Path | None]:
     """Return a scenario, on its own or inside a proposal or an attempt, and the saved folder of its world."""
+    value, folder = _read(path)
+    if value is None:
+        raise FileError(path, "this proposal holds no valid scenario; its `problems` say why.")
+    return record_of(path, value, Scenario), folder
+
+
+def _read(path: Path) -> tuple[Any, Path | None]:
+    """Return the JSON of a scenario, that of the proposal or attempt around it taken off, and its world's folder."""
     text = read_text(path)
     if '"arrays"' in text.partition("\n")[0]:
-        raise FileError(
-            path, "these are runs; expected the scenario they are of, or a proposal.", code="runs-not-scenario"
-        )
+        reason = "these are runs; expected the scenario they are of, or a proposal."
+        raise FileError(path, reason, code="runs-not-scenario")
     value = parse_json(text, path)
     folder = value.pop(WORLD_FOLDER, None) if isinstance(value, dict) else None
     for key in ("proposal", "scenario"):
         if isinstance(value, dict) and key in value and "people" not in value:
             value = value[key]
-    if value is None:
-        raise FileError(path, "this proposal holds no valid scenario; its `problems` say why.")
-    return record_of(path, value, Scenario), Path(folder) if isinstance(folder, str) else None
+    return value, Path(folder) if isinstance(folder, str) else None
 
 
 def with_world_folder(text: str, folder: Path | None) -> str:
@@ -53,35 +59,24 @@ def with_world_folder(text: str, folder: Path | None) -> str:
     return json.dumps({WORLD_FOLDER: str(folder), **json.loads(text)}, indent=2, ensure_ascii=False) + "\n"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Walk:
     """A person and the waypoints they go round, before the ways between them are known."""
 
-    name: str
     stops: tuple[str, ...]
-    pauses_s: Mapping[str, float] = field(default_factory=dict)
-    behaviour: Behaviour = Behaviour.REGULAR
-    speed_m_s: float = 1.5
-    start_delay_s: float = 0.0
-    group: int | None = None
+    pauses_s: Mapping[str, float]
+    given: Mapping[str, Any]
+    """The other fields of the person."""
 
     def human(self, world: World) -> Human:
         """Return the person, who goes from stop to stop by the shortest way, and round again."""
-        return Human(
-            name=self.name,
-            tasks=tuple(self._task(a, b, world) for a, b in pairwise((*self.stops, self.stops[0]))),
-            behaviour=self.behaviour,
-            speed_m_s=self.speed_m_s,
-            start_delay_s=self.start_delay_s,
-            group=self.group,
-        )
-
-    def _task(self, start: str, end: str, world: World) -> Task:
-        valid = world.grid.valid
-        path = world.grid.shortest_path(start, end) if start in valid and end in valid else None
-        way = path or (start, end)  # the checker says what is wrong with it
-        pauses = tuple(Pause(at=at, duration_s=self.pauses_s[at]) for at in way[1:] if at in self.pauses_s)
-        return Task.between(start, end, way, pauses)
+        grid, tasks = world.grid, []
+        for start, end in pairwise((*self.stops, self.stops[0])):
+            known = start in grid.valid and end in grid.valid
+            way = (grid.shortest_path(start, end) if known else None) or (start, end)  # the checker says what is wrong
+            pauses = tuple(Pause(at=at, duration_s=self.pauses_s[at]) for at in way[1:] if at in self.pauses_s)
+            tasks.append(Task.between(start, end, way, pauses))
+        return Human(tasks=tuple(tasks), **self.given)
 
 
 def walk(
@@ -108,15 +103,8 @@ def walk(
     known = [each.value for each in Behaviour]
     if behaviour not in known:
         raise UnknownName("behaviour", str(behaviour), known)
-    return Walk(
-        name=name,
-        stops=stops,
-        pauses_s=dict(pauses_s or {}),
-        behaviour=Behaviour(behaviour),
-        speed_m_s=speed_m_s,
-        start_delay_s=start_delay_s,
-        group=group,
-    )
+    given = {"name": name, "behaviour": Behaviour(behaviour), "speed_m_s": speed_m_s}
+    return Walk(stops, dict(pauses_s or {}), {**given, "start_delay_s": start_delay_s, "group": group})
 
 
 def scenario(
@@ -145,11 +133,7 @@ def scenario(
     if not isinstance(people, HumanConfiguration):
         humans = tuple(each.human(place) if isinstance(each, Walk) else each for each in people)
         people = HumanConfiguration(humans=humans)
-    made = Scenario(
-        mission=mission_of(place, taken, robot)[0],
-        people=people,
-        description=description,
-    )
+    made = Scenario(mission=mission_of(place, taken, robot)[0], people=people, description=description)
     check_valid(made, place)
     return made
 
@@ -176,8 +160,7 @@ def with_doors(scenario: Scenario, states: Mapping[str, State], world: World) ->
 
 def check(scenario: Scenario, world: World | str | Path | None = None) -> tuple[Finding, ...]:
     """Return every rule the scenario breaks; empty if it is valid."""
-    place = world_of(scenario.mission, world)
-    return validity.check(scenario.people, scenario.mission, place)
+    return validity.check(scenario.people, scenario.mission, world_of(scenario.mission, world))
 
 
 def check_valid(scenario: Scenario, world: World) -> tuple[Finding, ...]:
@@ -269,10 +252,12 @@ def load_scenario_in(path: str | Path, world: World | str | Path | None = None) 
     """Load a scenario and the world it was made in, without checking the one in the other."""
     path = Path(path)
     found, saved = read_scenario(path)
-    beside = path.parent / found.mission.world
-    near = (saved, beside) if saved is not None else (beside,)
-    place = world_of(found.mission, world, near=near)
-    return found, place
+    return found, world_of(found.mission, world, near=_near(path, found.mission, saved))
+
+
+def _near(path: Path, mission: Mission, saved: Path | None) -> tuple[Path, ...]:
+    """Return where the world of a scenario file may be: in the folder saved in it, else beside the file."""
+    return (*((saved,) if saved is not None else ()), path.parent / mission.world)
 
 
 def load_changed(
@@ -346,11 +331,7 @@ def load_family(source: str | Path, vary: Sequence[str] = ()) -> tuple[ScenarioF
         FileError: the file holds no scenario, or a range that cannot be used.
     """
     path = Path(source)
-    value = parse_json(read_text(path), path)
-    saved = value.pop(WORLD_FOLDER, None) if isinstance(value, dict) else None
-    for key in ("proposal", "scenario"):
-        if isinstance(value, dict) and key in value and "people" not in value:
-            value = value[key]
+    value, saved = _read(path)
     if not isinstance(value, dict):
         raise FileError(path, "this file holds no scenario.")
     try:
@@ -358,5 +339,4 @@ def load_family(source: str | Path, vary: Sequence[str] = ()) -> tuple[ScenarioF
     except InputError as error:
         raise FileError(path, str(error)) from None
     mission = family.middle.mission
-    near = (Path(saved),) if isinstance(saved, str) else ()
-    return family, world_of(mission, near=(*near, path.parent / mission.world))
+    return family, world_of(mission, near=_near(path, mission, saved))

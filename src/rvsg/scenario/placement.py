@@ -7,14 +7,13 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rvsg.core.records import Pose
 from rvsg.robots.polygons import distance, inside
 from rvsg.scenario.rules import ROBOT_RADIUS_M, SPEED_RANGE_M_S, Finding
-from rvsg.scenario.scenario import LIMITS, TROLLEY_SPEEDS_M_S, Human, HumanConfiguration, Mission, PersonKind
+from rvsg.scenario.scenario import LIMITS, TROLLEY_SPEEDS_M_S, Human, HumanConfiguration, Mission, PersonKind, Point
 from rvsg.world.space import Space, driving_space, frame_of, human_space, world_map
-from rvsg.world.world import SolidObject, World
+from rvsg.world.world import Route, SolidObject, World
 
 
 def speed_range(human: Human) -> tuple[float, float]:
@@ -26,50 +25,31 @@ def speed_range(human: Human) -> tuple[float, float]:
 
 def size_findings(human: Human, world: World) -> Iterator[Finding]:
     """Yield a size that no such person has, a child or a wheelchair that pushes, and ways that are too narrow."""
-    if human.kind is PersonKind.ADULT and human.trolley is None:
-        return
-    if human.trolley is not None and human.kind is not PersonKind.ADULT:
-        yield Finding(
-            rule="trolley-pusher",
-            human=human.name,
-            reason=f"Only adults push a trolley, and this is a {human.kind.value}.",
-            suggestion="Leave the trolley out, or make the person an adult.",
-        )
-    limits = LIMITS.get(human.kind)
+    kind, name = human.kind, human.name
+    if human.trolley is not None and kind is not PersonKind.ADULT:
+        reason = f"Only adults push a trolley, and this is a {kind.value}."
+        yield Finding.of("trolley-pusher", reason, "Leave the trolley out, or make the person an adult.", human=name)
+    limits = LIMITS.get(kind)
     if limits is not None and not limits.radii_m[0] <= human.radius_m <= limits.radii_m[1]:
         low, high = limits.radii_m
-        yield Finding(
-            rule="size-out-of-range",
-            human=human.name,
-            reason=f"A {human.kind.value} has a radius of {low:g} to {high:g} m, not {human.radius_m:g} m.",
-            suggestion=f"Take {limits.radius_m:g} m.",
-        )
-    yield from _narrow_findings(human, world)
-
-
-def _narrow_findings(human: Human, world: World) -> Iterator[Finding]:
-    """Yield the hops that are narrower than what the person sits in or pushes."""
+        reason = f"A {kind.value} has a radius of {low:g} to {high:g} m, not {human.radius_m:g} m."
+        yield Finding.of("size-out-of-range", reason, f"Take {limits.radius_m:g} m.", human=name)
     if not human.outline:
         return
     space = human_space(world)
     half = max(abs(y) for _, y in human.outline)
-    what = "wheelchair" if human.kind is PersonKind.WHEELCHAIR else "trolley"
+    what = "wheelchair" if kind is PersonKind.WHEELCHAIR else "trolley"
     for task in human.tasks:
         for position, (a, b) in enumerate(pairwise(task.path), start=1):
             start, end = human.position(a, world.grid), human.position(b, world.grid)
             if start is None or end is None or space.segment_free(start, end, half - space.frame.resolution):
                 continue
-            yield Finding(
-                rule="too-wide",
-                human=human.name,
-                task=task.name,
-                position=position,
-                reason=f"The {what} is {2 * half:.2f} m wide; the way from {a} to {b} is narrower.",
-                suggestion="Choose another way, or a narrower trolley.",
-            )
+            reason = f"The {what} is {2 * half:.2f} m wide; the way from {a} to {b} is narrower."
+            better = "Choose another way, or a narrower trolley."
+            yield Finding.of("too-wide", reason, better, human=name, task=task.name, position=position)
 
 
-def outline_on_robot(human: Human, at: tuple[float, float], mission: Mission, world: World) -> bool:
+def _outline_on_robot(human: Human, at: Point, mission: Mission, world: World) -> bool:
     """Return whether what a person sits in or pushes overlaps the robot at the start; people look along their way."""
     robot = mission.robot_record
     if not human.outline or robot is None:
@@ -93,7 +73,7 @@ def robot_reach_m(mission: Mission) -> float:
     return ROBOT_RADIUS_M if isinstance(mission.robot, str) else mission.robot.turning_radius_m
 
 
-def start_gap_m(radius_m: float, at: tuple[float, float], mission: Mission) -> float:
+def start_gap_m(radius_m: float, at: Point, mission: Mission) -> float:
     """Return the gap between the robot's body at its start and a person at a point, metres; negative: they overlap.
 
     A robot that is known by name only counts as a disc of `ROBOT_RADIUS_M`.
@@ -110,7 +90,7 @@ def start_gap_m(radius_m: float, at: tuple[float, float], mission: Mission) -> f
 
 def spawn_findings(people: HumanConfiguration, mission: Mission, world: World) -> Iterator[Finding]:
     """Yield who starts in an obstacle, on the robot, or on somebody who is listed earlier."""
-    placed: list[tuple[Human, tuple[float, float]]] = []
+    placed: list[tuple[Human, Point]] = []
     for human in people.humans:
         at = human.starts_at(world.grid)
         path = human.tasks[0].path
@@ -123,38 +103,24 @@ def spawn_findings(people: HumanConfiguration, mission: Mission, world: World) -
 
 
 def spawn_finding(
-    human: Human,
-    at: tuple[float, float],
-    others: list[tuple[Human, tuple[float, float]]],
-    mission: Mission,
-    world: World,
+    human: Human, at: Point, others: list[tuple[Human, Point]], mission: Mission, world: World
 ) -> Finding | None:
     """Return what is wrong with a person starting at a point (metres, world frame), given who is placed; or None."""
-    gap = start_gap_m(human.radius_m, at, mission)
+    gap, start = start_gap_m(human.radius_m, at, mission), mission.route.start
     if gap < 0.0:
-        start = mission.route.start
-        return Finding(
-            rule="spawn-on-robot",
-            reason=f"The person's body overlaps the robot's by {-gap:.2f} m at the start.",
-            suggestion=f"Start farther from ({start.x:g}, {start.y:g}), where the robot stands.",
-        )
-    if outline_on_robot(human, at, mission, world):
-        return Finding(
-            rule="spawn-on-robot",
-            reason="What the person pushes or sits in stands on the robot at the start.",
-            suggestion="Start farther away, or on the way out.",
-        )
+        reason = f"The person's body overlaps the robot's by {-gap:.2f} m at the start."
+        better = f"Start farther from ({start.x:g}, {start.y:g}), where the robot stands."
+        return Finding.of("spawn-on-robot", reason, better)
+    if _outline_on_robot(human, at, mission, world):
+        reason = "What the person pushes or sits in stands on the robot at the start."
+        return Finding.of("spawn-on-robot", reason, "Start farther away, or on the way out.")
     for other, where in others:
-        if math.dist(at, where) < human.radius_m + other.radius_m:
-            return Finding(
-                rule="spawn-on-human",
-                reason=f"The start is {math.dist(at, where):.2f} m from that of {other.name}.",
-                suggestion=f"Start at least {human.radius_m + other.radius_m:.2f} m apart.",
-            )
+        apart = human.radius_m + other.radius_m
+        if math.dist(at, where) < apart:
+            reason = f"The start is {math.dist(at, where):.2f} m from that of {other.name}."
+            return Finding.of("spawn-on-human", reason, f"Start at least {apart:.2f} m apart.")
     if not human_space(world).is_free(*at):
-        return Finding(
-            rule="spawn-in-obstacle", reason="The start lies in an obstacle.", suggestion="Start where it is free."
-        )
+        return Finding.of("spawn-in-obstacle", "The start lies in an obstacle.", "Start where it is free.")
     return None
 
 
@@ -167,84 +133,57 @@ def staged_findings(mission: Mission, world: World) -> Iterator[Finding]:
 
     The world is as the mission finds it.
     """
-    wrong = [*_unknown_doors(mission, world), *_off_the_map(mission, world)]
+    wrong = []
+    known = [door.name for door in world.doors]
+    for name in mission.doors:
+        if name not in known:
+            better = f"Doors: {', '.join(known)}." if known else "The world has no doors."
+            wrong.append(Finding.of("unknown-door", f"{world.name} has no door {name}.", better))
+    for thing in mission.moved:
+        if not _on_map(thing, world):
+            reason = f"The moved object {thing.name} lies outside the map."
+            better = "Give a place on the floor, in metres of the world frame."
+            wrong.append(Finding.of("moved-off-map", reason, better))
     yield from wrong
     if not wrong and (mission.moved or world.still_doors):
         yield from _way_findings(mission, world)
 
 
-def _unknown_doors(mission: Mission, world: World) -> Iterator[Finding]:
-    known = [door.name for door in world.doors]
-    for name in mission.doors:
-        if name not in known:
-            yield Finding(
-                rule="unknown-door",
-                reason=f"{world.name} has no door {name}.",
-                suggestion=f"Doors: {', '.join(known)}." if known else "The world has no doors.",
-            )
-
-
-def _off_the_map(mission: Mission, world: World) -> Iterator[Finding]:
-    for thing in mission.moved:
-        if not _on_map(thing, world):
-            yield Finding(
-                rule="moved-off-map",
-                reason=f"The moved object {thing.name} lies outside the map.",
-                suggestion="Give a place on the floor, in metres of the world frame.",
-            )
-
-
 def _way_findings(mission: Mission, world: World) -> Iterator[Finding]:
     """Yield doors that stand still in the robot's only way, else moved objects that do."""
-    half_width = _half_width_m(mission)
-    start, goal = mission.route.start, mission.route.goal
-    doors = driving_space(world.with_moved(()))
+    robot, route, start = mission.robot_record, mission.route, mission.route.start
+    # The largest disc within the robot's body around its base frame.
+    half_width = ROBOT_RADIUS_M if robot is None else distance(robot.outline, 0.0, 0.0)
     space = driving_space(world)
-    if world.still_doors and not _leads(doors, start, goal, half_width):
+    if world.still_doors and not _leads(driving_space(world.with_moved(())), route, half_width):
         names = ", ".join(door.name for door in world.still_doors)
-        yield Finding(
-            rule="door-blocks-route",
-            reason=f"The doors of {world.name} that do not move ({names}) leave the robot no way to the goal of "
-            f"{mission.route.name}.",
-            suggestion="Open one in the scenario or in doors.yaml, make it automatic, or choose another route.",
+        reason = (
+            f"The doors of {world.name} that do not move ({names}) leave the robot no way to the goal of {route.name}."
         )
+        better = "Open one in the scenario or in doors.yaml, make it automatic, or choose another route."
+        yield Finding.of("door-blocks-route", reason, better)
     elif mission.moved and space.clearance(start.x, start.y) < half_width:
-        yield Finding(
-            rule="moved-on-robot",
-            reason=f"A moved object stands where the robot starts ({start.x:g}, {start.y:g}).",
-            suggestion=f"Keep {half_width:.2f} m from it.",
-        )
-    elif mission.moved and not _leads(space, start, goal, half_width):
-        yield Finding(
-            rule="moved-blocks-route",
-            reason=f"The moved objects leave the robot no way to the goal of {mission.route.name}.",
-            suggestion=f"Leave {2 * half_width:.2f} m free somewhere.",
-        )
+        reason = f"A moved object stands where the robot starts ({start.x:g}, {start.y:g})."
+        yield Finding.of("moved-on-robot", reason, f"Keep {half_width:.2f} m from it.")
+    elif mission.moved and not _leads(space, route, half_width):
+        reason = f"The moved objects leave the robot no way to the goal of {route.name}."
+        yield Finding.of("moved-blocks-route", reason, f"Leave {2 * half_width:.2f} m free somewhere.")
 
 
 def _on_map(thing: SolidObject, world: World) -> bool:
     corners = frame_of(world_map(world)).corners
-    low, high = corners.min(axis=0), corners.max(axis=0)
     points = np.array(thing.footprint)
-    return bool((points >= low).all() and (points <= high).all())
+    return bool((points >= corners.min(axis=0)).all() and (points <= corners.max(axis=0)).all())
 
 
-def _half_width_m(mission: Mission) -> float:
-    """Return the radius of the largest disc within the robot's body around its base frame."""
-    robot = mission.robot_record
-    return ROBOT_RADIUS_M if robot is None else distance(robot.outline, 0.0, 0.0)
-
-
-def _leads(space: Space, start: Pose, goal: Pose, half_width: float) -> bool:
+def _leads(space: Space, route: Route, half_width: float) -> bool:
+    """Return whether a part of the floor wide enough for the robot reaches from its start to its goal."""
     from scipy.ndimage import label
 
     parts, _ = label(space.field >= half_width)
-    return bool(_near(parts, space, start, REACH_M) & _near(parts, space, goal, half_width + REACH_M))
-
-
-def _near(parts: NDArray[np.int32], space: Space, pose: Pose, reach_m: float) -> set[int]:
-    """Return the numbers of the parts of the floor within reach of a pose."""
-    column, row = (math.floor(v) for v in space.frame.to_cells(np.array([pose.x, pose.y])))
-    r = max(1, math.ceil(reach_m / space.frame.resolution))
-    window = parts[max(row - r, 0) : row + r + 1, max(column - r, 0) : column + r + 1]
-    return set(np.unique(window).tolist()) - {0}
+    near = []
+    for pose, reach_m in ((route.start, REACH_M), (route.goal, half_width + REACH_M)):
+        column, row = (math.floor(v) for v in space.frame.to_cells(np.array([pose.x, pose.y])))
+        r = max(1, math.ceil(reach_m / space.frame.resolution))
+        near.append(set(np.unique(parts[max(row - r, 0) : row + r + 1, max(column - r, 0) : column + r + 1]).tolist()))
+    return bool((near[0] & near[1]) - {0})

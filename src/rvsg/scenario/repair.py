@@ -6,9 +6,10 @@ and its loop, then where people start. The steps are repeated up to three times,
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import Counter
-from dataclasses import dataclass, field
+from collections.abc import Set
 from itertools import pairwise
 
 from rvsg.scenario.placement import spawn_finding, speed_range
@@ -58,28 +59,22 @@ def joined(path: Path, grid: Grid) -> Path:
     return tuple(result)
 
 
-def nearest_of(start: str, allowed: frozenset[str], grid: Grid) -> Path | None:
+def nearest_of(start: str, allowed: Set[str], grid: Grid) -> Path | None:
     """Return the shortest valid path from a waypoint to one of several; None if none can be reached."""
+
+    def length_m(path: Path) -> float:
+        return sum(math.dist(grid.position(a), grid.position(b)) for a, b in pairwise(path))
+
     ways = (grid.shortest_path(start, other) for other in sorted(allowed))
-    return min((way for way in ways if way), key=lambda way: (walk_length(way, grid), way), default=None)
+    return min((way for way in ways if way), key=lambda way: (length_m(way), way), default=None)
 
 
-def walk_length(path: Path, grid: Grid) -> float:
-    """Return the length of a path in metres."""
-    points = [grid.position(name) for name in path]
-    return sum(math.dist(a, b) for a, b in pairwise(points))
-
-
-@dataclass
 class _Repairer:
     """Repairs one configuration and records what it changes."""
 
-    world: World
-    repairs: list[Repair] = field(default_factory=list)
-
-    @property
-    def grid(self) -> Grid:
-        return self.world.grid
+    def __init__(self, world: World) -> None:
+        self.world, self.grid = world, world.grid
+        self.repairs: list[Repair] = []
 
     def record(self, human: str, task: str, what: str, before: Path = (), after: Path = ()) -> None:
         self.repairs.append(Repair(human=human, task=task, what=what, before=before, after=after))
@@ -91,13 +86,16 @@ class _Repairer:
         for human in humans[MAX_HUMANS:]:
             self.record(human.name, "", f"left out: at most {MAX_HUMANS} people are simulated")
         taken: set[str] = set()
+        names = {human.name for human in humans}
         sizes = Counter(h.group for h in humans[:MAX_HUMANS] if h.group is not None)
         kept = []
         for human in humans[:MAX_HUMANS]:
             changes: dict[str, object] = {}
             if human.name in taken:
-                changes["name"] = _free_name(human.name, taken | {h.name for h in humans})
-                self.record(human.name, "", f"renamed to {changes['name']}: the name was taken")
+                numbered = (f"{human.name} ({number})" for number in itertools.count(2))
+                name = next(name for name in numbered if name not in taken | names)
+                changes["name"] = name
+                self.record(human.name, "", f"renamed to {name}: the name was taken")
             taken.add(str(changes.get("name", human.name)))
             if human.group is not None and sizes[human.group] == 1:
                 changes["group"] = None
@@ -124,13 +122,12 @@ class _Repairer:
         if not tasks:
             return human
         tasks = self.chain(tasks, human.name)
-        tasks = [self.pauses(task, human.name) for task in tasks]
-        return human.model_copy(update={"tasks": tuple(tasks)})
+        return human.model_copy(update={"tasks": tuple(self.pauses(task, human.name) for task in tasks)})
 
     def walk_of_stops(self, human: Human) -> Task | None:
         """Return a walk between waypoints of tasks that hold one each, where no task by itself is a walk."""
         stops = [name for task in human.tasks for name in self.names(task, human.name)]
-        others = frozenset(stops[1:]) - {stops[0]} if stops else frozenset()
+        others = set(stops[1:]) - {stops[0]} if stops else set()
         way = nearest_of(stops[0], others, self.grid) if others else None
         if way is None:
             return None
@@ -170,10 +167,14 @@ class _Repairer:
 
     def areas(self, task: Task, human: str) -> Task:
         """Correct unknown areas of a task, or replace them by the waypoint at that end of its path."""
-        start, end = task_ends(task, self.world)
-        if start.known and end.known:
+        ends = task_ends(task, self.world)
+        if all(end.known for end in ends):
             return task
-        first, last = self._known_text(start, task.path, 0), self._known_text(end, task.path, -1)
+        known = []
+        for end, at in zip(ends, (0, -1), strict=True):
+            text = end.text if end.known else near_place(end.text, self.world, cutoff=0.8)
+            known.append(text or (task.path[at] if task.path else ""))
+        first, last = known
         name = f"{first} → {last}" if first and last else task.name
         changes = {
             "name": name,
@@ -183,15 +184,13 @@ class _Repairer:
         self.record(human, task.name, f'renamed to "{name}": its place is not on the map', task.path, task.path)
         return task.model_copy(update=changes)
 
-    def _known_text(self, end: TaskEnd, path: Path, at: int) -> str:
-        if end.known:
-            return end.text or (path[at] if path else "")
-        return near_place(end.text, self.world, cutoff=0.8) or (path[at] if path else "")
-
     def connected(self, path: Path, start: TaskEnd, end: TaskEnd, came_from: str | None) -> Path:
         """Return a path over valid hops from the start to the end of a task."""
-        if not path:
-            path = self.first_waypoint(start, end, came_from)
+        if not path and end.waypoints:  # no valid waypoint: it begins where the task before ended, or in its area
+            if came_from is not None and start.allows(came_from):
+                path = (came_from,)
+            elif start.waypoints:
+                path = (min(start.waypoints),)
         if not path:
             return ()
         if not start.allows(path[0]) and (way := nearest_of(path[0], start.waypoints or frozenset(), self.grid)):
@@ -201,12 +200,6 @@ class _Repairer:
         if len(path) == 1 and end.waypoints and (others := end.waypoints - {path[0]}):
             path = nearest_of(path[0], others, self.grid) or path
         return joined(path, self.grid)
-
-    def first_waypoint(self, start: TaskEnd, end: TaskEnd, came_from: str | None) -> Path:
-        """Return where a task without any valid waypoint begins; empty if it is not known."""
-        if came_from is not None and start.allows(came_from) and end.waypoints:
-            return (came_from,)
-        return (min(start.waypoints),) if start.waypoints and end.waypoints else ()
 
     # -- the chain of tasks ------------------------------------------------------------------------------------
 
@@ -279,9 +272,9 @@ class _Repairer:
         if clear(old):
             return human
         begin, end = task_ends(tasks[0], self.world)[0], task_ends(tasks[-1], self.world)[1]
-        free = frozenset(name for name in self.grid.valid if name != old and clear(name))
-        inside = frozenset(name for name in free if begin.allows(name))
-        for allowed in (frozenset(name for name in inside if end.allows(name)), inside):
+        free = {name for name in self.grid.valid if name != old and clear(name)}
+        inside = {name for name in free if begin.allows(name)}
+        for allowed in ({name for name in inside if end.allows(name)}, inside):
             if (way := nearest_of(old, allowed, self.grid)) is not None:
                 return self._moved(human, way)
         for index, task in enumerate(tasks[1:], start=1):
@@ -289,33 +282,19 @@ class _Repairer:
                 self.record(human.name, task.name, f"moved to the start of the list: {old} is occupied")
                 return human.model_copy(update={"tasks": (*tasks[index:], *tasks[:index])})
         if (way := nearest_of(old, free, self.grid)) is not None:
-            return self._with_approach(human, tuple(reversed(way)), begin)
+            approach = Task.between(way[-1], _area_text(begin, old), tuple(reversed(way)))
+            self.record(human.name, approach.name, f"inserted: {old} is occupied at the start", (), approach.path)
+            return human.model_copy(update={"tasks": tuple(self.chain([approach, *tasks], human.name))})
         return human
-
-    def _with_approach(self, human: Human, way: Path, begin: TaskEnd) -> Human:
-        """Insert a task before the first one that leads there from a clear start."""
-        approach = Task.between(way[0], _area_text(begin, way[-1]), way)
-        self.record(human.name, approach.name, f"inserted: {way[-1]} is occupied at the start", (), way)
-        tasks = self.chain([approach, *human.tasks], human.name)
-        return human.model_copy(update={"tasks": tuple(tasks)})
 
     def _moved(self, human: Human, way: Path) -> Human:
         """Move the start of a person to the end of a path that begins at the old start."""
         first, new = human.tasks[0], way[-1]
         path = first.path[first.path.index(new) :] if new in first.path[:-1] else (*reversed(way), *first.path[1:])
-        moved = first.model_copy(update={"path": path})
         self.record(human.name, first.name, f"started at {new}: {way[0]} is occupied", first.path, path)
-        tasks = [moved, *human.tasks[1:]]
-        tasks = [self.pauses(task, human.name) for task in self.chain(tasks, human.name)]
-        return human.model_copy(update={"tasks": tuple(tasks)})
+        tasks = self.chain([first.model_copy(update={"path": path}), *human.tasks[1:]], human.name)
+        return human.model_copy(update={"tasks": tuple(self.pauses(task, human.name) for task in tasks)})
 
 
 def _area_text(end: TaskEnd, waypoint: str) -> str:
     return end.text if end.known and end.text else waypoint
-
-
-def _free_name(name: str, taken: set[str]) -> str:
-    number = 2
-    while f"{name} ({number})" in taken:
-        number += 1
-    return f"{name} ({number})"

@@ -14,8 +14,8 @@ A file maps names to requirements::
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Iterable, Mapping
 from enum import Enum
 from functools import cache
 from importlib import resources
@@ -24,7 +24,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
-from rvsg.core.documents import Document, DocumentError, Problem, read_yaml
+from rvsg.core.documents import DocumentError, Problem, read_yaml
 from rvsg.core.errors import FileError, InputError, Unfit, UnknownName
 from rvsg.core.records import Record
 
@@ -137,91 +137,73 @@ def load_requirement(name_or_path: str | Path, *, check: Check | None = None) ->
     file, wanted = _file_and_name(text)
     if not (file.endswith((".yaml", ".yml")) or Path(file).exists()):
         raise UnknownName("requirement", text, _shipped(), hint="Or give a file: my.yaml or my.yaml#name.")
-    read = _read(Path(file), check)
-    names = [*read.found, *read.blocked]
-    if wanted and wanted not in names and not read.mistakes:
+    found, blocked, mistakes = _read(Path(file), check)
+    names = [*found, *blocked]
+    if wanted and wanted not in names and not mistakes:
         raise UnknownName("requirement", wanted, names, hint=f"File: {file}.")
-    if not wanted and len(names) > 1 and not read.mistakes:
+    if not wanted and len(names) > 1 and not mistakes:
         raise FileError(file, f"holds {len(names)} requirements; say which: {file}#{names[0]}")
     asked = wanted or next(iter(names), "")
-    if read.mistakes or asked in read.blocked:
-        raise read.error()
-    return read.found[asked]
+    if mistakes or asked in blocked:
+        raise _all_wrong(blocked, mistakes)
+    return found[asked]
 
 
 def _file_and_name(text: str) -> tuple[str, str]:
     """Return the file and the name in `file.yaml:name` (or `#name`); an empty name where none is given."""
-    for ending in (".yaml", ".yml"):
-        for mark in ":#":
-            file, found, wanted = text.rpartition(f"{ending}{mark}")
-            if found:
-                return f"{file}{ending}", wanted
-    return text, ""
+    parts = re.fullmatch(r"(.*\.yaml)[:#](.*?)|(.*\.yml)[:#](.*?)", text, re.DOTALL)
+    file, wanted = (each for each in parts.groups() if each is not None) if parts else (text, "")
+    return file, wanted
 
 
-def load_requirements(path: Path, *, check: Check | None = None) -> dict[str, Requirement]:
+def load_requirements(path: Path) -> dict[str, Requirement]:
     """Load all requirements of a file by name; a FileError names every mistake with its line."""
-    read = _read(path, check)
-    if read.mistakes or read.blocked:
-        raise read.error()
-    return read.found
+    found, blocked, mistakes = _read(path, None)
+    if mistakes or blocked:
+        raise _all_wrong(blocked, mistakes)
+    return found
 
 
-@dataclass(frozen=True)
-class _Read:
-    """A file of requirements: those that can be used, those that cannot be measured, and other mistakes."""
-
-    found: dict[str, Requirement]
-    blocked: dict[str, Problem]
-    mistakes: list[Problem]
-
-    def error(self) -> DocumentError:
-        """Return all mistakes, in the order of their lines."""
-        return DocumentError(sorted([*self.mistakes, *self.blocked.values()], key=lambda mistake: mistake.line or 0))
+def _all_wrong(blocked: Mapping[str, Problem], mistakes: Iterable[Problem]) -> DocumentError:
+    return DocumentError(sorted([*mistakes, *blocked.values()], key=lambda mistake: mistake.line or 0))
 
 
-def _read(path: Path, check: Check | None) -> _Read:
-    """Read a file of requirements."""
+def _read(path: Path, check: Check | None) -> tuple[dict[str, Requirement], dict[str, Problem], list[Problem]]:
+    """Return the requirements of a file, why others cannot be measured, and all other mistakes."""
     document = read_yaml(path)
     if not isinstance(document.value, dict) or not document.value:
         raise FileError(path, 'expected a mapping from names to requirements, e.g. "R1: {title: ..., metric: dto}"')
     found: dict[str, Requirement] = {}
     blocked: dict[str, Problem] = {}
     mistakes: list[Problem] = []
-    for name, fields in document.value.items():
+    for key, fields in document.value.items():
+        name = str(key)
         if not isinstance(fields, dict):
-            message = f"{name}: expected a mapping with the keys {', '.join(_FIELDS)}"
-            mistakes.append(document.problem(message, str(name)))
+            mistakes.append(document.problem(f"{name}: expected a mapping with the keys {', '.join(_FIELDS)}", name))
             continue
         if "name" in fields:
             message = f"{name}: the name is the key above; leave out `name`"
-            mistakes.append(document.problem(message, str(name), "name"))
+            mistakes.append(document.problem(message, name, "name"))
             continue
         if "metric" in fields and not {"worse", "formula"} & fields.keys():  # a guess could turn the verdict round
             message = f"{name}.worse: is missing; say which values of the metric are worse: smaller or larger"
-            mistakes.append(document.problem(message, str(name), "worse"))
+            mistakes.append(document.problem(message, name, "worse"))
         try:
-            read = Requirement.model_validate({"name": str(name), **fields})
-            found[str(name)] = check(read) if check is not None else read
+            read = Requirement.model_validate({"name": name, **fields})
+            found[name] = check(read) if check is not None else read
         except Unfit as error:
-            mistakes.append(document.problem(f"{name}.{error.key}: {error}", str(name), error.key))
+            mistakes.append(document.problem(f"{name}.{error.key}: {error}", name, error.key))
         except InputError as error:
             measured = "formula" if "formula" in fields else "metric"
-            blocked[str(name)] = document.problem(f"{name}.{measured}: {error}", str(name), measured)
+            blocked[name] = document.problem(f"{name}.{measured}: {error}", name, measured)
         except ValidationError as error:
-            mistakes += [_mistake(document, str(name), detail["loc"], detail) for detail in error.errors()]
-    return _Read(found, blocked, mistakes)
-
-
-def _mistake(document: Document, name: str, loc: tuple[int | str, ...], detail: object) -> Problem:
-    assert isinstance(detail, dict)
-    where = ".".join([name, *(str(part) for part in loc)])
-    if detail["type"] == "extra_forbidden":
-        said = f"{where}: there is no such key; known: {', '.join(_FIELDS)}"
-    elif detail["type"] == "missing":
-        said = f"{where}: is missing"
-    else:
-        said = f"{where}: {detail['msg'].removeprefix('Value error, ')}"
-        if loc:
-            said += f", got {detail['input']!r}"
-    return document.problem(said, name, *loc)
+            for detail in error.errors():
+                where = ".".join([name, *map(str, detail["loc"])])
+                said = f"{detail['msg'].removeprefix('Value error, ')}"
+                said += f", got {detail['input']!r}" if detail["loc"] else ""
+                said = {
+                    "extra_forbidden": f"there is no such key; known: {', '.join(_FIELDS)}",
+                    "missing": "is missing",
+                }.get(detail["type"], said)
+                mistakes.append(document.problem(f"{where}: {said}", name, *detail["loc"]))
+    return found, blocked, mistakes

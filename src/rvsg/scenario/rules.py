@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from dataclasses import dataclass
+from typing import Any, Self
 
 from rvsg.core.records import Record
 from rvsg.scenario.scenario import HumanConfiguration, Task
@@ -39,16 +40,15 @@ class Finding(Record):
     suggestion: str = ""
     """How to correct it."""
 
+    @classmethod
+    def of(cls, rule: str, reason: str, suggestion: str = "", **place: Any) -> Self:
+        """Return a finding; `place` says where: human, task, position."""
+        return cls(rule=rule, reason=reason, suggestion=suggestion, **place)
+
     def __str__(self) -> str:
-        place = ", ".join(
-            part
-            for part in (
-                self.human,
-                f'task "{self.task}"' if self.task else None,
-                f"waypoint {self.position + 1}" if self.position is not None else None,
-            )
-            if part
-        )
+        task = f'task "{self.task}"' if self.task else None
+        waypoint = f"waypoint {self.position + 1}" if self.position is not None else None
+        place = ", ".join(part for part in (self.human, task, waypoint) if part)
         return f"{place + ': ' if place else ''}{self.reason}{' ' + self.suggestion if self.suggestion else ''}"
 
 
@@ -114,19 +114,16 @@ def read_ends(people: HumanConfiguration, world: World) -> HumanConfiguration:
 
     For replies of models, which say "Area 2 → Shelf 6" in the name alone. Nothing else reads the name of a task.
     """
-    humans = tuple(
-        human.model_copy(update={"tasks": tuple(_with_ends(task, world) for task in human.tasks)})
-        for human in people.humans
-    )
-    return people if humans == people.humans else people.model_copy(update={"humans": humans})
 
+    def with_ends(task: Task) -> Task:
+        named = _named_places(task.name, world)
+        if not named or (task.start_area and task.end_area):
+            return task
+        ends = {"start_area": task.start_area or named[0], "end_area": task.end_area or named[-1]}
+        return task.model_copy(update=ends)
 
-def _with_ends(task: Task, world: World) -> Task:
-    named = _named_places(task.name, world)
-    if not named or (task.start_area and task.end_area):
-        return task
-    changes = {"start_area": task.start_area or named[0], "end_area": task.end_area or named[-1]}
-    return task.model_copy(update=changes)
+    humans = [human.model_copy(update={"tasks": tuple(map(with_ends, human.tasks))}) for human in people.humans]
+    return people.model_copy(update={"humans": tuple(humans)})
 
 
 def _named_places(name: str, world: World) -> tuple[str, ...]:
@@ -146,18 +143,14 @@ def near_place(text: str, world: World, cutoff: float = 0.6) -> str | None:
     That is the one area or waypoint its text contains ("Area 3 entry"), else the area with the most similar name;
     None if the text contains two ("Shelf 2/Shelf 3") or no name is similar.
     """
-    contained = _contained(text, [area.name for area in world.areas]) or _contained(text, sorted(world.grid.valid))
-    if contained:
-        return contained[0] if len(contained) == 1 else None
+    areas = [area.name for area in world.areas]
+    for names in (areas, sorted(world.grid.valid)):
+        found = [name for name in names if re.search(rf"(?<!\w){re.escape(name)}(?!\w)", text, re.IGNORECASE)]
+        longest = [name for name in found if not any(name != other and name in other for other in found)]
+        if longest:
+            return longest[0] if len(longest) == 1 else None
     bare = _NOTE.sub(" ", text).strip() or text
-    near = difflib.get_close_matches(bare, [a.name for a in world.areas], n=1, cutoff=cutoff)
-    return near[0] if near else None
-
-
-def _contained(text: str, names: list[str]) -> list[str]:
-    """Return the names a text contains as whole words, without those that are part of a longer one found there."""
-    found = [name for name in names if re.search(rf"(?<!\w){re.escape(name)}(?!\w)", text, re.IGNORECASE)]
-    return [name for name in found if not any(name != other and name in other for other in found)]
+    return next(iter(difflib.get_close_matches(bare, areas, n=1, cutoff=cutoff)), None)
 
 
 def spelled(name: str, world: World) -> str | None:

@@ -178,10 +178,9 @@ class Human(Record):
     @classmethod
     def _sized(cls, given: Any) -> Any:
         kind = given.get("kind") if isinstance(given, dict) else None
-        limits = next((LIMITS[known] for known in LIMITS if known == kind), None)
-        if limits is None:
+        if kind not in (*LIMITS,):
             return given
-        return {"radius_m": limits.radius_m, "speed_m_s": limits.speed_m_s, **given}
+        return {"radius_m": LIMITS[kind].radius_m, "speed_m_s": LIMITS[kind].speed_m_s, **given}
 
     @property
     def outline(self) -> Outline:
@@ -328,15 +327,13 @@ FOREVER_S = 36_000.0
 
 def reaction_of(behaviour: Behaviour, speed_m_s: float) -> Reaction:
     """HuNavSim's default reaction of a behaviour; `speed_m_s` is the human's walking speed."""
-    if behaviour is Behaviour.SURPRISED:
-        return Reaction(duration_s=30.0, distance_m=4.0)
-    if behaviour is Behaviour.SCARED:
-        return Reaction(duration_s=40.0, speed_m_s=0.6, distance_m=3.0, force=20.0)
-    if behaviour is Behaviour.CURIOUS:
-        return Reaction(duration_s=40.0, speed_m_s=speed_m_s, distance_m=1.5)
-    if behaviour is Behaviour.THREATENING:
-        return Reaction(duration_s=40.0, distance_m=1.4)
-    return Reaction()
+    defaults = {
+        Behaviour.SURPRISED: {"duration_s": 30.0, "distance_m": 4.0},
+        Behaviour.SCARED: {"speed_m_s": 0.6, "distance_m": 3.0},
+        Behaviour.CURIOUS: {"speed_m_s": speed_m_s, "distance_m": 1.5},
+        Behaviour.THREATENING: {"distance_m": 1.4},
+    }
+    return Reaction(**defaults.get(behaviour, {}))
 
 
 class HumanAgent(Record):
@@ -391,26 +388,14 @@ def goal_names(human: Human) -> tuple[str, ...]:
 
 def task_ends(human: Human) -> dict[int, str]:
     """Return the names of the tasks by the index of the goal at which each ends, as `decode` numbers the goals."""
-    return _goals(human)[1]
+    return _goals(human)[2]
 
 
-def _goals(human: Human) -> tuple[list[str], dict[int, str]]:
-    names: list[str] = []
-    ends: dict[int, str] = {}
-    for task in human.tasks:
-        for name in task.path:
-            if not names or names[-1] != name:
-                names.append(name)
-        ends[len(names) - 1] = task.name
-    if human.cyclic and len(names) > 1 and names[-1] == names[0]:
-        names.pop()
-        ends = {index % len(names): name for index, name in ends.items()}
-    return names, ends
-
-
-def _agent(human: Human, grid: Grid) -> HumanAgent:
+def _goals(human: Human) -> tuple[list[str], list[float], dict[int, str], float]:
+    """Return the goals, the pause at each, the tasks by the goal at which they end, and the pause at the start."""
     names: list[str] = []
     pauses: list[float] = []
+    ends: dict[int, str] = {}
     at_start = 0.0
     for number, task in enumerate(human.tasks):
         waiting: dict[str, float] = {}
@@ -424,11 +409,18 @@ def _agent(human: Human, grid: Grid) -> HumanAgent:
             pauses[-1] += held
             if number == position == 0:
                 at_start = held
-    if not human.cyclic:
-        pauses[-1] = FOREVER_S
-    elif len(names) > 1 and names[-1] == names[0]:
+        ends[len(names) - 1] = task.name
+    if human.cyclic and len(names) > 1 and names[-1] == names[0]:
         pauses[0] += pauses.pop()
         names.pop()
+        ends = {index % len(names): name for index, name in ends.items()}
+    return names, pauses, ends, at_start
+
+
+def _agent(human: Human, grid: Grid) -> HumanAgent:
+    names, pauses, _, at_start = _goals(human)
+    if not human.cyclic:
+        pauses[-1] = FOREVER_S
     goals = tuple(human.points[name] if name in human.points else grid.position(name) for name in names)
     return HumanAgent(
         name=human.name,

@@ -5,9 +5,10 @@ configurations, and adaptation to a changed world.
 from __future__ import annotations
 
 import copy
+import itertools
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, model_validator
@@ -77,15 +78,21 @@ def family_of(value: dict[str, Any], vary: Sequence[str] = ()) -> ScenarioFamily
         InputError: a range cannot be read, is outside of `people`, or there is none.
     """
     data = copy.deepcopy(value)
-    found = {key: _range(data, key, text) for key, text in _texts(data, ()) if _RANGE.fullmatch(text)}
+    found: dict[Key, Range] = {}
+    for key, text in list(_leaves(data, ())):
+        if not isinstance(text, str) or {"description", "name"} & {*key} or not _RANGE.fullmatch(text):
+            continue
+        if key[:2] != ("people", "humans") or len(key) < 4:
+            raise InputError(f"{_written(key)}: {text!r} is a range, and only numbers of people may be ranges.")
+        human = data["people"]["humans"][key[2]]
+        found[key] = _range(f"{human.get('name', f'person {key[2]}')}.{_written(key[3:])}", key, text)
     for key, each in found.items():
         _set(data, key, each.at(0.5))
-    scenario = _scenario(data)
-    data = scenario.model_dump(mode="json")
+    data = _scenario(data).model_dump(mode="json")
     for text in vary:
-        made = _varied(data, text)
-        found[made.key] = made
-        _set(data, made.key, made.at(0.5))
+        each = _varied(data["people"]["humans"], text)
+        found[each.key] = each
+        _set(data, each.key, each.at(0.5))
     if not found:
         raise InputError(
             'The scenario has no range. Write one instead of a number, e.g. "speed_m_s": "0.8 to 1.4", or give '
@@ -97,25 +104,16 @@ def family_of(value: dict[str, Any], vary: Sequence[str] = ()) -> ScenarioFamily
     return family
 
 
-def _texts(value: Any, key: Key) -> Iterator[tuple[Key, str]]:
-    if isinstance(value, str):
+def _leaves(value: Any, key: Key) -> Iterator[tuple[Key, Any]]:
+    """Yield every value inside that is no list or mapping, with the path of keys to it."""
+    if isinstance(value, dict | list):
+        for name, inner in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from _leaves(inner, (*key, name))
+    else:
         yield key, value
-    elif isinstance(value, dict):
-        for name, inner in value.items():
-            if name not in ("description", "name"):
-                yield from _texts(inner, (*key, name))
-    elif isinstance(value, list):
-        for index, inner in enumerate(value):
-            yield from _texts(inner, (*key, index))
 
 
-def _range(data: dict[str, Any], key: Key, text: str) -> Range:
-    if key[:2] != ("people", "humans") or len(key) < 4:
-        raise InputError(f"{_written(key)}: {text!r} is a range, and only numbers of people may be ranges.")
-    return _made(_name(data, key), key, text)
-
-
-def _made(name: str, key: Key, text: str) -> Range:
+def _range(name: str, key: Key, text: str) -> Range:
     match = _RANGE.fullmatch(text)
     if match is None:
         raise InputError(f"{name}: expected a range such as 0.8 to 1.4, got {text!r}.")
@@ -125,42 +123,24 @@ def _made(name: str, key: Key, text: str) -> Range:
         raise InputError(str(error.errors()[0]["msg"]).removeprefix("Value error, ")) from None
 
 
-def _varied(data: dict[str, Any], text: str) -> Range:
+def _varied(humans: list[dict[str, Any]], text: str) -> Range:
     name, equals, span = text.partition("=")
-    humans = data["people"]["humans"]
     matching = [(k, human) for k, human in enumerate(humans) if name.startswith(f"{human['name']}.")]
     if not equals or not matching:
         known = ", ".join(human["name"] for human in humans) or "nobody"
         raise InputError(f"{text!r}: expected PERSON.KEY=LOW to HIGH. People of the scenario: {known}.")
     index, human = max(matching, key=lambda pair: len(pair[1]["name"]))
     rest = name.removeprefix(f"{human['name']}.")
-    known_keys = {_written(key): key for key in _numbers(human, ())}
-    if rest not in known_keys:
-        raise UnknownName("number", rest, known_keys, hint=f"Numbers of {human['name']} that may vary.")
-    return _made(name, ("people", "humans", index, *known_keys[rest]), span)
-
-
-def _numbers(value: Any, key: Key) -> Iterator[Key]:
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        yield key
-    elif isinstance(value, dict):
-        for name, inner in value.items():
-            yield from _numbers(inner, (*key, name))
-    elif isinstance(value, list):
-        for index, inner in enumerate(value):
-            yield from _numbers(inner, (*key, index))
-
-
-def _name(data: dict[str, Any], key: Key) -> str:
-    human = data["people"]["humans"][key[2]]
-    return f"{human.get('name', f'person {key[2]}')}.{_written(key[3:])}"
+    leaves = _leaves(human, ())
+    keys = {_written(k): k for k, v in leaves if isinstance(v, int | float) and not isinstance(v, bool)}
+    if rest not in keys:
+        raise UnknownName("number", rest, keys, hint=f"Numbers of {human['name']} that may vary.")
+    return _range(name, ("people", "humans", index, *keys[rest]), span)
 
 
 def _written(key: Key) -> str:
-    text = ""
-    for part in key:
-        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
-    return text
+    """Return a path of keys as people write it: `tasks[0].pauses[1].duration_s`."""
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key).removeprefix(".")
 
 
 def _set(data: dict[str, Any], key: Key, value: float) -> None:
@@ -209,19 +189,22 @@ def _changed(was: Human, human: Human) -> list[str]:
     words += _other_work(was, human)
     pauses, before = ([(p.at, p.duration_s) for t in h.tasks for p in t.pauses] for h in (human, was))
     if sorted(pauses) != sorted(before):
-        listed = ", ".join(f"{s:g} s at {at}" for at, s in pauses) or "nowhere"
-        many = len(pauses) > MOST_PAUSES
-        words.append(
-            f"pauses {len(pauses)} times, {sum(s for _, s in pauses):g} s in all" if many else f"pauses {listed}"
-        )
+        if len(pauses) > MOST_PAUSES:
+            words.append(f"pauses {len(pauses)} times, {sum(s for _, s in pauses):g} s in all")
+        else:
+            words.append(f"pauses {', '.join(f'{s:g} s at {at}' for at, s in pauses) or 'nowhere'}")
     return words
 
 
 def _other_work(was: Human, human: Human) -> list[str]:
     """Which tasks are new and which are gone, else which part of the way is another; and where the person starts."""
     before = _whole(was.tasks, human.tasks)
-    tasks = _turned(_whole(human.tasks, before), before)
-    names, old_names = _names(tasks), _names(before)
+    tasks = _whole(human.tasks, before)
+    old_names = [task.name for task in before]
+    turns = [(*tasks[k:], *tasks[:k]) for k in range(len(tasks))]
+    alike = [turn for turn in turns if [task.name for task in turn] == old_names]  # the same cycle
+    tasks = max(alike or turns[:1], key=lambda t: sum(a.path == b.path for a, b in zip(t, before, strict=False)))
+    names = [task.name for task in tasks]
     if names != old_names:
         new, gone = (
             [name for name in dict.fromkeys(a) if name not in b] for a, b in ((names, old_names), (old_names, names))
@@ -230,7 +213,7 @@ def _other_work(was: Human, human: Human) -> list[str]:
         words += [f"no longer {_listed(gone, MOST_TASKS)}"] if gone else []
         words = words or ["does its tasks in another order"]
     else:
-        words = _other_way(_way(before), _way(tasks))
+        words = _other_way(*([name for task in cycle for name in task.path] for cycle in (before, tasks)))
     start, old_start = _start(human), _start(was)
     if start != old_start:
         words.append(f"starts at {start} (was {old_start})")
@@ -240,7 +223,7 @@ def _other_work(was: Human, human: Human) -> list[str]:
 
 
 def _whole(tasks: tuple[Task, ...], known: tuple[Task, ...]) -> tuple[Task, ...]:
-    """The tasks from place to place: who starts on the way still does the task that is cut there.
+    """Return the tasks from place to place: who starts on the way still does the task that is cut there.
 
     Args:
         known: Tasks from which that one takes its name.
@@ -253,17 +236,6 @@ def _whole(tasks: tuple[Task, ...], known: tuple[Task, ...]) -> tuple[Task, ...]
     return (first.model_copy(update={"name": names.get(ends_of(first), first.name)}), *whole[1:])
 
 
-def _turned(tasks: tuple[Task, ...], before: tuple[Task, ...]) -> tuple[Task, ...]:
-    """The cycle of tasks from the task with which an earlier cycle begins, where both are the same cycle."""
-    turns = [(*tasks[k:], *tasks[:k]) for k in range(len(tasks))]
-    alike = [turn for turn in turns if _names(turn) == _names(before)]
-    return max(alike or turns[:1], key=lambda turn: sum(a.path == b.path for a, b in zip(turn, before, strict=False)))
-
-
-def _names(tasks: Sequence[Task]) -> list[str]:
-    return [task.name for task in tasks]
-
-
 def _start(human: Human) -> str:
     """Where a person starts. The cut task has no name of its own: areas name tasks, and this is a waypoint."""
     first = human.tasks[0]
@@ -272,21 +244,16 @@ def _start(human: Human) -> str:
 
 
 def _other_way(old: Sequence[str], way: Sequence[str]) -> list[str]:
-    """Which part of the way is another."""
+    """Return which part of the way is another; a waypoint where two tasks meet counts once."""
+    old, way = ([name for name, _ in itertools.groupby(each)] for each in (old, way))
     if way == old:
         return []
-    first = next((k for k, (a, b) in enumerate(zip(way, old, strict=False)) if a != b), min(len(way), len(old)))
-    same = min(len(way), len(old)) - first
-    last = next((k for k in range(same) if way[-1 - k] != old[-1 - k]), same)
+    same = min(len(way), len(old))
+    first = next((k for k in range(same) if way[k] != old[k]), same)
+    last = next((k for k in range(same - first) if way[-1 - k] != old[-1 - k]), same - first)
     parts = (each[max(0, first - 1) : len(each) - max(0, last - 1)] for each in (way, old))
     now, then = (_listed(part, MOST_WAYPOINTS, " ") for part in parts)
     return [f"goes {now} instead of {then}"]
-
-
-def _way(tasks: Sequence[Task]) -> list[str]:
-    """The waypoints of all tasks in walking order, none twice in a row."""
-    names = [name for task in tasks for name in task.path]
-    return [name for k, name in enumerate(names) if not k or name != names[k - 1]]
 
 
 def _listed(names: Sequence[str], most: int, between: str = ", ") -> str:
@@ -299,9 +266,7 @@ SAME_PLACE_M = 1e-6
 
 def waypoints_used(people: HumanConfiguration) -> tuple[str, ...]:
     """Return the names of the waypoints on people's paths, in order of first use."""
-    used: Iterable[str] = (
-        name for human in people.humans for task in human.tasks for name in task.path if name not in human.points
-    )
+    used = (name for human in people.humans for task in human.tasks for name in task.path if name not in human.points)
     return tuple(dict.fromkeys(used))
 
 
@@ -324,10 +289,8 @@ def changes_that_matter(people: HumanConfiguration, mission: Mission, world: Wor
     if mission.world_id == world.id:
         return ()
     if mission.parts is None:
-        return (
-            f"The scenario was made for {mission.world_id} and does not hold what it depends on; {world.name} is "
-            f"{world.id}.",
-        )
+        made = f"The scenario was made for {mission.world_id} and does not hold what it depends on"
+        return (f"{made}; {world.name} is {world.id}.",)
     changes = []
     if mission.parts.floor != world.floor_id:
         changes.append(f"The map or the objects of {world.name} have changed.")
@@ -338,9 +301,7 @@ def changes_that_matter(people: HumanConfiguration, mission: Mission, world: Wor
         if now is None:
             changes.append(f"Waypoint {name} at ({before[0]:g}, {before[1]:g}) no longer exists.")
         elif (away := math.dist(before, (now.x, now.y))) > SAME_PLACE_M:
-            changes.append(
-                f"Waypoint {name} moved by {away:.1g} m." if away < 0.1 else f"Waypoint {name} moved by {away:.1f} m."
-            )
+            changes.append(f"Waypoint {name} moved by {away:{'.1g' if away < 0.1 else '.1f'}} m.")
     return tuple(changes)
 
 
@@ -384,19 +345,15 @@ def migrate(
             "or make a new one for this world.",
             code="waypoint-too-far",
         )
-    humans = tuple(
-        human.model_copy(update={"tasks": tuple(_renamed(task, successors) for task in human.tasks)})
-        for human in scenario.people.humans
-    )
+
+    def renamed(task: Task) -> Task:
+        path = [successors.get(name, name) for name in task.path]
+        joined = [name for name, _ in itertools.groupby(path)]
+        pauses = tuple(pause.model_copy(update={"at": successors.get(pause.at, pause.at)}) for pause in task.pauses)
+        return task.model_copy(update={"path": tuple(joined if len(joined) > 1 else path), "pauses": pauses})
+
+    people = scenario.people
+    humans = [human.model_copy(update={"tasks": tuple(map(renamed, human.tasks))}) for human in people.humans]
     old = scenario.mission
     mission = Mission.of(world, route or old.route, robot=old.robot, moved=old.moved, doors=old.doors)
-    people = scenario.people.model_copy(update={"humans": humans})
-    return scenario.replace(mission=mission, people=people), tuple(changes)
-
-
-def _renamed(task: Task, successors: dict[str, str]) -> Task:
-    """Return the task over the successors of its waypoints, neighbours that became the same joined."""
-    path = [successors.get(name, name) for name in task.path]
-    joined = tuple(name for i, name in enumerate(path) if i == 0 or name != path[i - 1])
-    pauses = tuple(pause.model_copy(update={"at": successors.get(pause.at, pause.at)}) for pause in task.pauses)
-    return task.model_copy(update={"path": joined if len(joined) > 1 else tuple(path), "pauses": pauses})
+    return scenario.replace(mission=mission, people=people.model_copy(update={"humans": tuple(humans)})), tuple(changes)

@@ -92,7 +92,14 @@ def world_of(mission: Mission, given: World | str | Path | None = None, *, near:
         InputError: the world given is another one, or the world has changed or cannot be found.
     """
     if given is not None:
-        return mission.place(_same(mission, as_world(given), given))
+        if same_floor(mission, world := as_world(given)):
+            return mission.place(world)
+        raise InputError(
+            f"The scenario was made for {mission.world} ({mission.world_id}), and "
+            f"{world.name if isinstance(given, World) else given} is another world ({world.id}). "
+            "Leave --world (in Python world=) out, or give the folder of the world it was made for.",
+            code="world-other",
+        )
     if mission.world_id in _worlds:
         return mission.place(_worlds[mission.world_id])
     other: World | None = None
@@ -116,26 +123,10 @@ def world_of(mission: Mission, given: World | str | Path | None = None, *, near:
             world_folder.shipped_worlds(),
             hint="The scenario was made in this world: say with --world (in Python world=) in which folder it is.",
         )
+    why = "its map or objects have changed." if mission.parts else "it does not say what it depends on."
     raise InputError(
-        f"The scenario was made for {mission.world} ({mission.world_id}), but that world is now {other.id}: "
-        f"{_why(mission)} Adapt the scenario with `rvsg scenario migrate`, or give a copy of the world it was made "
-        "for with --world (in Python world=).",
+        f"The scenario was made for {mission.world} ({mission.world_id}), but that world is now {other.id}: {why} "
+        "Adapt the scenario with `rvsg scenario migrate`, or give a copy of the world it was made for with --world "
+        "(in Python world=).",
         code="world-changed",
-    )
-
-
-def _why(mission: Mission) -> str:
-    if mission.parts is None:
-        return "it does not say what it depends on."
-    return "its map or objects have changed."
-
-
-def _same(mission: Mission, world: World, given: World | str | Path) -> World:
-    if same_floor(mission, world):
-        return world
-    named = world.name if isinstance(given, World) else given
-    raise InputError(
-        f"The scenario was made for {mission.world} ({mission.world_id}), and {named} is another world ({world.id}). "
-        "Leave --world (in Python world=) out, or give the folder of the world it was made for.",
-        code="world-other",
     )
