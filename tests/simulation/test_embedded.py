@@ -13,18 +13,18 @@ import rvsg
 from rvsg.core.errors import InputError, InvalidOptions, SimulationError, UnknownName
 from rvsg.core.kernels import kernel
 from rvsg.core.records import Pose
-from rvsg.robots.robot import Planner, Robot, load_robot
+from rvsg.robots.robot import Robot, load_robot
 from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.behaviour_tree import choose_dwb
 from rvsg.simulation.embedded.episode import Episode, Outside
-from rvsg.simulation.embedded.grid_planners import plan_outside
+from rvsg.simulation.embedded.navfn import BLOCKED
 from rvsg.simulation.embedded.people.crowd import begins_early
 from rvsg.simulation.embedded.profiles import Noise, profile
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator, empty_room, simulate_agents
-from rvsg.simulation.embedded.state import Scene, State
+from rvsg.simulation.embedded.state import State
 from rvsg.simulation.run import Outcome, Run
 from rvsg.world.world import Route, World
 from rvsg.world.world_folder import load_world
@@ -322,22 +322,21 @@ class TestOutside:
         behaviours: dict[str, bool],
         outcome: Outcome,
         recoveries: int,
-        monkeypatch: pytest.MonkeyPatch,
     ) -> None:
-        calls = []
+        blocked: list[float] = []
 
-        def plan(scene: Scene, state: State) -> None:
-            calls.append(1)
-            if len(calls) == 4:
-                state.nav[st.OUTSIDE_PLAN] = st.PLANNED_FROM
-            else:
-                plan_outside(scene, state)
+        def block(episode: Episode) -> None:
+            """Block every cell just before the plan is due that follows 3 s; the next update clears them again."""
+            due = episode.t - episode.state.times[st.PLAN_T] > 0.995
+            if episode.t > 3.0 and due and not blocked:
+                blocked.append(episode.t)
+                episode.state.costs[:] = BLOCKED
 
-        monkeypatch.setattr("rvsg.simulation.embedded.episode.plan_outside", plan)
-        robot = behaving(**behaviours)
-        smac = robot.replace(navigation=robot.navigation.replace(planner=Planner(kind="smac_2d")))
-        run = simulate_agents(warehouse, warehouse.route("route_1"), [], robot=smac, seed=1)
-        assert len(calls) >= 4
+        run = simulate_agents(
+            warehouse, warehouse.route("route_1"), [], robot=behaving(**behaviours), seed=1,
+            outside=Outside(probe=block, probe_ticks=1),
+        )  # fmt: skip
+        assert len(blocked) == 1
         assert (run.outcome, run.recoveries) == (outcome, recoveries)
 
     @pytest.mark.parametrize(("verdict", "outcome"), [(True, Outcome.REACHED), (False, Outcome.ABORTED)])

@@ -197,24 +197,13 @@ behavior_server:
 
 
 @pytest.mark.parametrize(
-    ("plugin", "options", "kind", "honoured", "refused"),
-    [
-        ("nav2_smac_planner::SmacPlanner2D", "cost_travel_multiplier: 3.0, tolerance: 0.2, smoother: {w_smooth: 0.5}",
-         {"kind": "smac_2d", "cost_travel_multiplier": 3.0, "tolerance": 0.2}, "tolerance", "smoother.w_smooth"),
-        ("nav2_theta_star_planner/ThetaStarPlanner", "how_many_corners: 4, w_euc_cost: 0.8, w_traversal_cost: 1.5",
-         {"kind": "theta_star", "w_euc_cost": 0.8, "w_traversal_cost": 1.5}, "w_euc_cost", "how_many_corners"),
-    ],
-)  # fmt: skip
-def test_smac_and_theta_star(
-    tmp_path: Path, plugin: str, options: str, kind: dict[str, Any], honoured: str, refused: str
-) -> None:
-    path = written(tmp_path, RPP + PLANNER.format(plugin=plugin, options=options, dots="::"))
-    choice = StackChoice.of(path)
-    assert choice.record.options["planner"] == kind
-    assert choice.driver.adapt(load_robot("tiago_omni")).navigation.planner.kind == kind["kind"]
-    state = {entry.key: entry.state for entry in read_nav2_params(path).entries}
-    assert state[f"planner_server.GridBased.{honoured}"] == "honoured"
-    assert state[f"planner_server.GridBased.{refused}"] == "not supported"
+    "plugin", ["nav2_smac_planner::SmacPlanner2D", "nav2_theta_star_planner/ThetaStarPlanner", "acme/HybridPlanner"]
+)
+def test_a_planner_that_is_not_simulated(tmp_path: Path, plugin: str) -> None:
+    path = written(tmp_path, RPP + PLANNER.format(plugin=plugin, options="tolerance: 0.2", dots="::"))
+    with pytest.raises(FileError, match=f"planner {plugin} is not simulated.*Navfn.*--stack ros2") as refused:
+        StackChoice.of(path)
+    assert refused.value.code == "not-simulated" and refused.value.line is not None
 
 
 @pytest.mark.parametrize(("dots", "smoothed"), [("::", True), ("/", False)])
@@ -247,7 +236,6 @@ def test_what_is_not_supported_is_always_told(tmp_path: Path) -> None:
     ("old", "new", "key"),
     [
         ("dwb_core::DWBLocalPlanner", "nav2_graceful_controller::GracefulController", "plugin"),
-        ("nav2_navfn_planner/NavfnPlanner", "nav2_smac_planner/SmacPlannerHybrid", "plugin"),
         ("nav2_costmap_2d::VoxelLayer", "spatio_temporal_voxel_layer/SpatioTemporalVoxelLayer", "plugin"),
         ('"PathDist"', '"PathHugging"', "critics"),
         ("[0.4, 0.0, 1.2]", "[0.4, fast]", "max_velocity"),

@@ -110,21 +110,6 @@ class Behaviours(Record):
     tree has no recovery for the error of an empty path); else that is tried again, or the recovery begins (Humble)."""
 
 
-class Planner(Record):
-    """The plug-in of the planner server, with Nav2's names and defaults."""
-
-    kind: Literal["navfn", "smac_2d", "theta_star"] = "navfn"
-    """`navfn` takes its tolerance from the behaviours."""
-    tolerance: NotNegative = 0.125
-    """Of Smac 2D: how far from the goal a path may end, m."""
-    cost_travel_multiplier: NotNegative = 1.0
-    """Of Smac 2D."""
-    w_euc_cost: Positive = 1.0
-    """Of Theta*."""
-    w_traversal_cost: NotNegative = 2.0
-    """Of Theta*."""
-
-
 class MonitorPolygon(Record):
     """A polygon of nav2_collision_monitor, with Nav2's names and defaults; it scales every command, recoveries too."""
 
@@ -147,7 +132,6 @@ class Navigation(Record):
     dwb: Dwb = Dwb()
     costmaps: Costmaps = Costmaps()
     behaviours: Behaviours = Behaviours()
-    planner: Annotated[Planner, Field(exclude_if=lambda planner: planner == Planner())] = Planner()
     collision_monitor: Annotated[tuple[MonitorPolygon, ...], Field(exclude_if=lambda polygons: not polygons)] = ()
 
 

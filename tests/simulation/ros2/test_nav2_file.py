@@ -24,9 +24,9 @@ MONITOR = (
     {"name": "Ahead", "action_type": "approach", "time_before_collision": 1.5},
 )
 STACKS = {
-    "nav2-dwb": {"dwb": {"path_distance_scale": 20.0}, "planner": {"kind": "theta_star", "w_traversal_cost": 3.0}},
+    "nav2-dwb": {"dwb": {"path_distance_scale": 20.0}, "behaviours": {"planner_tolerance_m": 0.3}},
     "nav2-rpp": {"lookahead_dist": 0.8, "smoother": {"acceleration_m_s2": 1.5}, "collision_monitor": MONITOR},
-    "nav2-mppi": {"batch_size": 500, "CostCritic": {"cost_weight": 2.0}, "planner": {"kind": "smac_2d"}},
+    "nav2-mppi": {"batch_size": 500, "CostCritic": {"cost_weight": 2.0}},
 }
 
 

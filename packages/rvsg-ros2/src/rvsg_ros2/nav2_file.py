@@ -35,11 +35,6 @@ from rvsg_ros2.interfaces import Release
 from rvsg_ros2.options import Ros2Options, scan_topic
 
 LOCAL_LAYER, GLOBAL_LAYER = "nav2_costmap_2d::VoxelLayer", "nav2_costmap_2d::ObstacleLayer"
-PLANNERS = {
-    "navfn": ("nav2_navfn_planner", "NavfnPlanner"),
-    "smac_2d": ("nav2_smac_planner", "SmacPlanner2D"),
-    "theta_star": ("nav2_theta_star_planner", "ThetaStarPlanner"),
-}
 SERVER_TIMEOUT_MS = 1000
 """A goal that a server does not acknowledge in this time fails the run at once. Nav2's own 20 ms run out on a busy
 machine."""
@@ -197,14 +192,8 @@ class _Writer:
         }
 
     def _planner(self) -> dict[str, Any]:
-        planner = self.robot.navigation.planner
-        package, name = PLANNERS[planner.kind]
-        chosen: dict[str, dict[str, Any]] = {
-            "navfn": {"tolerance": self.robot.navigation.behaviours.planner_tolerance_m},
-            "smac_2d": {"tolerance": planner.tolerance, "cost_travel_multiplier": planner.cost_travel_multiplier},
-            "theta_star": {"w_euc_cost": planner.w_euc_cost, "w_traversal_cost": planner.w_traversal_cost},
-        }
-        return {"plugin": f"{package}{self.separator}{name}", **chosen[planner.kind], **PLANNING[planner.kind]}
+        tolerance = self.robot.navigation.behaviours.planner_tolerance_m
+        return {"plugin": f"nav2_navfn_planner{self.separator}NavfnPlanner", "tolerance": tolerance, **PLANNING}
 
     def _monitor(self) -> dict[str, Any]:
         polygons = {each.name: self._polygon(each) for each in self.robot.navigation.collision_monitor}

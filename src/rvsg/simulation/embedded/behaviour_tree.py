@@ -12,8 +12,8 @@ from rvsg.core.kernels import inner
 from rvsg.simulation.embedded import base, dwb
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.costmap import LETHAL, footprint_spans
-from rvsg.simulation.embedded.grid_planners import NAVFN, plan_navfn
 from rvsg.simulation.embedded.localisation import MAP_YAW, to_map, to_world
+from rvsg.simulation.embedded.navfn import plan
 from rvsg.simulation.embedded.rollouts import SAMPLE_SIDE, SAMPLE_V, SAMPLE_W, fill_window
 from rvsg.simulation.embedded.state import Scene, Settings, State
 from rvsg.simulation.run import Recovery, Replan
@@ -165,12 +165,12 @@ def plan_route(scene: Scene, state: State, t: float) -> bool:
     x, y = to_map(state.own.present, state.body[base.X], state.body[base.Y])
     g = nav[st.GOAL]
     before = nav[dwb.PLAN_END]
-    if state.stack.planner == NAVFN:
-        keep_path(state, before)
-        count = plan_navfn(scene, state, x, y, state.goals[g, 0], state.goals[g, 1])
-    else:
-        count = nav[st.OUTSIDE_PLAN] - st.PLANNED_FROM
-        nav[st.OUTSIDE_PLAN] = st.NOT_PLANNED
+    keep_path(state, before)
+    count = plan(
+        state.path[0], 0, x, y, state.goals[g, 0], state.goals[g, 1], state.global_master, state.costs, scene.reach,
+        state.rest, state.potential, state.waiting, state.buffers, state.cells, scene.origin_x, scene.origin_y,
+        scene.resolution, state.stack.plan_tolerance,
+    )  # fmt: skip
     if count == 0:
         return False
     state.nav[dwb.PLAN_BEGIN] = 0
@@ -182,16 +182,6 @@ def plan_route(scene: Scene, state: State, t: float) -> bool:
     nav[st.NEED_PLAN] = 0
     state.times[st.PLAN_T] = t
     return True
-
-
-@inner
-def ask_for_plan(state: State) -> int:
-    """Prepare for a planner outside of the compiled loop, which reads the place that the plan is to begin at."""
-    keep_path(state, state.nav[dwb.PLAN_END])
-    x, y = to_map(state.own.present, state.body[base.X], state.body[base.Y])
-    state.times[st.PLAN_X] = x
-    state.times[st.PLAN_Y] = y
-    return st.PLAN
 
 
 @inner
@@ -452,49 +442,45 @@ def stop_following(state: State, settings: Settings, t: float) -> None:
 
 
 @inner
-def navigate(scene: Scene, state: State, settings: Settings, t: float) -> int:
-    """Do what the behaviour tree does at time t; return COMMAND or PLAN where the local or global planner is to act.
+def navigate(scene: Scene, state: State, settings: Settings, t: float) -> bool:
+    """Do what the behaviour tree does at time t, every 10 ms; return whether the local planner is to act.
 
-    It is called every 10 ms, and once more at the same time after PLAN. A map that is to be cleared is cleared before
-    the next call; who needs it waits for that, as in Nav2.
+    A map that is to be cleared is cleared before the next call; who needs it waits for that, as in Nav2.
     """
     nav = state.nav
     if nav[st.MODE] == st.DONE:
-        return st.NOTHING
+        return False
     if nav[st.MODE] != st.DRIVE:
         act(state, settings, t)
-        return st.NOTHING
-    answered = nav[st.OUTSIDE_PLAN] != st.NOT_PLANNED
-    if not answered and has_passed(state):
+        return False
+    if has_passed(state):
         nav[st.NEED_PLAN] = 1
     if nav[st.NEED_PLAN] != 0 or t - state.times[st.PLAN_T] >= REPLAN_PERIOD_S * settings.clock - 1e-9:
         if nav[st.CLEAR_GLOBAL] != 0:
             if state.stack.waits_for_maps:
                 begin_following(state, t)  # the controller gets its goal with the plan
-            return st.NOTHING
-        if state.stack.planner != NAVFN and not answered:
-            return ask_for_plan(state)
+            return False
         if plan_route(scene, state, t):
             nav[st.PLAN_RETRIED] = 0
         elif nav[st.NEED_PLAN] == 0 and state.stack.gives_up_without_plan:
             command(state, 0.0, 0.0, 0.0, False, t)
             nav[st.MODE] = st.DONE
             nav[st.RESULT] = st.ABORTED
-            return st.NOTHING
+            return False
         elif nav[st.PLAN_RETRIED] == 0 and not (state.stack.waits_for_maps and nav[st.NEED_PLAN] == 0):
             # On the way Nav2 empties the plan, and the controller refuses an empty one twice before the global map is
             # current again: the recovery begins.
             nav[st.PLAN_RETRIED] = 1
             nav[st.CLEAR_GLOBAL] = 1
-            return st.NOTHING
+            return False
         else:
             nav[st.PLAN_RETRIED] = 0
             recover(state, settings, t)
-            return st.NOTHING
+            return False
     if t < state.times[st.CONTROL_T] - 1e-9 or nav[st.CLEAR_LOCAL] != 0:
-        return st.NOTHING
+        return False
     state.times[st.CONTROL_T] += state.stack.control_period * settings.clock
     if has_progress(state, t):
-        return st.COMMAND
+        return True
     stop_following(state, settings, t)
-    return st.NOTHING
+    return False

@@ -17,7 +17,6 @@ from rvsg.core.references import refer
 from rvsg.simulation.embedded import base, dwb
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.behaviour_tree import begin_following, choose_dwb, command, follow, navigate, place_path
-from rvsg.simulation.embedded.grid_planners import plan_outside
 from rvsg.simulation.embedded.lidar import place_legs
 from rvsg.simulation.embedded.localisation import ACTIVE, localise
 from rvsg.simulation.embedded.people.behaviour import tick
@@ -178,9 +177,9 @@ def take_scan(scene: Scene, state: State, settings: Settings, crowd: Crowd, side
 Answer: TypeAlias = "tuple[float, float] | tuple[float, float, float]"
 """A velocity from outside: forward speed (m/s) and yaw rate (rad/s), or forward speed, speed to the left, yaw rate."""
 # Why the loop is left: the run is over, or something computed outside of the compiled loop is due.
-OVER, CONTROL_DUE, STACK_DUE, PROBE_DUE, BODIES_DUE, PLAN_DUE = range(6)
+OVER, CONTROL_DUE, STACK_DUE, PROBE_DUE, BODIES_DUE = range(5)
 # Where in a tick the loop goes on.
-TICK_BEGINS, ANSWERED, PROBED, WALKED, PLANNED = range(5)
+TICK_BEGINS, ANSWERED, PROBED, WALKED = range(4)
 # What the loop keeps from tick to tick, and the answer from outside: whether it is a valid command, forward speed
 # (m/s), yaw rate (rad/s), speed to the left (m/s), and how the run ends (RUNNING, REACHED, ABORTED; only asked of a
 # whole stack).
@@ -268,10 +267,7 @@ def decide(scene: Scene, state: State, settings: Settings, loop: Floats, asked: 
     if asked.stack:
         state.nav[st.PLANNED] = 1
         return STACK_DUE if state.nav[st.MODE] != st.DONE and k % asked.stack_ticks == 0 else OVER
-    due = navigate(scene, state, settings, t)
-    if due == st.PLAN:
-        return PLAN_DUE
-    if due == st.COMMAND:
+    if navigate(scene, state, settings, t):
         if asked.control:
             return CONTROL_DUE
         choose_dwb(state, loop[VALID:])
@@ -328,12 +324,10 @@ def go_on(
             stage = WALKED
         if stage == WALKED:
             take_scans(scene, state, settings, crowd, k)
-            stage = PLANNED
-        if stage == PLANNED:
             running = state.nav[st.MODE] != st.DONE
             due = decide(scene, state, settings, loop, asked, k)
             if due != OVER:
-                loop[STAGE] = PLANNED if due == PLAN_DUE else ANSWERED
+                loop[STAGE] = ANSWERED
                 return due
         if stage == ANSWERED:
             running = True
@@ -456,8 +450,6 @@ class Episode:
                 return
             if due == BODIES_DUE and self._bodies is not None:
                 self._bodies(self.t, self.state.body)
-            elif due == PLAN_DUE:
-                plan_outside(self.scene, self.state)
             elif due == PROBE_DUE and self.outside.probe is not None:
                 self.outside.probe(self)
             elif due == CONTROL_DUE and self.outside.control is not None:

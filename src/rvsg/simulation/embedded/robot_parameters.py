@@ -15,7 +15,6 @@ Floats = NDArray[np.float64]
 
 
 TICKS_PER_S = 100
-PLANNERS = ("navfn", "smac_2d", "theta_star")
 ACTIONS = ("stop", "slowdown", "limit", "approach")
 # Columns of the table of lidars: place in the base, bearing of the middle ray, field of view, number of rays, ranges,
 # period in ticks of 10 ms, standard deviation of a range, share of rays without a return.
@@ -67,12 +66,6 @@ class Stack(NamedTuple):
     """(K, 2) corners of these polygons in the base frame."""
     monitor_reach: float
     """How far from the base frame anything may concern a polygon, m."""
-    planner: int
-    """0: NavFn; see PLANNERS."""
-    smac_tolerance: float
-    smac_cost: float
-    theta_length: float
-    theta_cost: float
     smoother_period: float
     max_v: float
     min_v: float
@@ -228,7 +221,6 @@ def stack_of(robot: Robot) -> Stack:
     planned = planned_range(robot)
     zones, corners = _zones(robot)
     polygons, polygon_corners = _monitor(robot)
-    planner = navigation.planner
     return Stack(
         footprint=padded_footprint(robot),
         outline=np.array(robot.outline, np.float64),
@@ -238,11 +230,6 @@ def stack_of(robot: Robot) -> Stack:
         monitor=polygons,
         monitor_corners=polygon_corners,
         monitor_reach=monitor_reach(robot),
-        planner=PLANNERS.index(planner.kind),
-        smac_tolerance=planner.tolerance,
-        smac_cost=planner.cost_travel_multiplier,
-        theta_length=planner.w_euc_cost,
-        theta_cost=planner.w_traversal_cost,
         smoother_period=1.0 / smoother.frequency_hz,
         max_v=forward,
         min_v=-reverse,

@@ -313,17 +313,13 @@ MASTER = -1
 # Indices of the integers, behind those of the controller.
 (MODE, RESULT, RECOVERIES, NEXT_ACTION, FAILED_ACTIONS, FOLLOW_RETRIED, PLAN_RETRIED, GOAL, PLANNED, NEED_PLAN,
  CLEAR_LOCAL, CLEAR_GLOBAL, WINDOW_COLUMN, WINDOW_ROW, NOISE_AT, DROPOUT_AT, NOTED, PLANNED_GOAL,
- OUTSIDE_PLAN) = range(dwb.CONTROLLER_INTS, dwb.CONTROLLER_INTS + 19)  # fmt: skip
-INTS = dwb.CONTROLLER_INTS + 19
+ ) = range(dwb.CONTROLLER_INTS, dwb.CONTROLLER_INTS + 18)  # fmt: skip
+INTS = dwb.CONTROLLER_INTS + 18
 # ... and of the reals: times in s, places in m.
 (PLAN_T, CONTROL_T, PROGRESS_X, PROGRESS_Y, PROGRESS_T, VALID_T, ACTION_T, ACTION_DONE, ACTION_X, ACTION_Y, ACTION_YAW,
- ACTION_DUE, LOCAL_T, GLOBAL_T, SMOOTH_T, PLAN_X, PLAN_Y) = range(
-    dwb.CONTROLLER_REALS, dwb.CONTROLLER_REALS + 17)  # fmt: skip
-REALS = dwb.CONTROLLER_REALS + 17
-# What is to be done outside of the navigation at a time.
-NOTHING, COMMAND, PLAN = range(3)
-# The answer of a planner outside of the compiled loop: none yet, else the number of points and this.
-NOT_PLANNED, PLANNED_FROM = 0, 1
+ ACTION_DUE, LOCAL_T, GLOBAL_T, SMOOTH_T) = range(
+    dwb.CONTROLLER_REALS, dwb.CONTROLLER_REALS + 15)  # fmt: skip
+REALS = dwb.CONTROLLER_REALS + 15
 
 
 class Settings(NamedTuple):

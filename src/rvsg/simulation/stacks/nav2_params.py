@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Never
 
 from rvsg.core.documents import DocumentError, Problem, read_yaml
 from rvsg.core.errors import FileError
@@ -112,10 +112,12 @@ class Reader:
         """Mark a key as not supported, with the reason."""
         self.refused[key] = note
 
-    def wrong(self, key: Key, message: str) -> None:
+    def wrong(self, key: Key, message: str, code: str = "document") -> Never:
         """Raise what is wrong with a key."""
         line = read_yaml(self.path).lines.get(key)
-        raise DocumentError([Problem(self.path, line, f"{'.'.join(map(str, key))}: {message}", key)])
+        error = DocumentError([Problem(self.path, line, f"{'.'.join(map(str, key))}: {message}", key, code)])
+        error.code = code
+        raise error
 
     def node(self, *names: str) -> Section:
         """Return the section of a node, with the wild card of a namespace or not."""
@@ -135,6 +137,7 @@ class Reader:
                 f"the {what} {plugin or '(no plugin)'} is not simulated. The nearest that is: "
                 f"{near[0] if near else '-'}. Simulated: {', '.join(known)}. To test yours as it is, use "
                 "--stack ros2 or exec:COMMAND.",
+                "not-simulated",
             )
         return kind
 
@@ -189,18 +192,8 @@ CONTROLLERS = {
     "RegulatedPurePursuitController": "nav2-rpp",
     "MPPIController": "nav2-mppi",
 }
-PLANNERS = {"NavfnPlanner": "navfn", "SmacPlanner2D": "smac_2d", "ThetaStarPlanner": "theta_star"}
-PLANNING: dict[str, dict[str, Any]] = {
-    "navfn": {"use_astar": False, "allow_unknown": True, "use_final_approach_orientation": False},
-    "smac_2d": {
-        "allow_unknown": True, "downsample_costmap": False, "downsampling_factor": 1, "max_iterations": 1_000_000,
-        "max_on_approach_iterations": 1000, "use_final_approach_orientation": False, "max_planning_time": 2.0,
-        "smoother.max_iterations": 1000, "smoother.w_smooth": 0.3, "smoother.w_data": 0.2, "smoother.tolerance": 1e-10,
-        "smoother.do_refinement": True, "smoother.refinement_num": 2, "motion_model_for_search": "2D",
-    },
-    "theta_star": {"how_many_corners": 8, "allow_unknown": True, "use_final_approach_orientation": False},
-}  # fmt: skip
-"""Options of the planners that cannot be chosen, with the value that is simulated."""
+PLANNING = {"use_astar": False, "allow_unknown": True, "use_final_approach_orientation": False}
+"""Options of NavFn that cannot be chosen, with the value that is simulated."""
 MONITORED = ("min_points", "slowdown_ratio", "linear_limit", "angular_limit", "time_before_collision",
              "simulation_time_step")  # fmt: skip
 """Options of the polygons of a collision monitor."""
@@ -495,20 +488,11 @@ class _Params(Reader):
         if not server.values:
             return
         section = server.inner(self.first_of(server, "planner_plugins", default="GridBased"))
-        kind = PLANNERS[self.kind_of(section, PLANNERS, "planner")]
-        if kind == "navfn":
-            put(self.options["behaviours"], "planner_tolerance_m", section.number("tolerance"))
-        else:
-            names = {
-                "smac_2d": ("tolerance", "cost_travel_multiplier"),
-                "theta_star": ("w_euc_cost", "w_traversal_cost"),
-            }
-            planner = self.options["planner"] = {"kind": kind}
-            for name in names[kind]:
-                put(planner, name, section.number(name))
-        for key, value in PLANNING[kind].items():
+        self.kind_of(section, ("NavfnPlanner",), "planner")
+        put(self.options["behaviours"], "planner_tolerance_m", section.number("tolerance"))
+        for key, value in PLANNING.items():
             if section.get(key, value, note="this is what is simulated") != value:
-                self.refuse((*section.place, *key.split(".")), f"{value!r} is simulated")
+                self.refuse((*section.place, key), f"{value!r} is simulated")
 
     def _behaviours(self) -> None:
         server = self.node("behavior_server")

@@ -9,7 +9,7 @@ from pydantic import Field, ValidationError
 
 from rvsg.core.documents import invalid_options
 from rvsg.core.records import Record
-from rvsg.robots.robot import Behaviours, Costmaps, Dwb, MonitorPolygon, Planner, Polygon, Robot, SafetyZone, Smoother
+from rvsg.robots.robot import Behaviours, Costmaps, Dwb, MonitorPolygon, Polygon, Robot, SafetyZone, Smoother
 from rvsg.simulation.stacks.protocol import LocalObservation, LocalPlanner, Task
 
 AS_JAZZY: Mapping[str, Any] = {"smoothed": True, "waits_for_costmaps": True, "gives_up_without_plan": True}
@@ -18,7 +18,6 @@ SECTIONS: dict[str, type[Record]] = {
     "smoother": Smoother,
     "costmaps": Costmaps,
     "behaviours": Behaviours,
-    "planner": Planner,
     "dwb": Dwb,
 }
 
@@ -30,7 +29,6 @@ class Nav2Settings(Record):
     """Keys of the robot's `navigation.smoother`, likewise the next ones."""
     costmaps: dict[str, Any] = Field(default_factory=dict)
     behaviours: dict[str, Any] = Field(default_factory=dict)
-    planner: dict[str, Any] = Field(default_factory=dict)
     collision_monitor: tuple[MonitorPolygon, ...] = ()
     """Polygons of Nav2's collision monitor, instead of the robot's."""
     footprint: Polygon | None = None
