@@ -28,8 +28,8 @@ from rvsg.simulation.embedded.episode import Episode, Outside
 from rvsg.simulation.embedded.simulator import empty_room, rehearsal, simulate_agents
 from rvsg.simulation.run import Outcome
 from rvsg.world.world import Route
-from rvsg_exchange.bag_messages import HUNAV_TYPES
-from rvsg_exchange.hunav_agents import read_agents, to_humans
+from rvsg_exchange.bag import HUNAV_TYPES
+from rvsg_exchange.hunav_agents import read_agents
 from rvsg_ros2.dds import Bus
 from rvsg_ros2.interfaces import interfaces
 from rvsg_ros2.world import FLAT_HUNAV_TYPES
@@ -53,7 +53,7 @@ class PlayedWorld(Peer):
         domain = int(os.environ["ROS_DOMAIN_ID"])  # another run of this machine may hold the first one
         super().__init__(Options(domain=domain, localises=False))
         self.settings = settings
-        self.people = to_humans(read_agents(agents)).agents
+        self.people = read_agents(agents)[0]
         self.clock_out = self.writer("rt/clock", "rosgraph_msgs/msg/Clock")
         self.odom_out = self.writer("rt/odom", "nav_msgs/msg/Odometry")
         kind = "people_msgs/msg/People" if settings.get("people_msgs") else "hunav_msgs/msg/Agents"

@@ -20,8 +20,7 @@ from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 from rvsg.world.world_folder import load_world
-from rvsg_exchange.bag import CYLINDER, write_bag
-from rvsg_exchange.bag_messages import Messages, rosbags_types
+from rvsg_exchange.bag import CYLINDER, Messages, rosbags_types, write_bag
 from rvsg_exchange.recordings import open_bag, read_recording
 
 rosbags = pytest.importorskip("rosbags.rosbag2", reason="the extra `bag` is not installed")
@@ -233,7 +232,7 @@ def test_markers_that_may_show_people_are_named_and_read_where_they_are_chosen(
             return
         size, stamp = (0.8, 0.8, 1.7), message.header.stamp
         shown = [
-            made.marker(stamp, "map", "people", k, CYLINDER, agent.position, size, text=agent.name)
+            made.marker(stamp, "map", CYLINDER, size, ns="people", id=k, pose=agent.position, text=agent.name)
             for k, agent in enumerate(message.agents)
         ]
         yield "/shown", t, made.make("visualization_msgs/MarkerArray", markers=shown)

@@ -17,13 +17,13 @@ from rvsg.evaluation.metrics.registry import METRICS, measure
 from rvsg.generation.random_search import RandomGenerator
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Mission, Scenario
+from rvsg.simulation.exporter import Exportable
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 from rvsg.world.world_folder import load_world
-from rvsg_exchange.bag import write_bag
-from rvsg_exchange.bag_messages import rosbags_types
-from rvsg_exchange.exporters import goals_yaml, scenario_osc, world_sdf, write_csv, write_parquet
+from rvsg_exchange.bag import rosbags_types, write_bag
+from rvsg_exchange.exporters import Csv, Parquet, goals_yaml, scenario_osc, world_sdf
 from rvsg_exchange.recordings import open_bag, read_recording
 
 
@@ -83,7 +83,7 @@ def test_a_gazebo_world_has_every_object_and_an_actor_for_every_person(world: Wo
 
 
 def test_csv_gives_back_the_same_floats(run: Run, tmp_path: Path) -> None:
-    write_csv([run], tmp_path / "run.csv")
+    Csv().write(Exportable(runs=(run,)), tmp_path / "run.csv")
     with (tmp_path / "run.csv").open() as file:
         rows = list(csv.DictReader(file))
     robot = [row for row in rows if row["who"] == "robot"]
@@ -94,7 +94,7 @@ def test_csv_gives_back_the_same_floats(run: Run, tmp_path: Path) -> None:
 def test_parquet_opens_in_pandas(run: Run, tmp_path: Path) -> None:
     pandas = pytest.importorskip("pandas", reason="the extra `tables` is not installed")
     pytest.importorskip("pyarrow", reason="the extra `tables` is not installed")
-    write_parquet([run], tmp_path / "run.parquet")
+    Parquet().write(Exportable(runs=(run,)), tmp_path / "run.parquet")
     frame = pandas.read_parquet(tmp_path / "run.parquet")
     robot = frame[frame.who == "robot"]
     assert np.array_equal(robot.yaw.to_numpy(), run.trajectory.yaw)

@@ -1,4 +1,4 @@
-"""HuNavSim agents files: exact round trips, and conversions that say what they lose."""
+"""HuNavSim agents files: what they say of people, what they lose, and every mistake with its line."""
 
 from __future__ import annotations
 
@@ -11,9 +11,7 @@ from tests.exchange.agents_files import BLOCK, FLAT, V2
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError
 from rvsg.scenario.scenario import FOREVER_S, Behaviour, ForceFactors, HumanAgent, Reaction
-from rvsg_exchange.hunav_agents import agents_yaml, export_agents, read_agents, to_humans, write_agents
-
-DIALECTS = {"flat": FLAT, "block": BLOCK, "v2": V2}
+from rvsg_exchange.hunav_agents import agents_yaml, read_agents
 
 
 def written(folder: Path, text: str) -> Path:
@@ -22,46 +20,28 @@ def written(folder: Path, text: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize("dialect", DIALECTS)
-def test_a_file_read_and_written_holds_the_same_data(tmp_path: Path, dialect: str) -> None:
-    path = written(tmp_path, DIALECTS[dialect])
-    file = read_agents(path)
-    assert file.dialect == dialect
-    assert yaml.safe_load(agents_yaml(file)) == yaml.safe_load(DIALECTS[dialect])
-    write_agents(file, tmp_path / "again.yaml")
-    assert read_agents(tmp_path / "again.yaml") == file
-
-
-def test_numbers_keep_the_type_that_ros_asks_for(tmp_path: Path) -> None:
-    text = agents_yaml(read_agents(written(tmp_path, BLOCK)))
-    assert "duration: 12.0\n" in text
-    assert "type: 5\n" in text
-
-
 def test_an_unknown_behaviour_is_regular_as_in_hunavsim(tmp_path: Path) -> None:
-    waiter, guest = to_humans(read_agents(written(tmp_path, FLAT))).agents
+    (waiter, guest), _ = read_agents(written(tmp_path, FLAT))
     assert waiter.behaviour is Behaviour.SCARED
     assert guest.behaviour is Behaviour.REGULAR
     assert (guest.speed_m_s, guest.radius_m, guest.yaw, guest.goals) == (0.9, 0.35, 0.5, ((1.0, 1.0),))
 
 
 def test_custom_factors_are_clamped_as_the_loader_clamps_them(tmp_path: Path) -> None:
-    converted = to_humans(read_agents(written(tmp_path, BLOCK)))
-    (agent,) = converted.agents
+    (agent,), notes = read_agents(written(tmp_path, BLOCK))
     assert agent.factors == ForceFactors(goal=2.0, obstacle=12.0, social=6.0)
     assert agent.reaction == Reaction(duration_s=12.0, once=False, speed_m_s=1.8, distance_m=1.2, force=18.0)
     assert agent.group == 2
     assert agent.stays and agent.goal_radius_m == 0.2
-    assert converted.notes == ()
+    assert notes == ()
 
 
 def test_version_2_goals_come_from_the_shared_table(tmp_path: Path) -> None:
-    converted = to_humans(read_agents(written(tmp_path, V2)))
-    (agent,) = converted.agents
+    (agent,), notes = read_agents(written(tmp_path, V2))
     assert agent.goals == ((-6.77, -1.636), (-0.588, -1.458))
     assert agent.factors == "random_normal"
     assert agent.behaviour is Behaviour.SURPRISED
-    assert len(converted.notes) == 1  # front_dist
+    assert len(notes) == 1  # front_dist
 
 
 @pytest.mark.parametrize("dialect", ["block", "v2"])
@@ -79,18 +59,19 @@ def test_agents_of_ours_come_back_equal(tmp_path: Path, dialect: str) -> None:
             factors=ForceFactors(goal=3.0, obstacle=11.0, social=4.0),
         ),
     )
-    file, notes = export_agents(agents, map_name="room", dialect=dialect)  # type: ignore[arg-type]
+    text, notes = agents_yaml(agents, map_name="room", dialect=dialect)  # type: ignore[arg-type]
     assert notes == ()
-    write_agents(file, tmp_path / "out.yaml")
-    back = to_humans(read_agents(tmp_path / "out.yaml"))
-    regular = agents[0].replace(reaction=back.agents[0].reaction)  # the regular never react
-    assert back.agents == (regular, agents[1])
+    back, _ = read_agents(written(tmp_path, text))
+    regular = agents[0].replace(reaction=back[0].reaction)  # the regular never react
+    assert back == (regular, agents[1])
+    assert "duration: 20.0\n" in text, "ROS asks for the type of numbers"
 
 
 def test_what_a_file_cannot_hold_is_said(tmp_path: Path) -> None:
     agent = HumanAgent(name="a", start=(0, 0), goals=((0, 0), (1, 0)), pauses_s=(3.0, 0.0), start_delay_s=2.0)
-    _, notes = export_agents((agent,), map_name="room")
+    text, notes = agents_yaml((agent,), map_name="room", dialect="flat")
     assert len(notes) == 2
+    assert yaml.safe_load(text)["hunav_loader"]["ros__parameters"]["agent1"]["behavior"] == 1
 
 
 def test_every_mistake_is_reported_with_its_line(tmp_path: Path) -> None:

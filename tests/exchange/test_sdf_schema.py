@@ -19,7 +19,7 @@ from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.world.world_folder import load_world
-from rvsg_exchange.exporters import VERSION, world_sdf
+from rvsg_exchange.exporters import SDF_VERSION, world_sdf
 
 INSTALLED = ("/usr/share", "/usr/local/share", "/opt/ros")
 VALUES = {"double": 1, "int": 1, "unsigned int": 1, "vector2d": 2, "vector2i": 2, "vector3": 3, "pose": 6, "color": 4}
@@ -94,7 +94,7 @@ def described() -> Description:
     named = os.environ.get("RVSG_SDFORMAT")
     folders = [Path(named)] if named else [path for root in INSTALLED for path in Path(root).glob("**/sdformat*")]
     for folder in folders:
-        for root in sorted(folder.glob(f"**/{VERSION}/root.sdf")):
+        for root in sorted(folder.glob(f"**/{SDF_VERSION}/root.sdf")):
             return Description(root.parent, ET.parse(root).getroot())
     pytest.skip("the descriptions of SDFormat are not installed; RVSG_SDFORMAT names their folder")
 

@@ -188,7 +188,7 @@ def test_a_trace_holds_the_lateral_speed_and_its_samples() -> None:
     from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
     from rvsg.simulation.embedded.trace import trace_run
     from rvsg.world.world_folder import load_world
-    from rvsg_exchange.bag_messages import TraceMessages, rosbags_types
+    from rvsg_exchange.bag import TraceMessages, rosbags_types
 
     world = load_world("warehouse")
     mission = Mission.of(world, world.route("route_1"), robot=mecanum())

@@ -4,7 +4,11 @@ Topics: `/clock`, `/tf`, `/tf_static`, `/odom`, `/accel`, `/imu`, `/people` (vis
 `/human_states` (hunav_msgs/Agents), `/map` (latched), `/goal_pose`, and `/rvsg/run` (std_msgs/String: scenario id,
 seed, simulator options, outcome, time limit, the study's 2 Hz log and the acceleration of every 10 ms as JSON).
 
-With a trace also the topics of `rvsg_exchange.bag_messages`. The chunks of the file are compressed with zstd.
+With a trace also: `/scan_K` for every lidar, `/cmd_vel`, `/plan`, `/local_costmap/costmap` (5 Hz),
+`/global_costmap/costmap` (when it changes), `/evaluation` (dwb_msgs/LocalPlanEvaluation, with the score of every
+critic) and `/local_trajectories` (a marker for Foxglove and RViz), both at 1 Hz, `/local_plan` (the chosen
+trajectory), `/behavior_tree_log` (nav2_msgs/BehaviorTreeLog) and `/rvsg/navigation` (std_msgs/String: the phase and
+the number of recoveries as JSON, when they change). The chunks of the file are compressed with zstd.
 """
 
 from __future__ import annotations
@@ -18,15 +22,331 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rvsg.core.errors import FileError
+from rvsg.core.errors import FileError, InputError, how_to_install
 from rvsg.simulation.archive import LATERAL, PER_HUMAN, PER_SAMPLE, header_of, series_of
 from rvsg.simulation.run import Run, Trajectory
 from rvsg.world.world import OCCUPIED, UNKNOWN, World
-from rvsg_exchange.bag_messages import BASE_FRAME, Messages, TraceMessages, rosbags_types
 
 if TYPE_CHECKING:
-    from rvsg.simulation.embedded.trace import Trace
+    from rvsg.robots.robot import Lidar
+    from rvsg.simulation.embedded.trace import Evaluation, Frame, Trace
+
+
+START_S = 10
+"""Time 0 of a run is second 10 of the bag: ROS has no negative time, and the map comes before the first sample."""
+BASE_FRAME = "base_footprint"
+
+
+class Messages:
+    """Makes the messages of a bag. Times are those of the run, lengths in metres, angles in radians."""
+
+    def __init__(self, types: Any) -> None:
+        self.types = types
+
+    def make(self, kind: str, **values: Any) -> Any:
+        """Return a message of a kind, such as `nav_msgs/Path`; fields that are not given are zero or empty."""
+        package, name = kind.replace("/msg/", "/").split("/")
+        full = f"{package}/msg/{name}"
+        for field, (node, of) in self.types.fielddefs[full][1]:
+            if field not in values:
+                values[field] = self._zero(node.name, of)
+        return self.types.types[full](**values)
+
+    def _zero(self, node: str, of: Any) -> Any:
+        if node == "NAME":
+            return self.make(of)
+        if node in ("ARRAY", "SEQUENCE"):
+            (element, inner), size = of
+            numeric = element.name == "BASE" and inner[0] != "string"
+            return np.zeros(size if node == "ARRAY" else 0, inner[0]) if numeric else []
+        return {"string": "", "bool": False}.get(of[0], 0)
+
+    def time(self, t: float) -> tuple[Any, int]:
+        """Return the stamp of a time of the run, and the same in nanoseconds."""
+        nanoseconds = round((t + START_S) * 1e9)
+        return self.make("builtin_interfaces/Time", sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9), nanoseconds
+
+    def header(self, stamp: Any, frame: str) -> Any:
+        """Return a header."""
+        return self.make("std_msgs/Header", stamp=stamp, frame_id=frame)
+
+    def turn(self, yaw: float) -> Any:
+        """Return the quaternion of a turn about the vertical."""
+        return self.make("geometry_msgs/Quaternion", z=math.sin(yaw / 2), w=math.cos(yaw / 2))
+
+    def point(self, x: float, y: float, z: float = 0.0) -> Any:
+        """Return a point."""
+        return self.make("geometry_msgs/Point", x=float(x), y=float(y), z=z)
+
+    def vector(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Any:
+        """Return a vector."""
+        return self.make("geometry_msgs/Vector3", x=float(x), y=float(y), z=float(z))
+
+    def pose(self, x: float, y: float, yaw: float, z: float = 0.0) -> Any:
+        """Return a pose."""
+        return self.make("geometry_msgs/Pose", position=self.point(x, y, z), orientation=self.turn(yaw))
+
+    def twist(self, forward: float, turning: float, left: float = 0.0) -> Any:
+        """Return a velocity: m/s and rad/s."""
+        return self.make("geometry_msgs/Twist", linear=self.vector(forward, left), angular=self.vector(z=turning))
+
+    def transform(self, stamp: Any, parent: str, child: str, x: float, y: float, yaw: float) -> Any:
+        """Return the transform from a child frame to its parent."""
+        transform = self.make("geometry_msgs/Transform", translation=self.vector(x, y), rotation=self.turn(yaw))
+        header = self.header(stamp, parent)
+        return self.make("geometry_msgs/TransformStamped", header=header, child_frame_id=child, transform=transform)
+
+    def grid(
+        self, stamp: Any, frame: str, cells: NDArray[np.int8], resolution: float, origin: tuple[float, float, float]
+    ) -> Any:
+        """Return an occupancy grid; `origin` is the pose of the corner of cell (0, 0)."""
+        (rows, columns), corner = cells.shape, self.pose(*origin)
+        sizes = {"resolution": resolution, "width": columns, "height": rows}
+        info = self.make("nav_msgs/MapMetaData", map_load_time=stamp, origin=corner, **sizes)
+        return self.make("nav_msgs/OccupancyGrid", header=self.header(stamp, frame), info=info, data=cells.ravel())
+
+    def marker(self, stamp: Any, frame: str, kind: int, scale: tuple[float, float, float], **values: Any) -> Any:
+        """Return a visualization_msgs/Marker of a kind (3: cylinder, 5: list of lines), orange."""
+        header, colour = self.header(stamp, frame), self.make("std_msgs/ColorRGBA", r=0.9, g=0.4, b=0.1, a=0.8)
+        texture = self.make("sensor_msgs/CompressedImage", header=self.header(stamp, ""))
+        same = {"header": header, "type": kind, "scale": self.vector(*scale), "color": colour, "texture": texture}
+        return self.make("visualization_msgs/Marker", **same, **values)
+
+
+HUNAV_TYPES = {
+    "hunav_msgs/msg/AgentBehavior": """uint8 type
+uint8 state
+uint8 configuration
+float32 duration
+bool once
+float32 vel
+float32 dist
+float32 social_force_factor
+float32 goal_force_factor
+float32 obstacle_force_factor
+float32 other_force_factor
+""",
+    "hunav_msgs/msg/Agent": """std_msgs/Header header
+int32 id
+uint8 type
+uint8 skin
+string name
+int8 group_id
+geometry_msgs/Pose position
+float32 yaw
+geometry_msgs/Twist velocity
+float32 desired_velocity
+float32 radius
+float32 linear_vel
+float32 angular_vel
+hunav_msgs/AgentBehavior behavior
+geometry_msgs/Pose[] goals
+bool cyclic_goals
+float32 goal_radius
+geometry_msgs/Point[] closest_obs
+""",
+    "hunav_msgs/msg/Agents": "std_msgs/Header header\nhunav_msgs/Agent[] agents\n",
+}
+"""The message definitions of HuNavSim 1.x (hunav_msgs), written from its interface description."""
+
+NAV2_TYPES = {
+    "nav_2d_msgs/msg/Twist2D": "float64 x\nfloat64 y\nfloat64 theta\n",
+    "dwb_msgs/msg/Trajectory2D": """nav_2d_msgs/Twist2D velocity
+builtin_interfaces/Duration[] time_offsets
+geometry_msgs/Pose2D[] poses
+""",
+    "dwb_msgs/msg/CriticScore": "string name\nfloat32 raw_score\nfloat32 scale\n",
+    "dwb_msgs/msg/TrajectoryScore": "dwb_msgs/Trajectory2D traj\ndwb_msgs/CriticScore[] scores\nfloat32 total\n",
+    "dwb_msgs/msg/LocalPlanEvaluation": """std_msgs/Header header
+dwb_msgs/TrajectoryScore[] twists
+uint16 best_index
+uint16 worst_index
+""",
+    "nav2_msgs/msg/BehaviorTreeStatusChange": """builtin_interfaces/Time timestamp
+string node_name
+string previous_status
+string current_status
+""",
+    "nav2_msgs/msg/BehaviorTreeLog": """builtin_interfaces/Time timestamp
+nav2_msgs/BehaviorTreeStatusChange[] event_log
+""",
+}
+"""The message definitions of Nav2 (Humble), written from its interface description."""
+
+
+def rosbags_types() -> Any:
+    """Return the ROS 2 message types with those of HuNavSim and Nav2; InputError where rosbags is not installed."""
+    try:
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+    except ImportError:
+        raise InputError(f"Bags need rosbags: {how_to_install('bag')}.") from None
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    for name, text in (HUNAV_TYPES | NAV2_TYPES).items():
+        types.register(get_types_from_msg(text, name))
+    return types
+
+
+Event = tuple[int, str, Any]
+
+COSTMAP_FRAMES = 2
+"""The local costmap is written in every second frame, 5 Hz."""
+EVALUATION_FRAMES = 10
+"""The samples of the local planner are written in every tenth frame, 1 Hz."""
+LINE_LIST = 5
+"""visualization_msgs/Marker.LINE_LIST."""
+
+
+def occupancy(costs: NDArray[np.uint8]) -> NDArray[np.int8]:
+    """Return costs as Nav2 publishes them: 0 to 252 become 0 to 98, 253 is 99, 254 is 100, 255 (unknown) is -1."""
+    wide = costs.astype(np.int32)
+    scaled = np.where(wide == 255, -1, np.where(wide >= 253, wide - 154, 1 + 97 * (wide - 1) // 251))
+    scaled[wide == 0] = 0
+    return scaled.astype(np.int8)
+
+
+class TraceMessages(Messages):
+    """Makes the messages of a trace; `offset` is where the map frame is in the world (m)."""
+
+    def __init__(self, types: Any, trace: Trace, offset: tuple[float, float]) -> None:
+        super().__init__(types)
+        self.trace, self.offset = trace, offset
+
+    def all(self) -> Iterator[Event]:
+        """Yield time (ns), topic and message of everything, each topic in the order of time."""
+        trace = self.trace
+        phase = ("", -1)
+        master = np.zeros((0, 0), np.uint8)
+        for number, frame in enumerate(trace.frames):
+            yield from self._senses(frame)
+            stamp, at = self.time(frame.t)
+            if number % COSTMAP_FRAMES == 0:
+                costs, origin = occupancy(frame.costmap), (*frame.costmap_origin, 0.0)
+                yield at, "/local_costmap/costmap", self.grid(stamp, "odom", costs, trace.resolution, origin)
+            if frame.global_costmap is not None:
+                master = frame.global_costmap.onto(master)
+                costs, origin = occupancy(master), (*trace.global_origin, 0.0)
+                yield at, "/global_costmap/costmap", self.grid(stamp, "map", costs, trace.global_resolution, origin)
+            if frame.evaluation is not None and number % EVALUATION_FRAMES == 0:
+                yield from self._tried(frame.evaluation)
+            if (frame.phase, frame.recoveries) != phase:
+                phase = (frame.phase, frame.recoveries)
+                said = json.dumps({"phase": frame.phase, "recoveries": frame.recoveries})
+                yield at, "/rvsg/navigation", self.make("std_msgs/String", data=said)
+        yield from self._tree()
+
+    def _senses(self, frame: Frame) -> Iterator[Event]:
+        """Yield command, scans and, where it is new, the plan."""
+        stamp, at = self.time(frame.t)
+        yield at, "/cmd_vel", self.twist(*frame.command)
+        for k, ranges in enumerate(frame.scans):
+            yield at, f"/scan_{k}", self._scan(stamp, k, self.trace.robot.lidars[k], ranges)
+        if frame.plan is not None:
+            dx, dy = self.offset
+            yield at, "/plan", self._path(stamp, "map", frame.plan - (dx, dy))
+
+    def _scan(self, stamp: Any, number: int, lidar: Lidar, ranges: NDArray[np.float64]) -> Any:
+        return self.make(
+            "sensor_msgs/LaserScan",
+            header=self.header(stamp, f"lidar_{number}"),
+            angle_min=-lidar.field_of_view_rad / 2,
+            angle_max=lidar.field_of_view_rad / 2,
+            angle_increment=lidar.field_of_view_rad / (lidar.rays - 1),
+            scan_time=1.0 / lidar.rate_hz,
+            range_min=lidar.min_range_m,
+            range_max=lidar.max_range_m,
+            ranges=ranges.astype(np.float32),
+        )
+
+    def _path(self, stamp: Any, frame: str, points: NDArray[np.float64]) -> Any:
+        header = self.header(stamp, frame)
+        poses = [
+            self.make("geometry_msgs/PoseStamped", header=header, pose=self.pose(float(x), float(y), 0.0))
+            for x, y in points
+        ]
+        return self.make("nav_msgs/Path", header=header, poses=poses)
+
+    def _tried(self, tried: Evaluation) -> Iterator[Event]:
+        """Yield the samples with their scores, as data and as lines, and the chosen one."""
+        stamp, at = self.time(tried.t)
+        x, y, yaw = tried.pose
+        finite = np.flatnonzero(np.isfinite(tried.score))
+        worst = int(finite[np.argmax(tried.score[finite])]) if len(finite) else 0
+        start = self.make("geometry_msgs/Pose2D", x=x, y=y, theta=yaw)
+        samples = zip(tried.velocity, tried.end, tried.score, strict=True)
+        twists = [
+            self.make(
+                "dwb_msgs/TrajectoryScore",
+                traj=self.make(
+                    "dwb_msgs/Trajectory2D",
+                    velocity=self.make("nav_2d_msgs/Twist2D", x=float(v), y=float(sum(side)), theta=float(w)),
+                    poses=[start, self.make("geometry_msgs/Pose2D", x=float(ex), y=float(ey))],
+                ),
+                scores=[
+                    self.make("dwb_msgs/CriticScore", name=name, raw_score=float(raw), scale=float(scale))
+                    for name, scale, raw in zip(tried.critics, tried.scales, tried.raw[k], strict=True)
+                ]
+                if tried.critics and math.isfinite(score)
+                else [],
+                total=float(score) if math.isfinite(score) else -1.0,
+            )
+            for k, ((v, w, *side), (ex, ey), score) in enumerate(samples)
+        ]
+        chosen = {"best_index": max(0, tried.best), "worst_index": worst}
+        header = self.header(stamp, "odom")
+        yield at, "/evaluation", self.make("dwb_msgs/LocalPlanEvaluation", header=header, twists=twists, **chosen)
+        yield at, "/local_trajectories", self._lines(stamp, tried)
+        if tried.best >= 0:
+            yield at, "/local_plan", self._path(stamp, "odom", arc(tried.pose, tried.end[tried.best]))
+
+    def _lines(self, stamp: Any, tried: Evaluation) -> Any:
+        """Draw the samples as lines from the robot to their ends: green is best, red is worst, grey is forbidden."""
+        finite = np.isfinite(tried.score)
+        low = float(tried.score[finite].min()) if finite.any() else 0.0
+        spread = max(1e-9, float(tried.score[finite].max()) - low) if finite.any() else 1.0
+        start = self.point(tried.pose[0], tried.pose[1], 0.05)
+        points, colours = [], []
+        for k, (ex, ey) in enumerate(tried.end):
+            share = (float(tried.score[k]) - low) / spread if finite[k] else 0.0
+            rgba = (share, 1.0 - share, 0.0, 0.8) if finite[k] else (0.5, 0.5, 0.5, 0.3)
+            colour = self.make("std_msgs/ColorRGBA", **dict(zip("rgba", rgba, strict=True)))
+            points += [start, self.point(ex, ey, 0.05)]
+            colours += [colour, colour]
+        lines = self.marker(
+            stamp, "odom", LINE_LIST, (0.01, 0.0, 0.0), ns="local trajectories", points=points, colors=colours,
+            pose=self.pose(0.0, 0.0, 0.0),
+        )  # fmt: skip
+        return self.make("visualization_msgs/MarkerArray", markers=[lines])
+
+    def _tree(self) -> Iterator[Event]:
+        """Yield the changes of the behaviour tree's nodes, one message for each time."""
+        changes: dict[float, list[Any]] = {}
+        for each in self.trace.nodes:
+            stamp, _ = self.time(each.t)
+            status = {"node_name": each.node, "previous_status": each.before, "current_status": each.after}
+            changes.setdefault(each.t, []).append(
+                self.make("nav2_msgs/BehaviorTreeStatusChange", timestamp=stamp, **status)
+            )
+        for t, events in changes.items():
+            stamp, at = self.time(t)
+            yield at, "/behavior_tree_log", self.make("nav2_msgs/BehaviorTreeLog", timestamp=stamp, event_log=events)
+
+
+def arc(pose: tuple[float, float, float], end: NDArray[np.float64], points: int = 12) -> NDArray[np.float64]:
+    """Return points on the arc that leaves a pose in its direction and ends at a place, (points, 2)."""
+    x, y, yaw = pose
+    dx, dy = float(end[0]) - x, float(end[1]) - y
+    ahead, left = math.cos(yaw) * dx + math.sin(yaw) * dy, -math.sin(yaw) * dx + math.cos(yaw) * dy
+    share = np.linspace(0.0, 1.0, points)
+    if abs(left) < 1e-6:
+        u, v = ahead * share, 0.0 * share
+    else:
+        radius = (ahead**2 + left**2) / (2.0 * left)
+        turned = 2.0 * math.atan2(left, ahead) * share
+        u, v = radius * np.sin(turned), radius * (1.0 - np.cos(turned))
+    return np.column_stack([x + math.cos(yaw) * u - math.sin(yaw) * v, y + math.sin(yaw) * u + math.cos(yaw) * v])
+
 
 GRAVITY_M_S2 = 9.80665
 LATCHED_OFFSET_S = 1.0
@@ -86,7 +406,7 @@ class _Bag(Messages):
     def write(self, run: Run, world: World, trace: Trace | None) -> None:
         """Write everything, in the order of time."""
         self.offset = world.map_offset
-        events = [*self._latched_ones(run, world, trace), *self._samples(run), *self._imu(run)]
+        events = [*self._latched_ones(run, world, trace), *self._samples(run)]
         if trace is not None:
             events += TraceMessages(self.types, trace, self.offset).all()
         for nanoseconds, topic, message in sorted(events, key=lambda event: (event[0], event[1])):
@@ -108,64 +428,48 @@ class _Bag(Messages):
         yield at, "/rvsg/run", self.make("std_msgs/String", data=json.dumps(run_facts(run), allow_nan=False))
 
     def _samples(self, run: Run) -> Iterator[tuple[int, str, Any]]:
+        """Yield clock, pose, speed, acceleration and people of every sample.
+
+        `/imu` is what an IMU at the base's origin measures, averaged over the time between two samples: the base of
+        the simulator takes on a commanded speed within 10 ms, so accelerations over less than a control period are no
+        measure of what a robot feels.
+        """
         path = run.trajectory
+        side = path.lateral if path.lateral.size else np.zeros(len(path))
+        step = np.maximum(np.diff(path.t, prepend=path.t[:1] - 1.0), 1e-9)
+        forward = np.diff(path.v, prepend=path.v[:1]) / step - side * path.omega
+        left = path.v * path.omega + np.diff(side, prepend=side[:1]) / step
         for k in range(len(path)):
             stamp, at = self.time(float(path.t[k]))
-            x, y, yaw = float(path.x[k]), float(path.y[k]), float(path.yaw[k])
+            x, y, yaw, omega = float(path.x[k]), float(path.y[k]), float(path.yaw[k]), float(path.omega[k])
+            base = self.header(stamp, BASE_FRAME)
             yield at, "/clock", self.make("rosgraph_msgs/Clock", clock=stamp)
             moved = self.transform(stamp, "odom", BASE_FRAME, x, y, yaw)
             yield at, "/tf", self.make("tf2_msgs/TFMessage", transforms=[moved])
-            side = float(path.lateral[k]) if path.lateral.size else 0.0
-            twist = self.twist(float(path.v[k]), float(path.omega[k]), side)
-            yield at, "/odom", self._odometry(stamp, x, y, yaw, twist)
-            accel = self.make(
-                "geometry_msgs/Accel", linear=self.vector(float(path.acceleration[k])), angular=self.vector()
+            odometry = self.make(
+                "nav_msgs/Odometry",
+                header=self.header(stamp, "odom"),
+                child_frame_id=BASE_FRAME,
+                pose=self.make("geometry_msgs/PoseWithCovariance", pose=self.pose(x, y, yaw)),
+                twist=self.make(
+                    "geometry_msgs/TwistWithCovariance", twist=self.twist(float(path.v[k]), omega, float(side[k]))
+                ),
             )
-            yield (
-                at,
-                "/accel",
-                self.make("geometry_msgs/AccelStamped", header=self.header(stamp, BASE_FRAME), accel=accel),
+            yield at, "/odom", odometry
+            accel = self.make("geometry_msgs/Accel", linear=self.vector(float(path.acceleration[k])))
+            yield at, "/accel", self.make("geometry_msgs/AccelStamped", header=base, accel=accel)
+            imu = self.make(
+                "sensor_msgs/Imu",
+                header=base,
+                orientation=self.turn(yaw),
+                angular_velocity=self.vector(0.0, 0.0, omega),
+                linear_acceleration=self.vector(float(forward[k]), float(left[k]), GRAVITY_M_S2),
             )
+            yield at, "/imu", imu
             if run.human_names:
                 yield at, "/human_states", self._agents(stamp, run, k)
                 if k % 2 == 0:
                     yield at, "/people", self._markers(stamp, run, k)
-
-    def _imu(self, run: Run) -> Iterator[tuple[int, str, Any]]:
-        """Yield what an IMU at the base's origin measures, averaged over the time between two samples.
-
-        The base of the simulator takes on a commanded speed within 10 ms, so accelerations over less than a control
-        period are no measure of what a robot feels.
-        """
-        path, none = run.trajectory, np.zeros(9)
-        step = np.maximum(np.diff(path.t, prepend=path.t[:1] - 1.0), 1e-9)
-        forward, left = np.diff(path.v, prepend=path.v[:1]) / step, path.v * path.omega
-        if path.lateral.size:
-            forward = forward - path.lateral * path.omega
-            left = left + np.diff(path.lateral, prepend=path.lateral[:1]) / step
-        for k in range(len(path)):
-            stamp, at = self.time(float(path.t[k]))
-            message = self.make(
-                "sensor_msgs/Imu",
-                header=self.header(stamp, BASE_FRAME),
-                orientation=self.turn(float(path.yaw[k])),
-                orientation_covariance=none,
-                angular_velocity=self.vector(0.0, 0.0, float(path.omega[k])),
-                angular_velocity_covariance=none,
-                linear_acceleration=self.vector(float(forward[k]), float(left[k]), GRAVITY_M_S2),
-                linear_acceleration_covariance=none,
-            )
-            yield at, "/imu", message
-
-    def _odometry(self, stamp: Any, x: float, y: float, yaw: float, twist: Any) -> Any:
-        none = np.zeros(36)
-        return self.make(
-            "nav_msgs/Odometry",
-            header=self.header(stamp, "odom"),
-            child_frame_id=BASE_FRAME,
-            pose=self.make("geometry_msgs/PoseWithCovariance", pose=self.pose(x, y, yaw), covariance=none),
-            twist=self.make("geometry_msgs/TwistWithCovariance", twist=twist, covariance=none),
-        )
 
     def _map(self, stamp: Any, world: World) -> Any:
         occupancy = world.occupancy
@@ -182,40 +486,26 @@ class _Bag(Messages):
         for i, name in enumerate(run.human_names):
             yaw, speed = float(path.human_yaw[k, i]), float(path.human_speed[k, i])
             group = run.human_groups[i] if run.human_groups else None
-            velocity = self.make(
-                "geometry_msgs/Twist",
-                linear=self.vector(speed * math.cos(yaw), speed * math.sin(yaw)),
-                angular=self.vector(),
-            )
+            ahead = self.vector(speed * math.cos(yaw), speed * math.sin(yaw))
             agents.append(
                 self.make(
                     "hunav_msgs/Agent",
                     header=self.header(stamp, "map"),
                     id=i + 1,
                     type=1,
-                    skin=0,
                     name=name,
                     group_id=-1 if group is None else group,
                     position=self.pose(float(path.human_x[k, i]) - dx, float(path.human_y[k, i]) - dy, yaw),
                     yaw=yaw,
-                    velocity=velocity,
-                    desired_velocity=0.0,
+                    velocity=self.make("geometry_msgs/Twist", linear=ahead),
                     radius=run.human_radius_m[i],
                     linear_vel=speed,
-                    angular_vel=0.0,
-                    behavior=self._no_behaviour(),
-                    goals=[],
+                    behavior=self.make("hunav_msgs/AgentBehavior", type=1, once=True),
                     cyclic_goals=True,
                     goal_radius=0.3,
-                    closest_obs=[],
                 )
             )
         return self.make("hunav_msgs/Agents", header=self.header(stamp, "map"), agents=agents)
-
-    def _no_behaviour(self) -> Any:
-        names = ("duration", "vel", "dist", "social_force_factor", "goal_force_factor", "obstacle_force_factor")
-        zeros = dict.fromkeys((*names, "other_force_factor"), 0.0)
-        return self.make("hunav_msgs/AgentBehavior", type=1, state=0, configuration=0, once=True, **zeros)
 
     def _markers(self, stamp: Any, run: Run, k: int) -> Any:
         path = run.trajectory
@@ -224,7 +514,8 @@ class _Bag(Messages):
         for i, name in enumerate(run.human_names):
             across = 2 * run.human_radius_m[i]
             place = self.pose(path.human_x[k, i] - dx, path.human_y[k, i] - dy, float(path.human_yaw[k, i]), 0.85)
-            markers.append(self.marker(stamp, "map", "people", i, CYLINDER, place, (across, across, 1.7), text=name))
+            size = (across, across, 1.7)
+            markers.append(self.marker(stamp, "map", CYLINDER, size, ns="people", id=i, pose=place, text=name))
         return self.make("visualization_msgs/MarkerArray", markers=markers)
 
 

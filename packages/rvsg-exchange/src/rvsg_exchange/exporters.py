@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -24,10 +24,17 @@ from rvsg.simulation.exporter import Exportable, Exporter
 from rvsg.simulation.run import Run
 from rvsg.world.world import Polygon, Route, SolidObject, World
 from rvsg_exchange import hunav_agents
-from rvsg_exchange.bag import write_bag
-from rvsg_exchange.bag_messages import rosbags_types
+from rvsg_exchange.bag import rosbags_types, write_bag
 
-DIALECTS = ("flat", "block", "v2")
+DIALECTS: tuple[hunav_agents.Dialect, ...] = get_args(hunav_agents.Dialect)
+Release = Literal["humble", "jazzy", "kilted"]
+RELEASES: tuple[Release, ...] = get_args(Release)
+SDF_VERSION = "1.7"
+"""Read by Gazebo Classic 11 and by Gazebo Fortress and later."""
+ACTOR_STEP_S = 0.5
+SKIN = "https://fuel.gazebosim.org/1.0/Mingfei/models/actor/tip/files/meshes/walk.dae"
+"""The actors' mesh and walking animation."""
+Column = NDArray[Any]
 
 
 def scenario_osc(scenario: Scenario, world: World, *, agents_file: str = "agents.yaml") -> str:
@@ -49,12 +56,13 @@ def scenario_osc(scenario: Scenario, world: World, *, agents_file: str = "agents
     else:
         listed = ",\n            ".join(_pose(pose, world) for pose in poses)
         drive = f"robot.nav_through_poses([\n            {listed}\n        ])"
+    name = re.sub(r"\W", "_", scenario.id)
     return (
         f"# {_comment(scenario.description) or 'A scenario of RVSG'}\n"
         f"# {scenario.id}, world {_comment(scenario.mission.world)}, {_comment(route.name)}\n"
         f"# People (HuNavSim reads them from {_comment(agents_file)}):\n{people or '# - none' + chr(10)}"
         "import osc.helpers\nimport osc.ros\nimport osc.nav2\n\n"
-        f"scenario {_identifier(scenario.id)}:\n"
+        f"scenario {name}:\n"
         f"    timeout({route.time_limit_s:g}s)\n"
         "    robot: differential_drive_robot\n"
         "    do serial:\n"
@@ -73,14 +81,6 @@ def _comment(text: str) -> str:
     return " ".join(text.split())
 
 
-def _identifier(text: str) -> str:
-    return re.sub(r"\W", "_", text)
-
-
-Release = Literal["humble", "jazzy", "kilted"]
-RELEASES: tuple[Release, ...] = ("humble", "jazzy", "kilted")
-
-
 def goals_yaml(route: Route, world: World, *, release: Release = "jazzy") -> str:
     """Return the poses the robot must pass and the goal, in the map frame, as the YAML of an action goal.
 
@@ -89,14 +89,10 @@ def goals_yaml(route: Route, world: World, *, release: Release = "jazzy") -> str
         world: the world of the route; its poses are shifted by `map_offset` into the map frame.
         release: up to Jazzy the goal holds a list of PoseStamped, from Kilted on a nav_msgs/Goals.
     """
-    poses = [_goal_pose(pose, world) for pose in (*route.through, route.goal)]
+    header = {"frame_id": "map"}
+    goals: Any = [{"header": {**header}, "pose": _goal_pose(p, world)} for p in (*route.through, route.goal)]
     if release == "kilted":
-        goals: Any = {
-            "header": {"frame_id": "map"},
-            "goals": [{"header": {"frame_id": "map"}, "pose": p} for p in poses],
-        }
-    else:
-        goals = [{"header": {"frame_id": "map"}, "pose": pose} for pose in poses]
+        goals = {"header": header, "goals": goals}
     return yaml.safe_dump({"poses": goals, "behavior_tree": ""}, sort_keys=False)
 
 
@@ -117,55 +113,46 @@ def _goal_pose(pose: Pose, world: World) -> dict[str, dict[str, float]]:
     }
 
 
-VERSION = "1.7"
-"""Read by Gazebo Classic 11 and by Gazebo Fortress and later."""
-
-ACTOR_STEP_S = 0.5
-SKIN = "https://fuel.gazebosim.org/1.0/Mingfei/models/actor/tip/files/meshes/walk.dae"
-
-
-def world_sdf(world: World, run: Run | None = None, *, skin: str = SKIN) -> str:
+def world_sdf(world: World, run: Run | None = None) -> str:
     """Return a world as SDF.
 
     Args:
         world: its solid objects become static models, extruded from the floor to their height.
         run: its people become actors that repeat what they did in the run, on the run's clock; None: no people.
-        skin: the file of the actors' mesh and walking animation; a `walk.dae` of Gazebo Classic or a Fuel address.
     """
-    sdf = ET.Element("sdf", version=VERSION)
-    root = ET.SubElement(sdf, "world", name=world.name)
-    light = ET.SubElement(root, "light", name="sun", type="directional")
-    _text(light, "pose", "0 0 10 0 0 0")
-    _text(light, "direction", "-0.5 0.1 -0.9")
-    ground = ET.SubElement(root, "model", name="ground_plane")
-    _text(ground, "static", "true")
-    link = ET.SubElement(ground, "link", name="link")
+    sdf = ET.Element("sdf", version=SDF_VERSION)
+    root = _add(sdf, "world", name=world.name)
+    light = _add(root, "light", name="sun", type="directional")
+    _add(light, "pose", "0 0 10 0 0 0")
+    _add(light, "direction", "-0.5 0.1 -0.9")
+    link = _link(root, "ground_plane")
     for kind in ("collision", "visual"):
-        plane = ET.SubElement(ET.SubElement(ET.SubElement(link, kind, name=kind), "geometry"), "plane")
-        _text(plane, "normal", "0 0 1")
-        _text(plane, "size", "100 100")
+        plane = _add(_add(_add(link, kind, name=kind), "geometry"), "plane")
+        _add(plane, "normal", "0 0 1")
+        _add(plane, "size", "100 100")
     for thing in world.solids:
-        _model(root, thing)
-    if run is not None:
-        for index in range(len(run.human_names)):
-            _actor(root, run, index, skin)
+        link = _link(root, thing.name)
+        bottom = thing.box.center[2] - thing.box.size[2] / 2
+        _add(link, "pose", f"0 0 {max(0.0, bottom):.6g} 0 0 0")
+        for number, ring in enumerate(_rings(thing)):
+            for kind in ("collision", "visual"):
+                shape = _add(link, kind, name=kind if number == 0 else f"{kind}_{number}")
+                polyline = _add(_add(shape, "geometry"), "polyline")
+                for x, y in ring:
+                    _add(polyline, "point", f"{x:.6g} {y:.6g}")
+                _add(polyline, "height", f"{max(0.01, thing.box.size[2]):.6g}")
+    for index in range(len(run.human_names) if run is not None else 0):
+        assert run is not None
+        _actor(root, run, index)
     ET.indent(sdf)
     return '<?xml version="1.0"?>\n' + ET.tostring(sdf, encoding="unicode") + "\n"
 
 
-def _model(root: ET.Element, thing: SolidObject) -> None:
-    model = ET.SubElement(root, "model", name=thing.name)
-    _text(model, "static", "true")
-    link = ET.SubElement(model, "link", name="link")
-    bottom = thing.box.center[2] - thing.box.size[2] / 2
-    _text(link, "pose", f"0 0 {max(0.0, bottom):.6g} 0 0 0")
-    for number, ring in enumerate(_rings(thing)):
-        for kind in ("collision", "visual"):
-            name = kind if number == 0 else f"{kind}_{number}"
-            polyline = ET.SubElement(ET.SubElement(ET.SubElement(link, kind, name=name), "geometry"), "polyline")
-            for x, y in ring:
-                _text(polyline, "point", f"{x:.6g} {y:.6g}")
-            _text(polyline, "height", f"{max(0.01, thing.box.size[2]):.6g}")
+def _link(root: ET.Element, name: str) -> ET.Element:
+    """Add a static model; return its link."""
+    model = _add(root, "model", name=name)
+    _add(model, "static", "true")
+    return _add(model, "link", name="link")
 
 
 def _rings(thing: SolidObject) -> list[Polygon]:
@@ -176,7 +163,7 @@ def _rings(thing: SolidObject) -> list[Polygon]:
     return [tuple(piece.exterior.coords[:-1]) for piece in shapely.get_parts(pieces)]
 
 
-def _actor(root: ET.Element, run: Run, index: int, skin: str) -> None:
+def _actor(root: ET.Element, run: Run, index: int) -> None:
     path = run.trajectory
     times = np.arange(0.0, float(path.t[-1]) + ACTOR_STEP_S / 2, ACTOR_STEP_S)
     if times.size < 2:
@@ -184,28 +171,27 @@ def _actor(root: ET.Element, run: Run, index: int, skin: str) -> None:
     x = np.interp(times, path.t, path.human_x[:, index])
     y = np.interp(times, path.t, path.human_y[:, index])
     yaw = np.interp(times, path.t, np.unwrap(path.human_yaw[:, index]))
-    actor = ET.SubElement(root, "actor", name=run.human_names[index])
-    _text(actor, "pose", f"{x[0]:.4f} {y[0]:.4f} 0 0 0 {yaw[0]:.4f}")
-    _text(ET.SubElement(actor, "skin"), "filename", skin)
-    animation = ET.SubElement(actor, "animation", name="walking")
-    _text(animation, "filename", skin)
-    _text(animation, "interpolate_x", "true")
-    script = ET.SubElement(actor, "script")
-    _text(script, "loop", "false")
-    _text(script, "delay_start", "0")
-    _text(script, "auto_start", "true")
-    trajectory = ET.SubElement(script, "trajectory", id=str(index), type="walking")
-    for k in range(times.size):
-        waypoint = ET.SubElement(trajectory, "waypoint")
-        _text(waypoint, "time", f"{times[k]:g}")
-        _text(waypoint, "pose", f"{x[k]:.4f} {y[k]:.4f} 0 0 0 {yaw[k]:.4f}")
+    poses = [f"{x[k]:.4f} {y[k]:.4f} 0 0 0 {yaw[k]:.4f}" for k in range(times.size)]
+    actor = _add(root, "actor", name=run.human_names[index])
+    _add(actor, "pose", poses[0])
+    _add(_add(actor, "skin"), "filename", SKIN)
+    animation = _add(actor, "animation", name="walking")
+    _add(animation, "filename", SKIN)
+    _add(animation, "interpolate_x", "true")
+    script = _add(actor, "script")
+    for tag, value in (("loop", "false"), ("delay_start", "0"), ("auto_start", "true")):
+        _add(script, tag, value)
+    trajectory = _add(script, "trajectory", id=str(index), type="walking")
+    for t, pose in zip(times, poses, strict=True):
+        waypoint = _add(trajectory, "waypoint")
+        _add(waypoint, "time", f"{t:g}")
+        _add(waypoint, "pose", pose)
 
 
-def _text(parent: ET.Element, tag: str, text: str) -> None:
-    ET.SubElement(parent, tag).text = text
-
-
-Column = NDArray[Any]
+def _add(parent: ET.Element, tag: str, text: str | None = None, **attributes: str) -> ET.Element:
+    element = ET.SubElement(parent, tag, attributes)
+    element.text = text
+    return element
 
 
 def trajectory_table(runs: Iterable[Run]) -> dict[str, Column]:
@@ -239,31 +225,6 @@ def trajectory_table(runs: Iterable[Run]) -> dict[str, Column]:
     return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
 
 
-def write_csv(runs: Iterable[Run], path: Path) -> None:
-    """Write trajectories as CSV with a header line. Numbers are written so that reading gives the same float."""
-    table = trajectory_table(runs)
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(table)
-    columns = [values.tolist() for values in table.values()]
-    for row in zip(*columns, strict=True):
-        writer.writerow(["" if value != value else value for value in row])
-    write_whole(path, text.getvalue())
-
-
-def write_parquet(runs: Iterable[Run], path: Path) -> None:
-    """Write trajectories as a Parquet file; needs pyarrow (extra `tables`)."""
-    try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ImportError:
-        raise InputError(f"Parquet needs pyarrow: {how_to_install('tables')}.") from None
-    table = {key: pa.array(values.tolist(), from_pandas=True) for key, values in trajectory_table(runs).items()}
-    sink = io.BytesIO()
-    pq.write_table(pa.table(table), sink)
-    write_whole(path, sink.getvalue())
-
-
 def foxglove_layout() -> str:
     """Return a layout as Foxglove imports it: the map with robot and people, and plots of speed and acceleration."""
     return Path(__file__).with_name("foxglove_layout.json").read_text(encoding="utf-8")
@@ -281,19 +242,34 @@ class Csv(Exporter):
     takes = "runs"
 
     def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
-        """Write a row for each sample of robot and people."""
-        write_csv(source.runs, path)
+        """Write a header, and a row for each sample of robot and people; reading a number gives the same float."""
+        table = trajectory_table(source.runs)
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(table)
+        for row in zip(*(values.tolist() for values in table.values()), strict=True):
+            writer.writerow(["" if value != value else value for value in row])
+        write_whole(path, text.getvalue())
         return ()
 
 
 class Parquet(Exporter):
-    """Trajectories as Parquet."""
+    """Trajectories as Parquet; needs pyarrow (extra `tables`)."""
 
     takes = "runs"
 
     def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
         """Write a row for each sample of robot and people."""
-        write_parquet(source.runs, path)
+        try:
+            import pyarrow as pa
+            import pyarrow.parquet as pq
+        except ImportError:
+            raise InputError(f"Parquet needs pyarrow: {how_to_install('tables')}.") from None
+        table = trajectory_table(source.runs)
+        sink = io.BytesIO()
+        columns = {key: pa.array(values.tolist(), from_pandas=True) for key, values in table.items()}
+        pq.write_table(pa.table(columns), sink)
+        write_whole(path, sink.getvalue())
         return ()
 
 
@@ -328,8 +304,8 @@ class HunavAgents(Exporter):
         """Write the agents; return what HuNavSim does not hold of them."""
         scenario, world = _scenario_in(source)
         agents = decode(scenario.people, world.grid)
-        file, notes = hunav_agents.export_agents(agents, map_name=world.name, dialect=self.dialect)
-        hunav_agents.write_agents(file, path)
+        text, notes = hunav_agents.agents_yaml(agents, map_name=world.name, dialect=self.dialect)
+        write_whole(path, text)
         return notes
 
 

@@ -124,10 +124,10 @@ def import_agents(
         InvalidScenario: somebody starts or walks in an obstacle of this world.
     """
     place = as_world(world)
-    converted = hunav_agents.to_humans(hunav_agents.read_agents(Path(path)))
-    humans = tuple(_human(agent) for agent in converted.agents)
+    agents, notes = hunav_agents.read_agents(Path(path))
+    humans = tuple(_human(agent) for agent in agents)
     text = description or f"People of {Path(path).name}"
-    return scenario_of(place, route, humans, description=text), converted.notes
+    return scenario_of(place, route, humans, description=text), notes
 
 
 def _human(agent: HumanAgent) -> Human:

@@ -11,15 +11,16 @@ import re
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
-from rvsg.core.documents import Problem
 from rvsg.core.errors import FileError, InputError, how_to_install
-from rvsg_exchange.model_files import Element, parse_xml, read_bytes
+from rvsg_exchange.model_files import Element, Problems, parse_xml, read_bytes
 
 Floats = NDArray[np.float64]
 FORMATS = {".dae": "dae", ".stl": "stl", ".obj": "obj", ".glb": "glb", ".gltf": "gltf"}
@@ -62,8 +63,6 @@ def box(size: Floats) -> Triangles:
 
 def prism(outline: Floats, low: float, high: float) -> Triangles:
     """Return an upright prism over a simple outline (N, 2), counter-clockwise or not, from height `low` to `high`."""
-    import shapely
-
     if _signed_area(outline) < 0:
         outline = outline[::-1]
     n = len(outline)
@@ -82,18 +81,19 @@ def prism(outline: Floats, low: float, high: float) -> Triangles:
 
 def cylinder(radius: float, length: float) -> Triangles:
     """Return an upright cylinder about the origin, as a prism of 32 sides whose area is that of the circle."""
+    return prism(_circle(radius), -length / 2, length / 2)
+
+
+def _circle(radius: float) -> Floats:
+    """Return the corners of a regular polygon whose area is that of a circle, (32, 2)."""
     step = math.tau / ROUND_SIDES
-    fitted = radius * math.sqrt(step / math.sin(step))
     angles = np.arange(ROUND_SIDES) * step
-    return prism(fitted * np.column_stack([np.cos(angles), np.sin(angles)]), -length / 2, length / 2)
+    return radius * math.sqrt(step / math.sin(step)) * np.column_stack([np.cos(angles), np.sin(angles)])
 
 
 def turned_profile(profile: Floats) -> Triangles:
     """A body of revolution about z; `profile` (N, 2) holds radius and height from the lower to the upper pole."""
-    step = math.tau / ROUND_SIDES
-    fitted = math.sqrt(step / math.sin(step))  # the polygon's area is the circle's
-    angles = np.arange(ROUND_SIDES) * step
-    circle = fitted * np.column_stack([np.cos(angles), np.sin(angles)])
+    circle = _circle(1.0)
     rings = [np.column_stack([r * circle, np.full(ROUND_SIDES, z)]) for r, z in profile]
     faces = []
     for ring in range(len(profile) - 1):
@@ -152,8 +152,9 @@ def load_mesh(path: Path, *, submesh: str | None = None, center: bool = False) -
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=None)
-            parts = _parts(scene, submesh)
-            factor = _unit_m(scene) if kind == "dae" else 1.0
+            parts = _parts(scene, submesh, trimesh)
+            number, star, _ = (scene.units or "meters").partition("*")  # "meters" or "0.01 * meters"
+            factor = float(number) if star and kind == "dae" else 1.0
     except Exception as error:  # a foreign reader of a foreign file: whatever it raises, the file cannot be read
         raise FileError(
             path, f"the mesh cannot be read: {type(error).__name__}: {error}", code="mesh-unreadable"
@@ -204,35 +205,23 @@ def rough_box(path: Path) -> Triangles | None:
     if len(points) < 3:
         return None
     low, high = points.min(axis=0), points.max(axis=0)
-    return box(np.maximum(high - low, 1e-3)).moved(_shifted((low + high) / 2.0))
+    around = box(np.maximum(high - low, 1e-3))
+    return Triangles(vertices=around.vertices + (low + high) / 2.0, faces=around.faces)
 
 
-def _shifted(by: Floats) -> Floats:
-    matrix = np.eye(4)
-    matrix[:3, 3] = by
-    return matrix
-
-
-def _parts(scene: Any, submesh: str | None) -> list[Triangles]:
+def _parts(scene: Any, submesh: str | None, trimesh: Any) -> list[Triangles]:
     parts = []
     for node in scene.graph.nodes_geometry:
         matrix, name = scene.graph[node]
         if submesh is not None and submesh not in (name, node):
             continue
         geometry = scene.geometry[name]
-        if hasattr(geometry, "faces"):
+        if isinstance(geometry, trimesh.Trimesh):
             triangles = Triangles(
                 vertices=np.array(geometry.vertices, np.float64), faces=np.array(geometry.faces, np.int64)
             )
             parts.append(triangles.moved(np.array(matrix, np.float64)))
     return parts
-
-
-def _unit_m(scene: Any) -> float:
-    """Metres per unit as trimesh states it: "meters" or "0.01 * meters"."""
-    units = scene.units or "meters"
-    number, star, _ = units.partition("*")
-    return float(number) if star else 1.0
 
 
 def _trimesh(path: Path) -> Any:
@@ -253,71 +242,35 @@ HEIGHTMAP_SAMPLES = 129  # per side; a finer heightmap is sampled down
 MOST_HEIGHTMAP_PIXELS = 8193 * 8193
 
 
-def numbers(text: str, count: int, element: Element, path: Path, problems: list[Problem]) -> list[float]:
-    """Return `count` finite numbers; zeros, and a problem, if the text is something else."""
-    try:
-        values = [float(part) for part in text.split()]
-    except ValueError:
-        values = []
-    if len(values) == count and all(math.isfinite(v) for v in values):
-        return values
-    problems.append(
-        Problem(
-            path, element.line, f'<{element.tag}> must be {count} finite numbers, got "{text[:80]}"', code="sdf-numbers"
-        )
-    )
-    return [0.0] * (count - 1) + [1.0]
-
-
-def _positive(shape: Element, tag: str, count: int, path: Path, problems: list[Problem]) -> list[float]:
+def _positive(shape: Element, tag: str, count: int, problems: Problems) -> list[float]:
+    """Return positive metres; ones, and a problem, where a shape does not give them."""
     child = shape.find(tag)
     if child is None:
-        problems.append(Problem(path, shape.line, f"the <{shape.tag}> has no <{tag}>", code="sdf-tag-missing"))
+        problems.add(shape, f"the <{shape.tag}> has no <{tag}>", "sdf-tag-missing")
         return [1.0] * count
     before = len(problems)
-    values = numbers(child.text.strip(), count, child, path, problems)
-    if len(problems) > before:
-        return [1.0] * count
-    if min(values) <= 0 or max(values) > LARGEST_SIZE_M:
-        problems.append(
-            Problem(path, child.line, f"<{tag}> must be positive metres, got {child.text.strip()}", code="sdf-size")
-        )
-        return [1.0] * count
-    return values
+    values = problems.numbers(child, count)
+    if len(problems) == before and not 0 < min(values) <= max(values) <= LARGEST_SIZE_M:
+        problems.add(child, f"<{tag}> must be positive metres, got {child.text.strip()}", "sdf-size")
+    return values if len(problems) == before else [1.0] * count
 
 
-def _box(shape: Element, path: Path, problems: list[Problem]) -> Triangles:
-    return box(np.array(_positive(shape, "size", 3, path, problems)))
+def _round(make: Callable[[float, float], Triangles], shape: Element, problems: Problems) -> Triangles:
+    radius = _positive(shape, "radius", 1, problems)[0]
+    return make(radius, _positive(shape, "length", 1, problems)[0])
 
 
-def _round(make: Callable[[float, float], Triangles]) -> Callable[[Element, Path, list[Problem]], Triangles]:
-    def read(shape: Element, path: Path, problems: list[Problem]) -> Triangles:
-        radius = _positive(shape, "radius", 1, path, problems)[0]
-        return make(radius, _positive(shape, "length", 1, path, problems)[0])
-
-    return read
-
-
-def _sphere(shape: Element, path: Path, problems: list[Problem]) -> Triangles:
-    return sphere(_positive(shape, "radius", 1, path, problems)[0])
-
-
-def _ellipsoid(shape: Element, path: Path, problems: list[Problem]) -> Triangles:
-    return sphere(1.0).scaled(np.array(_positive(shape, "radii", 3, path, problems)))
-
-
-def _plane(shape: Element, path: Path, problems: list[Problem]) -> Triangles | None:
+def _plane(shape: Element, problems: Problems) -> Triangles | None:
     """Return a thin sheet; None for a level plane, which is floor."""
-    given = shape.find("normal")
-    normal = np.array(numbers(given.text.strip(), 3, given, path, problems) if given is not None else [0.0, 0.0, 1.0])
+    normal = np.array(problems.numbers_of(shape, "normal", (0.0, 0.0, 1.0)))
     length = float(np.linalg.norm(normal))
     if length < 1e-9:
-        problems.append(Problem(path, shape.line, "the plane's <normal> is zero", code="sdf-normal"))
+        problems.add(shape, "the plane's <normal> is zero", "sdf-normal")
         return None
     normal = normal / length
     if abs(normal[2]) > 0.99:
         return None
-    width, depth = _positive(shape, "size", 2, path, problems) if shape.find("size") is not None else (1.0, 1.0)
+    width, depth = _positive(shape, "size", 2, problems) if shape.find("size") is not None else (1.0, 1.0)
     side = np.cross([0.0, 0.0, 1.0], normal)
     side /= np.linalg.norm(side)
     matrix = np.eye(4)
@@ -325,48 +278,39 @@ def _plane(shape: Element, path: Path, problems: list[Problem]) -> Triangles | N
     return box(np.array([width, depth, 0.01])).moved(matrix)
 
 
-def _polyline(shape: Element, path: Path, problems: list[Problem]) -> Triangles | None:
-    import shapely
-
-    points = [numbers(p.text.strip(), 2, p, path, problems) for p in shape.all("point")]
-    height = _positive(shape, "height", 1, path, problems)[0]
+def _polyline(shape: Element, problems: Problems) -> Triangles | None:
+    points = [problems.numbers(point, 2) for point in shape.all("point")]
+    height = _positive(shape, "height", 1, problems)[0]
     if len(points) > 1 and points[0] == points[-1]:
         points = points[:-1]
     if len(points) < 3 or not shapely.Polygon(points).is_valid:
-        problems.append(
-            Problem(
-                path,
-                shape.line,
-                "the <polyline> needs at least three points and must not cross itself",
-                code="sdf-polyline",
-            )
-        )
+        said = "the <polyline> needs at least three points and must not cross itself"
+        problems.add(shape, said, "sdf-polyline")
         return None
     return prism(np.array(points), 0.0, height)
 
 
-SHAPES: dict[str, Callable[[Element, Path, list[Problem]], Triangles | None]] = {
-    "box": _box,
-    "cylinder": _round(cylinder),
-    "capsule": _round(capsule),
-    "cone": _round(cone),
-    "sphere": _sphere,
-    "ellipsoid": _ellipsoid,
+SHAPES: dict[str, Callable[[Element, Problems], Triangles | None]] = {
+    "box": lambda shape, problems: box(np.array(_positive(shape, "size", 3, problems))),
+    "cylinder": partial(_round, cylinder),
+    "capsule": partial(_round, capsule),
+    "cone": partial(_round, cone),
+    "sphere": lambda shape, problems: sphere(_positive(shape, "radius", 1, problems)[0]),
+    "ellipsoid": lambda shape, problems: sphere(1.0).scaled(np.array(_positive(shape, "radii", 3, problems))),
     "plane": _plane,
     "polyline": _polyline,
 }
 
 
-def heightmap(shape: Element, image: Path, path: Path, problems: list[Problem]) -> Triangles | None:
+def heightmap(shape: Element, image: Path, problems: Problems) -> Triangles:
     """Return the terrain of a `<heightmap>` as a closed body: brightness is height, black is the lowest.
 
     Raises FileError for an image that cannot be read.
     """
     from PIL import Image, UnidentifiedImageError
 
-    size = _positive(shape, "size", 3, path, problems) if shape.find("size") is not None else [1.0, 1.0, 1.0]
-    at = shape.find("pos")
-    offset = np.array(numbers(at.text.strip(), 3, at, path, problems) if at is not None else [0.0, 0.0, 0.0])
+    size = _positive(shape, "size", 3, problems) if shape.find("size") is not None else [1.0, 1.0, 1.0]
+    offset = np.array(problems.numbers_of(shape, "pos", (0.0, 0.0, 0.0)))
     try:
         with Image.open(image) as opened:
             if opened.width * opened.height > MOST_HEIGHTMAP_PIXELS:
@@ -379,22 +323,15 @@ def heightmap(shape: Element, image: Path, path: Path, problems: list[Problem]) 
     z = grey[np.ix_(rows, columns)][::-1] * size[2]  # the image's first row is the terrain's highest y
     x, y = np.linspace(-size[0] / 2, size[0] / 2, len(columns)), np.linspace(-size[1] / 2, size[1] / 2, len(rows))
     top = np.stack([*np.meshgrid(x, y), z], axis=-1)
-    bottom = top.copy()
-    bottom[..., 2] = -1.0
-    return _closed_terrain(top + offset, bottom + offset)
-
-
-def _closed_terrain(top: Floats, bottom: Floats) -> Triangles:
-    """Return the body between two sheets of points (rows, columns, 3)."""
-    rows, columns = top.shape[:2]
-    index = np.arange(rows * columns).reshape(rows, columns)
+    bottom = top * (1.0, 1.0, 0.0) - (0.0, 0.0, 1.0)
+    count = z.size
+    index = np.arange(count).reshape(z.shape)
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
     sheet = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
-    count = rows * columns
     rim = np.concatenate([index[0, :-1], index[:-1, -1], index[-1, :0:-1], index[:0:-1, 0]])
     following = np.roll(rim, -1)
     sides = np.concatenate(
         [np.stack([rim + count, following + count, following], -1), np.stack([rim + count, following, rim], -1)]
     )
-    vertices = np.concatenate([top.reshape(-1, 3), bottom.reshape(-1, 3)])
+    vertices = np.concatenate([(top + offset).reshape(-1, 3), (bottom + offset).reshape(-1, 3)])
     return Triangles(vertices=vertices, faces=np.concatenate([sheet, sheet[:, ::-1] + count, sides]).astype(np.int64))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -12,6 +13,7 @@ from urllib.parse import unquote, urlparse
 from xml.parsers import expat
 
 from rvsg.core import inputs
+from rvsg.core.documents import Problem
 from rvsg.core.errors import FileError
 
 LARGEST_FILE_BYTES = 256 * 1024 * 1024
@@ -28,6 +30,23 @@ class Element:
     line: int
     text: str = ""
     children: list[Element] = field(default_factory=list)
+    path: Path = Path()
+
+    @property
+    def name(self) -> str:
+        """The attribute `name`; empty without one."""
+        return self.attributes.get("name", "")
+
+    def is_true(self, tag: str) -> bool:
+        """Return whether the first child of that tag says true or 1."""
+        return self.text_of(tag).lower() in ("true", "1")
+
+    def set_path(self, path: Path) -> Element:
+        """Say which file the element and all in it are from; return it."""
+        self.path = path
+        for child in self.children:
+            child.set_path(path)
+        return self
 
     def find(self, tag: str) -> Element | None:
         """Return the first child of that tag."""
@@ -41,6 +60,31 @@ class Element:
         """Return the stripped text of the first child of that tag."""
         child = self.find(tag)
         return child.text.strip() if child is not None else otherwise
+
+
+class Problems(list[Problem]):
+    """What is wrong in a world and the files it includes."""
+
+    def add(self, element: Element, message: str, code: str) -> None:
+        """Add a problem of an element."""
+        self.append(Problem(element.path, element.line, message, code=code))
+
+    def numbers(self, element: Element, count: int) -> list[float]:
+        """Return `count` finite numbers of an element's text; zeros and 1, and a problem, where it holds others."""
+        try:
+            values = [float(part) for part in element.text.split()]
+        except ValueError:
+            values = []
+        if len(values) == count and all(math.isfinite(v) for v in values):
+            return values
+        message = f'<{element.tag}> must be {count} finite numbers, got "{element.text.strip()[:80]}"'
+        self.add(element, message, "sdf-numbers")
+        return [0.0] * (count - 1) + [1.0]
+
+    def numbers_of(self, parent: Element, tag: str, otherwise: Sequence[float]) -> list[float]:
+        """Return as many numbers of a child as `otherwise` has, which holds where there is no such child."""
+        child = parent.find(tag)
+        return list(otherwise) if child is None else self.numbers(child, len(otherwise))
 
 
 class _Forbidden(Exception):
@@ -69,7 +113,8 @@ def parse_xml(path: Path, content: bytes, *, keep: bool = True) -> Element:
             raise _Forbidden(f"the file holds more than {MOST_ELEMENTS} elements.")
         if len(stack) >= DEEPEST:
             raise _Forbidden(f"the elements are nested more than {DEEPEST} deep.")
-        element = Element(tag.rpartition(":")[2], dict(attributes), parser.CurrentLineNumber + line_offset)
+        line = parser.CurrentLineNumber + line_offset
+        element = Element(tag.rpartition(":")[2], dict(attributes), line, path=path)
         if keep and stack:
             stack[-1].children.append(element)
         elif not root:

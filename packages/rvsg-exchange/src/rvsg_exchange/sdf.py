@@ -1,17 +1,18 @@
-"""Reader of Gazebo worlds (.world, .sdf) as solid objects: sliced at the lidar height, footprints and heights kept."""
+"""Gazebo worlds (.world, .sdf) as solid objects: sliced at the lidar height, footprints, heights and doors."""
 
 from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from itertools import count
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from rvsg.core.documents import DocumentError, Problem
@@ -19,9 +20,9 @@ from rvsg.core.errors import FileError, InputError
 from rvsg.world.creation import LIDAR_HEIGHT_M, Progress, WorldSource
 from rvsg.world.world import WIDTHS_M, Door, Point, SolidObject
 from rvsg_exchange import mesh
-from rvsg_exchange.mesh import SHAPES, Triangles, heightmap, numbers
+from rvsg_exchange.mesh import SHAPES, Triangles, heightmap
 from rvsg_exchange.model_files import Element, ModelFiles
-from rvsg_exchange.sdf_tree import BUILT_IN, Frames, Matrix, Model, SdfTree, frames_of
+from rvsg_exchange.sdf_tree import BUILT_IN, Frames, Matrix, Model, SdfTree
 from rvsg_exchange.solid import overhead, solid_objects
 
 LOWEST_M, SHORTEST_M = 0.3, 1.4
@@ -48,7 +49,6 @@ class Leaf:
 
     door: Door
     surface: Triangles
-    model: str
     kind: str
     pose: Matrix
 
@@ -62,24 +62,19 @@ def leaves_of(
         pose: The model's pose above the floor.
         surfaces: The collision surface of every link, above the floor.
     """
-    if model.element.text_of("static").lower() in ("true", "1"):
+    if model.element.is_true("static"):
         return {}
     found = {}
     for joint in model.element.all("joint"):
         child = joint.text_of("child").rpartition("::")[2]
         if child not in surfaces or joint.attributes.get("type") not in ("revolute", "continuous", "prismatic"):
             continue
-        placed = model.frames[joint.attributes.get("name", "")]
-        at = pose @ frames.pose(placed)
-        door = _door(joint, at, pose, surfaces[child], name)
+        door = _door(joint, pose @ frames.pose(model.frames[joint.name]), pose, surfaces[child], name)
         if door is not None:
-            found[child] = Leaf(door, surfaces[child], name, kind, pose)
+            found[child] = door
     if len(found) > 1:
-        found = {
-            link: Leaf(leaf.door.model_copy(update={"name": f"{name} {link}"}), leaf.surface, name, kind, pose)
-            for link, leaf in found.items()
-        }
-    return found
+        found = {link: door.model_copy(update={"name": f"{name} {link}"}) for link, door in found.items()}
+    return {link: Leaf(door, surfaces[link], kind, pose) for link, door in found.items()}
 
 
 def _door(joint: Element, at: Matrix, model: Matrix, surface: Triangles, name: str) -> Door | None:
@@ -91,28 +86,33 @@ def _door(joint: Element, at: Matrix, model: Matrix, surface: Triangles, name: s
     axis, low, high = _axis(joint, at, model)
     width = math.dist(a, b)
     far = high if abs(high) >= abs(low) else low
-    same = {"name": name, "thickness_m": round(max(thickness, 0.01), 3)}
+    thickness_m = round(max(thickness, 0.01), 3)
     if joint.attributes.get("type") == "prismatic":
         along = float(np.dot(axis[:2], np.subtract(b, a))) / width * (1.0 if far >= 0 else -1.0)
         if abs(along) < ALONG or abs(far) < SLIDE * width:
             return None
         hinge, end = (b, a) if along > 0 else (a, b)
-        return Door(hinge=hinge, end=end, kind="sliding", **same)
+        return Door(name=name, hinge=hinge, end=end, kind="sliding", thickness_m=thickness_m)
     anchor = (float(at[0, 3]), float(at[1, 3]))
     hinge, end = sorted((a, b), key=lambda point: math.dist(point, anchor))
     if abs(axis[2]) < ALONG or math.dist(hinge, anchor) > max(AT_END * width, 2 * thickness) or abs(far) < TURN_RAD:
         return None
-    return Door(hinge=hinge, end=end, kind="swing", turns="left" if far * axis[2] > 0 else "right", **same)
+    return Door(
+        name=name,
+        hinge=hinge,
+        end=end,
+        kind="swing",
+        turns="left" if far * axis[2] > 0 else "right",
+        thickness_m=thickness_m,
+    )
 
 
 def _ends(vertices: NDArray[np.float64]) -> tuple[Point, Point, float] | None:
     """Return the ends of a leaf's middle line and its thickness, metres; None where it is no upright leaf."""
-    from shapely import MultiPoint, get_coordinates, oriented_envelope
-
     low, high = float(vertices[:, 2].min()), float(vertices[:, 2].max())
     if low > LOWEST_M or high - max(low, 0.0) < SHORTEST_M:
         return None
-    corners = get_coordinates(oriented_envelope(MultiPoint(vertices[:, :2])))[:4]
+    corners = shapely.get_coordinates(shapely.oriented_envelope(shapely.MultiPoint(vertices[:, :2])))[:4]
     if len(corners) < 4:
         return None
     sides = [math.dist(corners[i], corners[i + 1]) for i in (0, 1)]
@@ -127,37 +127,33 @@ def _ends(vertices: NDArray[np.float64]) -> tuple[Point, Point, float] | None:
 
 def _axis(joint: Element, at: Matrix, model: Matrix) -> tuple[NDArray[np.float64], float, float]:
     """Return the axis of a joint in the world and its limits; without limits it moves without end."""
-    element = joint.find("axis")
-    xyz = element.find("xyz") if element is not None else None
-    numbers = [float(v) for v in xyz.text.split()] if xyz is not None and _are_numbers(xyz.text, 3) else [0.0, 0.0, 1.0]
-    in_model = element is not None and element.text_of("use_parent_model_frame").lower() in ("true", "1")
-    if xyz is not None and xyz.attributes.get("expressed_in") == "__model__":
-        in_model = True
-    direction = (model if in_model else at)[:3, :3] @ np.array(numbers)
-    limit = element.find("limit") if element is not None else None
-    lower, upper = (limit.text_of(key) if limit is not None else "" for key in ("lower", "upper"))
-    low, high = (float(text) if _are_numbers(text, 1) else usual for text, usual in ((lower, -99.0), (upper, 99.0)))
+    axis = joint.find("axis") or Element("axis", {}, joint.line)
+    xyz, limit = axis.find("xyz"), axis.find("limit")
+    in_model = axis.is_true("use_parent_model_frame")
+    if xyz is not None:
+        in_model = in_model or xyz.attributes.get("expressed_in") == "__model__"
+    values = _finite(xyz.text if xyz is not None else "")
+    direction = (model if in_model else at)[:3, :3] @ np.array(values if len(values) == 3 else (0.0, 0.0, 1.0))
+    lower, upper = (_finite(limit.text_of(key)) if limit is not None else [] for key in ("lower", "upper"))
+    low, high = (given[0] if len(given) == 1 else usual for given, usual in ((lower, -99.0), (upper, 99.0)))
     return direction / max(float(np.linalg.norm(direction)), 1e-12), low, high
 
 
-def _are_numbers(text: str, count: int) -> bool:
+def _finite(text: str) -> list[float]:
+    """Return the numbers of a text; none where one is no finite number."""
     try:
         values = [float(v) for v in text.split()]
     except ValueError:
-        return False
-    return len(values) == count and all(math.isfinite(v) for v in values)
+        return []
+    return values if all(math.isfinite(v) for v in values) else []
 
 
 def in_walls(leaves: Sequence[Leaf], solids: Sequence[SolidObject]) -> list[Leaf]:
     """Return the leaves that are held by something solid and have open floor on both sides."""
-    from shapely import Point as At
-    from shapely import Polygon, STRtree
+    tree = shapely.STRtree([shapely.Polygon(thing.footprint, thing.holes).buffer(0) for thing in solids])
 
-    shapes = [Polygon(thing.footprint, thing.holes).buffer(0) for thing in solids]
-    tree = STRtree(shapes)
-
-    def near(at: Point, reach_m: float) -> Any:
-        return tree.query(At(at), predicate="dwithin", distance=reach_m)
+    def is_near(at: Point, reach_m: float) -> bool:
+        return len(tree.query(shapely.Point(at), predicate="dwithin", distance=reach_m)) > 0
 
     found = []
     for leaf in leaves:
@@ -166,7 +162,7 @@ def in_walls(leaves: Sequence[Leaf], solids: Sequence[SolidObject]) -> list[Leaf
         out = door.thickness_m / 2 + ROOM_M
         across = (-(ey - hy) / door.width_m * out, (ex - hx) / door.width_m * out)
         sides = [(x + sign * across[0], y + sign * across[1]) for sign in (1.0, -1.0)]
-        if len(near(door.hinge, WALL_M)) and not any(len(near(side, 0.0)) for side in sides):
+        if is_near(door.hinge, WALL_M) and not any(is_near(side, 0.0) for side in sides):
             found.append(leaf)
     return found
 
@@ -205,7 +201,7 @@ def load_sdf(
     tell = progress or (lambda _line: None)
     tell(f"Reading {path.name}")
     tree = SdfTree(ModelFiles(path, model_paths), without=without, lenient=lenient)
-    reader = _Reader(tree, lidar_height_m, floor_m, box_for_unreadable, tuple(without))
+    reader = _Reader(tree, lidar_height_m, floor_m, box_for_unreadable)
     models = tree.read(path)
     for number, model in enumerate(models, start=1):
         tell(f"Model {number} of {len(models)}: {model.name}")
@@ -219,39 +215,35 @@ def load_sdf(
     objects = _numbered_names(_short_names(reader.objects), notes)
     if not objects:
         gone = f"; {len(tree.missing)} models were not found: {_some(list(tree.missing))}" if tree.missing else ""
-        raise FileError(
-            path,
-            f"nothing solid stands between the floor and 2 m height, so there is no obstacle{gone}",
-            code="sdf-nothing-solid",
-        )
+        said = f"nothing solid stands between the floor and 2 m height, so there is no obstacle{gone}"
+        raise FileError(path, said, code="sdf-nothing-solid")
     above = np.concatenate(reader.overhead) if reader.overhead else np.empty((0, 3, 2))
-    return WorldSource(
-        objects=objects, notes=(*notes, *reader.all_notes()), doors=doors, overhead=above if len(above) else None
-    )
+    notes += reader.all_notes()
+    return WorldSource(objects=objects, notes=tuple(notes), doors=doors, overhead=above if len(above) else None)
 
 
-@dataclass
 class _Reader:
-    tree: SdfTree
-    lidar_height_m: float
-    floor_m: float
-    box_for_unreadable: bool
-    without: tuple[str, ...]
-    objects: list[SolidObject] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    ignored: dict[str, list[str]] = field(default_factory=dict)
-    meshes: dict[tuple[Path, str | None, bool], Triangles | None] = field(default_factory=dict)
-    met: list[str] = field(default_factory=list)
-    overhead: list[NDArray[np.float64]] = field(default_factory=list)
-    leaves: list[Leaf] = field(default_factory=list)
+    """The solid objects, doors and notes of the models of a tree."""
+
+    def __init__(self, tree: SdfTree, lidar_height_m: float, floor_m: float, box_for_unreadable: bool) -> None:
+        self.tree, self.lidar_height_m, self.box_for_unreadable = tree, lidar_height_m, box_for_unreadable
+        self.lowered = np.eye(4)
+        self.lowered[2, 3] = -floor_m
+        self.objects: list[SolidObject] = []
+        self.notes: list[str] = []
+        self.ignored: dict[str, list[str]] = {}
+        self.meshes: dict[tuple[Path, str | None, bool], Triangles | None] = {}
+        self.met: list[str] = []
+        self.overhead: list[NDArray[np.float64]] = []
+        self.leaves: list[Leaf] = []
 
     def add(self, model: Model, outer: Frames, base: Matrix, name: str) -> None:
         """Add a model's objects and those of the models nested in it."""
         self.met.append(name)
-        if any(fnmatchcase(name, pattern) for pattern in self.without):
+        if any(fnmatchcase(name, pattern) for pattern in self.tree.without):
             self._ignore(ASKED, name)
             return
-        inner = frames_of(model, self.tree.problems)
+        inner = Frames.of(model, self.tree.problems)
         pose = base @ outer.model_pose(model)
         if model.links:
             self._add_links(model, inner, pose, name)
@@ -262,7 +254,7 @@ class _Reader:
     def refuse_unused_patterns(self, path: Path) -> None:
         """A pattern that matches nothing is a mistake: what it should leave out (a robot) would become an obstacle."""
         met = list(dict.fromkeys([*self.met, *self.tree.left_out, *self.tree.missing]))
-        for pattern in self.without:
+        for pattern in self.tree.without:
             if any(fnmatchcase(name, pattern) for name in (*met, *BUILT_IN)):
                 continue
             listed = ", ".join(met[:12]) + (f" and {len(met) - 12} more" if len(met) > 12 else "")
@@ -274,38 +266,23 @@ class _Reader:
         if not surfaces:
             self._ignore("left out: no solid collision", name)
             return
-        leaves = leaves_of(model, frames, _lowered(self.floor_m) @ pose, surfaces, name, _kind(model))
+        # What a model is an instance of: the model it includes, or its own name without a trailing number.
+        kind = model.source or re.sub(r"([_\- ]*(clone|copy)?[_\- ]*\d+)+$", "", model.name) or model.name
+        pose = self.lowered @ pose
+        leaves = leaves_of(model, frames, pose, surfaces, name, kind)
         self.leaves += leaves.values()
         parts = [surface for link, surface in surfaces.items() if link not in leaves]
-        if parts:
-            self._add_solid(model, pose, name, mesh.joined(parts))
-
-    def _surfaces(self, model: Model, frames: Frames, pose: Matrix) -> dict[str, Triangles]:
-        """Return the collision surface of every link that has one, above the floor."""
-        found = {}
-        for link, placed in model.links.items():
-            parts = []
-            link_pose = pose @ frames.pose(placed)
-            for collision in placed.element.all("collision"):
-                where = frames.pose_of_inner(self.tree.placed(collision, model.path), placed)
-                surface = self._surface(collision, placed.element, model)
-                if surface is not None:
-                    parts.append(surface.moved(_lowered(self.floor_m) @ link_pose @ where))
-            if parts:
-                found[link] = mesh.joined(parts)
-        return found
-
-    def _add_solid(self, model: Model, pose: Matrix, name: str, whole: Triangles) -> None:
-        size = np.ptp(whole.vertices, axis=0)
+        if not parts:
+            return
+        whole = mesh.joined(parts)
         self.overhead.append(overhead(whole))
-        found = solid_objects(
-            name, _kind(model), _lowered(self.floor_m) @ pose, whole, lidar_height_m=self.lidar_height_m
-        )
+        found = solid_objects(name, kind, pose, whole, lidar_height_m=self.lidar_height_m)
+        width, depth, _ = np.ptp(whole.vertices, axis=0)
         if not found:
             self._ignore("left out: floor, or above head height", name)
-        elif float(size[:2].max()) > LARGEST_M:
-            message = f'model "{name}" is {size[0]:.0f} x {size[1]:.0f} m wide: is the unit of its mesh right?'
-            self.tree.problems.append(Problem(model.path, model.element.line, message, code="sdf-size"))
+        elif max(width, depth) > LARGEST_M:
+            message = f'model "{name}" is {width:.0f} x {depth:.0f} m wide: is the unit of its mesh right?'
+            self.tree.problems.add(model.element, message, "sdf-size")
         else:
             self.objects.extend(found)
             if model.element.all("plugin") or any(link.element.all("sensor") for link in model.links.values()):
@@ -313,93 +290,104 @@ class _Reader:
                     f'model "{name}" carries sensors or a plug-in: if it is the robot, leave it out with --without.'
                 )
 
+    def _surfaces(self, model: Model, frames: Frames, pose: Matrix) -> dict[str, Triangles]:
+        """Return the collision surface of every link that has one, above the floor."""
+        found = {}
+        for link, placed in model.links.items():
+            parts = []
+            link_in_model = frames.pose(placed)
+            link_pose = pose @ link_in_model
+            for collision in placed.element.all("collision"):
+                inner = self.tree.placed(collision)
+                where = inner.matrix
+                if inner.relative_to:  # another frame of the model
+                    where = np.linalg.inv(link_in_model) @ frames.pose(inner)
+                surface = self._surface(collision, model)
+                if surface is not None:
+                    # A saved state's scale applies to every shape and not to the poses, as in Gazebo.
+                    surface = surface if model.scale is None else surface.scaled(model.scale)
+                    parts.append(surface.moved(self.lowered @ link_pose @ where))
+            if parts:
+                found[link] = mesh.joined(parts)
+        return found
+
     def doors(self) -> tuple[Door, ...]:
         """Return the doors; a leaf that stands in no wall becomes a solid object."""
-        kept = in_walls(self.leaves, self.objects)
+        held = in_walls(self.leaves, self.objects)
         for leaf in self.leaves:
-            if leaf not in kept:
-                self.objects.extend(
-                    solid_objects(
-                        leaf.door.name, leaf.kind, leaf.pose, leaf.surface, lidar_height_m=self.lidar_height_m
-                    )
+            if leaf not in held:
+                self.objects += solid_objects(
+                    leaf.door.name, leaf.kind, leaf.pose, leaf.surface, lidar_height_m=self.lidar_height_m
                 )
-        if kept:
-            listed = _some([leaf.door.name for leaf in kept])
-            count, opens = ("1 door is", "It opens") if len(kept) == 1 else (f"{len(kept)} doors are", "They open")
+        if held:
+            listed = _some([leaf.door.name for leaf in held])
+            many, opens = ("1 door is", "It opens") if len(held) == 1 else (f"{len(held)} doors are", "They open")
             self.notes.append(
-                f"{count} proposed: {listed}. {opens} for people and the robot; doors.yaml can say otherwise."
+                f"{many} proposed: {listed}. {opens} for people and the robot; doors.yaml can say otherwise."
             )
-        taken: dict[str, int] = {}
+        taken: Counter[str] = Counter()
         named = []
-        for door in (leaf.door for leaf in kept):
-            taken[door.name] = taken.get(door.name, 0) + 1
-            number = taken[door.name]
-            named.append(door if number == 1 else door.model_copy(update={"name": f"{door.name} {number}"}))
+        for door in (leaf.door for leaf in held):
+            taken[door.name] += 1
+            number = f" {taken[door.name]}" if taken[door.name] > 1 else ""
+            named.append(door.model_copy(update={"name": f"{door.name}{number}"}))
         return tuple(named)
 
-    # --- geometry ---
-
-    def _surface(self, collision: Element, link: Element, model: Model) -> Triangles | None:
+    def _surface(self, collision: Element, model: Model) -> Triangles | None:
         geometry = collision.find("geometry")
         if geometry is None or not geometry.children:
-            message = f'the collision "{collision.attributes.get("name", "")}" has no geometry'
-            self.tree.problems.append(Problem(model.path, collision.line, message, code="sdf-tag-missing"))
+            message = f'the collision "{collision.name}" has no geometry'
+            self.tree.problems.add(collision, message, "sdf-tag-missing")
             return None
         shape = geometry.children[0]
         if shape.tag == "mesh":
-            return self._scaled(self._mesh(shape, link, model), model)
-        if shape.tag in ("empty",):
-            return None
+            return self._mesh(shape, model)
         if shape.tag in ("heightmap", "dem"):
-            return self._scaled(self._terrain(shape, model), model)
+            return self._terrain(shape, model)
         maker = SHAPES.get(shape.tag)
         if maker is None:
-            self.notes.append(f'{model.path.name}:{shape.line}: a <{shape.tag}> in "{model.name}" is not read.')
+            if shape.tag != "empty":
+                where = f"{shape.path.name}:{shape.line}"
+                self.notes.append(f'{where}: a <{shape.tag}> in "{model.name}" is not read.')
             return None
         before = len(self.tree.problems)
-        surface = maker(shape, model.path, self.tree.problems)
-        return self._scaled(surface, model) if len(self.tree.problems) == before else None
-
-    def _scaled(self, surface: Triangles | None, model: Model) -> Triangles | None:
-        """Apply the scale of a saved state, which Gazebo applies to every shape and not to the poses."""
-        return surface if surface is None or model.scale is None else surface.scaled(model.scale)
+        surface = maker(shape, self.tree.problems)
+        return surface if len(self.tree.problems) == before else None
 
     def _terrain(self, shape: Element, model: Model) -> Triangles | None:
         uri = shape.text_of("uri")
-        found = self.tree.find(uri, shape, model.path) if uri else None
+        found = self.tree.find(uri, shape) if uri else None
         if found is None:
             return None
         if found.suffix.lower() in (".tif", ".tiff", ".dem"):
-            self.notes.append(f"{model.path.name}:{shape.line}: the elevation model {found.name} is not read.")
+            self.notes.append(f"{shape.path.name}:{shape.line}: the elevation model {found.name} is not read.")
             return None
         try:
-            return heightmap(shape, found, model.path, self.tree.problems)
+            return heightmap(shape, found, self.tree.problems)
         except FileError as error:
             self.tree.fault(Problem.of(error), f'the terrain of "{model.name}"')
             return None
 
-    def _mesh(self, shape: Element, link: Element, model: Model) -> Triangles | None:
+    def _mesh(self, shape: Element, model: Model) -> Triangles | None:
         uri = shape.text_of("uri")
-        found = self.tree.find(uri, shape, model.path) if uri else None
         if not uri:
-            self.tree.problems.append(Problem(model.path, shape.line, "the mesh has no <uri>", code="sdf-tag-missing"))
+            self.tree.problems.add(shape, "the mesh has no <uri>", "sdf-tag-missing")
+            return None
+        found = self.tree.find(uri, shape)
         if found is None:
             return None
         part = shape.find("submesh")
         submesh = part.text_of("name") or None if part is not None else None
-        center = part is not None and part.text_of("center").lower() in ("true", "1")
+        center = part is not None and part.is_true("center")
         key = (found.resolve(), submesh, center)
         if key not in self.meshes:
             self.meshes[key] = self._loaded(found, submesh, center, shape, model)
-        surface = self.meshes[key]
-        scale = shape.find("scale")
+        surface, scale = self.meshes[key], shape.find("scale")
         if surface is None or scale is None:
             return surface
-        factors = np.array(numbers(scale.text.strip(), 3, scale, model.path, self.tree.problems))
+        factors = np.array(self.tree.problems.numbers(scale, 3))
         if not factors.all():
-            self.tree.problems.append(
-                Problem(model.path, scale.line, f"a mesh scale of 0 ({scale.text.strip()})", code="sdf-size")
-            )
+            self.tree.problems.add(scale, f"a mesh scale of 0 ({scale.text.strip()})", "sdf-size")
             return None
         return surface.scaled(factors)
 
@@ -407,19 +395,18 @@ class _Reader:
         try:
             return mesh.load_mesh(path, submesh=submesh, center=center)
         except FileError as error:
-            rough = mesh.rough_box(path) if self.box_for_unreadable else None
-            if rough is not None:
-                self.notes.append(f'{path.name} of "{model.name}" cannot be read; its bounding box is used instead.')
-                return rough
-            advice = (
-                "It has no readable vertices, so there is no bounding box either."
-                if self.box_for_unreadable
-                else "Repair it, use its bounding box with --box-for-unreadable, or leave it out with --lenient."
-            )
+            advice = "Repair it, use its bounding box with --box-for-unreadable, or leave it out with --lenient."
+            if self.box_for_unreadable:
+                rough = mesh.rough_box(path)
+                if rough is not None:
+                    said = f'{path.name} of "{model.name}" cannot be read'
+                    self.notes.append(f"{said}; its bounding box is used instead.")
+                    return rough
+                advice = "It has no readable vertices, so there is no bounding box either."
             problem = Problem(error.path, error.line, f"{error.reason.rstrip('.')}. {advice}", code=error.code)
             self.tree.fault(problem, f'the mesh {path.name} of "{model.name}"')
         except InputError as error:
-            self.tree.problems.append(Problem(model.path, shape.line, str(error), code=error.code))
+            self.tree.problems.add(shape, str(error), error.code)
         return None
 
     def _ignore(self, reason: str, name: str) -> None:
@@ -445,20 +432,6 @@ def _some(names: Sequence[str]) -> str:
     return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
 
 
-def _lowered(floor_m: float) -> Matrix:
-    matrix = np.eye(4)
-    matrix[2, 3] = -floor_m
-    return matrix
-
-
-# --- names --------------------------------------------------------------------------------------------------------
-
-
-def _kind(model: Model) -> str:
-    """Return what a model is an instance of: the model it includes, or its own name without a trailing number."""
-    return model.source or re.sub(r"([_\- ]*(clone|copy)?[_\- ]*\d+)+$", "", model.name) or model.name
-
-
 def _short_names(objects: Sequence[SolidObject]) -> tuple[SolidObject, ...]:
     """Return names and kinds without the leading words that all kinds share (`aws_robomaker_warehouse_`)."""
     kinds = sorted({thing.kind for thing in objects})
@@ -469,8 +442,6 @@ def _short_names(objects: Sequence[SolidObject]) -> tuple[SolidObject, ...]:
     while all(len(w) > shared + 1 and w[shared] == words[0][shared] for w in words):
         shared += 1
     prefix = "".join(f"{word}_" for word in words[0][:shared])
-    if not prefix:
-        return tuple(objects)
     return tuple(
         thing.model_copy(update={"name": thing.name.removeprefix(prefix), "kind": thing.kind.removeprefix(prefix)})
         for thing in objects

@@ -1,4 +1,4 @@
-"""Tree of the models in an SDF file with their poses: includes followed, frames resolved, nothing downloaded.
+"""An SDF file as a tree of models with their poses: includes followed, frames resolved, nothing downloaded.
 
 Frames follow the SDF 1.7+ rules (`relative_to`, `attached_to`, `placement_frame`, `__model__`, `a::b`). The older
 `frame` attribute, to which Gazebo Classic never gave a meaning, is ignored. A saved `<state>` moves its models.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from itertools import chain, count
 from pathlib import Path
@@ -19,8 +19,17 @@ from numpy.typing import NDArray
 from rvsg.core.documents import Problem
 from rvsg.core.errors import FileError
 from rvsg.core.seeds import stream
-from rvsg_exchange.mesh import numbers
-from rvsg_exchange.model_files import SCHEMES, WEB, Element, ModelFiles, model_file, model_of, read_xml, split
+from rvsg_exchange.model_files import (
+    SCHEMES,
+    WEB,
+    Element,
+    ModelFiles,
+    Problems,
+    model_file,
+    model_of,
+    read_xml,
+    split,
+)
 from rvsg_exchange.urdf import as_sdf_model
 
 Matrix = NDArray[np.float64]
@@ -40,7 +49,6 @@ class Model:
     """A model: where it stands in its parent, its links, frames and nested models."""
 
     name: str
-    path: Path
     element: Element
     place: Placed
     source: str | None = None
@@ -50,34 +58,23 @@ class Model:
     children: list[Model] = field(default_factory=list)
     scale: Matrix | None = None
 
-    @property
-    def folder(self) -> Path:
-        """The folder of the file the model is written in."""
-        return self.path.parent
-
 
 class Frames:
     """The poses of named frames within one model (or the world), resolved on demand."""
 
-    def __init__(
-        self,
-        owner: Model | None,
-        children: Sequence[Model],
-        problems: list[Problem],
-        path: Path,
-        extra: Mapping[str, Placed] | None = None,
-    ) -> None:
-        self._named: dict[str, Placed] = {}
-        if owner is not None:
-            self._named |= owner.frames | owner.links
+    def __init__(self, named: Mapping[str, Placed], children: Sequence[Model], problems: Problems) -> None:
         self._models = {child.name: child for child in children}
-        self._named |= {child.name: child.place for child in children} | dict(extra or {})
+        self._named = {**named, **{child.name: child.place for child in children}}
         self._problems = problems
-        self._path = path
+
+    @classmethod
+    def of(cls, model: Model, problems: Problems) -> Frames:
+        """Return the frames inside a model."""
+        return cls(model.frames | model.links, model.children, problems)
 
     def pose(self, placed: Placed, trail: tuple[str, ...] = ()) -> Matrix:
         """Return the pose in the model of something placed in it."""
-        if not placed.relative_to or placed.relative_to in ("__model__", "world"):
+        if not placed.relative_to:
             return placed.matrix
         return self.named(placed.relative_to, placed.element, trail) @ placed.matrix
 
@@ -89,51 +86,31 @@ class Frames:
         placed = self._named.get(name) or self._named.get(head)
         if placed is None:
             known = ", ".join(sorted(self._named)) or "none"
-            self._problems.append(
-                Problem(
-                    self._path, user.line, f'there is no frame "{name}" here. Known: {known}', code="sdf-unknown-frame"
-                )
-            )
+            self._problems.add(user, f'there is no frame "{name}" here. Known: {known}', "sdf-unknown-frame")
             return np.eye(4)
         if name in trail:
             circle = " → ".join((*trail[trail.index(name) :], name))
-            self._problems.append(
-                Problem(
-                    self._path, user.line, f"frames refer to each other in a circle: {circle}", code="sdf-frame-circle"
-                )
-            )
+            self._problems.add(user, f"frames refer to each other in a circle: {circle}", "sdf-frame-circle")
             return np.eye(4)
         pose = self.pose(placed, (*trail, name))
         child = self._models.get(head)
-        if child is not None and name not in self._named:
-            pose = pose @ frames_of(child, self._problems).named(rest, user) if inner else pose
+        if inner and child is not None and name not in self._named:
+            pose = pose @ Frames.of(child, self._problems).named(rest, user)
         return pose
-
-    def pose_of_inner(self, placed: Placed, link: Placed) -> Matrix:
-        """Return the pose in its link of a collision, which may be relative to another frame of the model."""
-        if not placed.relative_to:
-            return placed.matrix
-        return np.asarray(np.linalg.inv(self.pose(link)) @ self.pose(placed))
 
     def model_pose(self, child: Model) -> Matrix:
         """Return the pose of a nested model's origin; its placement frame stands at its `<pose>`."""
         pose = self.pose(child.place, (child.name,))
         if child.placement_frame:
-            pose = pose @ np.linalg.inv(frames_of(child, self._problems).named(child.placement_frame, child.element))
+            inner = Frames.of(child, self._problems)
+            pose = pose @ np.linalg.inv(inner.named(child.placement_frame, child.element))
         return pose
-
-
-def frames_of(model: Model, problems: list[Problem]) -> Frames:
-    """Return the frames inside a model."""
-    return Frames(model, model.children, problems, model.path)
 
 
 MOST_MODELS = 1000
 
 
-def expanded(
-    population: Element, path: Path, problems: list[Problem]
-) -> Iterator[tuple[Element, tuple[float, float, float]]]:
+def expanded(population: Element, problems: Problems) -> Iterator[tuple[Element, tuple[float, float, float]]]:
     """Yield the `<model>` or `<include>` of a population once per copy, with its position relative to the population.
 
     Gazebo draws `random` and `uniform` populations again at every start. Here they are drawn from a seed that follows
@@ -141,82 +118,56 @@ def expanded(
     """
     template = next((child for child in population.children if child.tag in ("model", "include")), None)
     if template is None:
-        problems.append(Problem(path, population.line, "the <population> holds no <model>", code="sdf-empty"))
+        problems.add(population, "the <population> holds no <model>", "sdf-empty")
         return
-    for number, place in enumerate(_places(population, path, problems)):
-        name = f"{_name(template)}_clone_{number}"
-        copy = Element(template.tag, dict(template.attributes), template.line, template.text, list(template.children))
-        if copy.tag == "model":
-            copy.attributes["name"] = name
+    base = template.name or template.text_of("name") or template.text_of("uri").rpartition("/")[2]
+    for number, place in enumerate(_places(population, problems)):
+        name = f"{base}_clone_{number}"
+        if template.tag == "model":
+            yield replace(template, attributes={**template.attributes, "name": name}), place
         else:
-            copy.children = [child for child in copy.children if child.tag != "name"]
-            copy.children.append(Element("name", {}, template.line, text=name))
-        yield copy, place
+            children = [child for child in template.children if child.tag != "name"]
+            children.append(Element("name", {}, template.line, text=name, path=template.path))
+            yield replace(template, children=children), place
 
 
-def _name(template: Element) -> str:
-    return template.attributes.get("name") or template.text_of("name") or template.text_of("uri").rpartition("/")[2]
-
-
-def _places(population: Element, path: Path, problems: list[Problem]) -> list[tuple[float, float, float]]:
+def _places(population: Element, problems: Problems) -> list[tuple[float, float, float]]:
     """Return the position of every copy relative to the population, in metres."""
     distribution = population.find("distribution")
     kind = distribution.text_of("type", "random") if distribution is not None else "random"
     if kind == "grid" and distribution is not None:
-        rows, columns = (max(1, int(_number(distribution, tag, 1.0, path, problems))) for tag in ("rows", "cols"))
-        step = distribution.find("step")
-        dx, dy, _ = numbers(step.text.strip(), 3, step, path, problems) if step is not None else (1.0, 1.0, 0.0)
+        rows, columns = (max(1, int(problems.numbers_of(distribution, tag, (1.0,))[0])) for tag in ("rows", "cols"))
+        dx, dy, _ = problems.numbers_of(distribution, "step", (1.0, 1.0, 0.0))
         if rows * columns > MOST_MODELS:
-            problems.append(
-                Problem(path, population.line, f"the <population> has more than {MOST_MODELS} models", code="sdf-count")
-            )
+            problems.add(population, f"the <population> has more than {MOST_MODELS} models", "sdf-count")
             return []
         return [
             ((column - (columns - 1) / 2) * dx, (row - (rows - 1) / 2) * dy, 0.0)
             for row in range(rows)
             for column in range(columns)
         ]
-    count = int(_number(population, "model_count", 1.0, path, problems))
+    count = int(problems.numbers_of(population, "model_count", (1.0,))[0])
     if not 0 <= count <= MOST_MODELS:
-        problems.append(
-            Problem(path, population.line, f"<model_count> must be 0 to {MOST_MODELS}, got {count}", code="sdf-count")
-        )
+        problems.add(population, f"<model_count> must be 0 to {MOST_MODELS}, got {count}", "sdf-count")
         return []
+    box, cylinder = population.find("box"), population.find("cylinder")
+    size = [1.0, 1.0, 1.0]
+    if box is not None and box.find("size") is not None:
+        size, cylinder = problems.numbers_of(box, "size", size), None
+    elif cylinder is not None:
+        radius, length = (problems.numbers_of(cylinder, tag, (1.0,))[0] for tag in ("radius", "length"))
+        size = [2 * radius, 2 * radius, length]
     if kind.startswith("linear-"):
         axis = "xyz".find(kind[-1])
-        size = _region(population, path, problems)[1]
         along = (np.arange(count) + 0.5) / max(count, 1) - 0.5
-        return [tuple(float(a * size[i]) if i == axis else 0.0 for i in range(3)) for a in along]  # type: ignore[misc]
-    return _drawn(population, count, path, problems)
-
-
-def _drawn(population: Element, count: int, path: Path, problems: list[Problem]) -> list[tuple[float, float, float]]:
-    shape, size = _region(population, path, problems)
-    draw = stream(0, f"population {population.attributes.get('name', '')}")
-    places = []
-    for u, v, w in draw.random((count, 3)):
-        if shape == "cylinder":
-            radius, angle = size[0] / 2 * math.sqrt(u), math.tau * v
-            places.append((radius * math.cos(angle), radius * math.sin(angle), float((w - 0.5) * size[2])))
-        else:
-            places.append((float((u - 0.5) * size[0]), float((v - 0.5) * size[1]), float((w - 0.5) * size[2])))
-    return places
-
-
-def _region(population: Element, path: Path, problems: list[Problem]) -> tuple[str, list[float]]:
-    """Return the shape and the size in metres of the region that a population fills."""
-    box, cylinder = population.find("box"), population.find("cylinder")
-    if box is not None and (size := box.find("size")) is not None:
-        return "box", numbers(size.text.strip(), 3, size, path, problems)
-    if cylinder is not None:
-        radius, length = (_number(cylinder, tag, 1.0, path, problems) for tag in ("radius", "length"))
-        return "cylinder", [2 * radius, 2 * radius, length]
-    return "box", [1.0, 1.0, 1.0]
-
-
-def _number(parent: Element, tag: str, otherwise: float, path: Path, problems: list[Problem]) -> float:
-    child = parent.find(tag)
-    return numbers(child.text.strip(), 1, child, path, problems)[0] if child is not None else otherwise
+        places = np.where(np.arange(3) == axis, along[:, None] * size, 0.0)
+    else:
+        draws = stream(0, f"population {population.name}").random((count, 3))
+        places = (draws - 0.5) * size
+        if cylinder is not None:
+            radii, angles = size[0] / 2 * np.sqrt(draws[:, 0]), math.tau * draws[:, 1]
+            places[:, :2] = np.column_stack([radii * np.cos(angles), radii * np.sin(angles)])
+    return [(float(x), float(y), float(z)) for x, y, z in places]
 
 
 DEEPEST = 30
@@ -229,8 +180,7 @@ class Missing:
     """A model that was not found: the URI, where it is first used, how often, and where it was looked for."""
 
     uri: str
-    path: Path
-    line: int
+    element: Element
     searched: tuple[Path, ...]
     times: int = 0
 
@@ -246,7 +196,7 @@ class SdfTree:
         self.files = files
         self.without = tuple(without)
         self.lenient = lenient
-        self.problems: list[Problem] = []
+        self.problems = Problems()
         self.notes: list[str] = []
         self.left_out: list[str] = []  # names that --without may give although nothing of them is solid
         self.asked: list[str] = []  # left out because of --without before they were looked for
@@ -258,27 +208,30 @@ class SdfTree:
         """Return the models of a world, SDF or URDF file, with `place` in the world."""
         root = self._parsed(path)
         if root.tag == "robot":
-            model = self._model(as_sdf_model(root, path), path, (path.resolve(),))
-            self.frames = Frames(None, [model], self.problems, path)
+            model = self._model(as_sdf_model(root, path).set_path(path), (path.resolve(),))
+            self.frames = Frames({}, [model], self.problems)
             return [model]
         if root.tag not in ("sdf", "gazebo"):
-            raise FileError(
-                path,
-                f"expected an SDF file (<sdf>) or a URDF file (<robot>), found <{root.tag}>",
-                line=root.line,
-                code="sdf-expected",
-            )
+            said = f"expected an SDF file (<sdf>) or a URDF file (<robot>), found <{root.tag}>"
+            raise FileError(path, said, line=root.line, code="sdf-expected")
         worlds = root.all("world")
         if len(worlds) > 1:
             self.notes.append(f"{path.name} holds {len(worlds)} worlds; the first is read.")
         top = worlds[0] if worlds else root
-        models = [*self._models_in(top, path, (path.resolve(),)), *self._inserted(top, path)]
+        trail = (path.resolve(),)
+        states = top.all("state")
+        inserted = [each for state in states for each in state.all("insertions")]  # added after a saved world's start
+        models = [model for parent in (top, *inserted) for model in self._models_in(parent, trail)]
         if not models and not (self.problems or self.missing or self.left_out):
             raise FileError(path, "the file holds no model and includes none", line=top.line, code="sdf-empty")
-        self._skip(top)
-        models = self._apply_state(top, models)
-        named = {frame.attributes.get("name", ""): self.placed(frame, path) for frame in top.all("frame")}
-        self.frames = Frames(None, models, self.problems, path, named)
+        for tag in ("light", "actor", "plugin", "road"):
+            names = [element.name or element.attributes.get("filename", "") for element in top.all(tag)]
+            if names:
+                self.skipped.setdefault(tag, []).extend(names)
+                self.left_out += names
+        models = self._apply_states(states, models)
+        named = {frame.name: self.placed(frame) for frame in top.all("frame")}
+        self.frames = Frames(named, models, self.problems)
         return models
 
     def fault(self, problem: Problem, left_out: str) -> None:
@@ -288,18 +241,17 @@ class SdfTree:
         else:
             self.problems.append(problem)
 
-    def find(self, uri: str, element: Element, path: Path) -> Path | None:
+    def find(self, uri: str, element: Element) -> Path | None:
         """Return the file or folder of a URI; None, with an entry in `missing` or a problem, if there is none."""
         scheme, _ = split(uri)
         if scheme not in SCHEMES:
-            self.problems.append(
-                Problem(path, element.line, f'"{uri}": the scheme {scheme}: is not supported', code="sdf-scheme")
-            )
+            self.problems.add(element, f'"{uri}": the scheme {scheme}: is not supported', "sdf-scheme")
             return None
-        found = self.files.find(uri, path)
+        found = self.files.find(uri, element.path)
         if found is None:
-            key = model_of(uri)
-            known = self.missing.setdefault(key, Missing(uri, path, element.line, self.files.searched(uri, path)))
+            known = self.missing.setdefault(
+                model_of(uri), Missing(uri, element, self.files.searched(uri, element.path))
+            )
             known.times += 1
         return found
 
@@ -317,19 +269,10 @@ class SdfTree:
             return
         for name, m in self.missing.items():
             times = f", used {m.times} times" if m.times > 1 else ""
-            self.problems.append(
-                Problem(m.path, m.line, f'"{name}" was not found ({m.uri}{times})', code="sdf-model-missing")
-            )
+            self.problems.add(m.element, f'"{name}" was not found ({m.uri}{times})', "sdf-model-missing")
         web_said = " Nothing is downloaded: `gz fuel download -u ADDRESS` fills the local cache." if web else ""
         advice = "Give the folder that holds them with --model-path, or import the rest with --lenient."
         self.problems.append(Problem(world, None, f"{advice}{web_said} {where}", code="sdf-searched"))
-
-    def _skip(self, top: Element) -> None:
-        for tag in ("light", "actor", "plugin", "road"):
-            for element in top.all(tag):
-                name = element.attributes.get("name") or element.attributes.get("filename", "")
-                self.skipped.setdefault(tag, []).append(name)
-                self.left_out.append(name)
 
     def _parsed(self, path: Path) -> Element:
         key = path.resolve()
@@ -337,174 +280,141 @@ class SdfTree:
             self._files[key] = read_xml(path)
         return self._files[key]
 
-    def _models_in(self, parent: Element, path: Path, trail: tuple[Path, ...]) -> Iterator[Model]:
+    def _models_in(self, parent: Element, trail: tuple[Path, ...]) -> Iterator[Model]:
         taken: set[str] = set()
-        for element, population in self._model_elements(parent, path):
-            model = (
-                self._model(element, path, trail) if element.tag == "model" else self._included(element, path, trail)
-            )
+        none = (0.0, 0.0, 0.0)
+        elements: list[tuple[Element, Element | None, tuple[float, float, float]]]
+        elements = [(element, None, none) for element in parent.all("model", "include")]
+        for each in parent.all("population"):
+            elements += [(element, each, at) for element, at in expanded(each, self.problems)]
+        for element, population, at in elements:
+            model = self._model(element, trail) if element.tag == "model" else self._included(element, trail)
             if model is None:
                 continue
             if population is not None:
                 place = Placed(np.eye(4), None, element)
-                place.matrix[:3, 3] = population[1]
-                place.matrix = self.placed(population[0], path).matrix @ place.matrix @ model.place.matrix
+                place.matrix[:3, 3] = at
+                place.matrix = self.placed(population).matrix @ place.matrix @ model.place.matrix
                 model.place = place
-            model.name = self._free_name(model.name, taken, path, element)
+            if model.name in taken:  # the first free number from 0, as Gazebo does it
+                free = next(f"{model.name}_{number}" for number in count() if f"{model.name}_{number}" not in taken)
+                where = f"{element.path.name}:{element.line}"
+                self.notes.append(f'{where}: a second model "{model.name}" is called "{free}".')
+                model.name = free
             taken.add(model.name)
             yield model
 
-    def _model_elements(
-        self, parent: Element, path: Path
-    ) -> Iterator[tuple[Element, tuple[Element, tuple[float, float, float]] | None]]:
-        for element in parent.all("model", "include"):
-            yield element, None
-        for population in parent.all("population"):
-            for element, place in expanded(population, path, self.problems):
-                yield element, (population, place)
-
-    def _free_name(self, name: str, taken: set[str], path: Path, element: Element) -> str:
-        """Return the name, with a number if it is taken: the first free one from 0, as Gazebo does."""
-        if name not in taken:
-            return name
-        free = next(f"{name}_{number}" for number in count() if f"{name}_{number}" not in taken)
-        self.notes.append(f'{path.name}:{element.line}: a second model "{name}" is called "{free}".')
-        return free
-
-    def _model(self, element: Element, path: Path, trail: tuple[Path, ...]) -> Model:
-        name = element.attributes.get("name", "")
-        if not name:
-            self.problems.append(Problem(path, element.line, "the model has no name", code="sdf-name-missing"))
-        model = Model(name=name, path=path, element=element, place=self.placed(element, path))
+    def _model(self, element: Element, trail: tuple[Path, ...]) -> Model:
+        if not element.name:
+            self.problems.add(element, "the model has no name", "sdf-name-missing")
+        model = Model(name=element.name, element=element, place=self.placed(element))
         model.placement_frame = element.attributes.get("placement_frame")
         for link in element.all("link"):
-            given = link.attributes.get("name", "")
-            numbered = (f"{given}_{i}" for i in count())
-            free = next(n for n in chain([given], numbered) if n not in model.links)
-            model.links[free] = self.placed(link, path)
-        for frame in element.all("frame"):
-            model.frames[frame.attributes.get("name", "")] = self.placed(frame, path)
+            numbered = (f"{link.name}_{i}" for i in count())
+            free = next(n for n in chain([link.name], numbered) if n not in model.links)
+            model.links[free] = self.placed(link)
+        model.frames = {frame.name: self.placed(frame) for frame in element.all("frame")}
         for joint in element.all("joint"):
-            placed = self.placed(joint, path)
+            placed = self.placed(joint)
             placed.relative_to = placed.relative_to or joint.text_of("child") or None
-            model.frames[joint.attributes.get("name", "")] = placed
-        model.children = list(self._models_in(element, path, trail))
+            model.frames[joint.name] = placed
+        model.children = list(self._models_in(element, trail))
         return model
 
-    def _included(self, element: Element, path: Path, trail: tuple[Path, ...]) -> Model | None:
+    def _included(self, element: Element, trail: tuple[Path, ...]) -> Model | None:
         uri = element.text_of("uri")
         if not uri:
-            self.problems.append(Problem(path, element.line, "the include has no <uri>", code="sdf-tag-missing"))
+            self.problems.add(element, "the include has no <uri>", "sdf-tag-missing")
             return None
         name = element.text_of("name")
-        found = self._model_file(uri, element, path, name)
+        called = name or model_of(uri)
+        found = self._model_file(uri, element, name)
         if found is None:
             return None
         if found.resolve() in trail or len(trail) > DEEPEST:
             chain = " → ".join(p.name if p.name != "model.sdf" else p.parent.name for p in (*trail, found))
-            self.problems.append(
-                Problem(path, element.line, f"the includes go in a circle: {chain}", code="sdf-include-circle")
-            )
+            self.problems.add(element, f"the includes go in a circle: {chain}", "sdf-include-circle")
             return None
         try:
             root = self._parsed(found)
-            inner = as_sdf_model(root, found) if root.tag == "robot" else root.find("model")
+            inner = as_sdf_model(root, found).set_path(found) if root.tag == "robot" else root.find("model")
         except FileError as error:
-            self.fault(Problem.of(error), f'the model "{name or model_of(uri)}"')
+            self.fault(Problem.of(error), f'the model "{called}"')
             return None
-        if inner is None:
-            self._skip_included(root, found, element, path, name or model_of(uri))
+        if inner is None:  # a light, an actor or a plug-in, else nothing known
+            held = next((child.tag for child in root.children if child.tag in NOT_SOLID), None)
+            if held is None:
+                message = f"the file included by {element.path.name}:{element.line} holds no <model>"
+                self.fault(Problem(found, root.line, message, code="sdf-empty"), f'"{called}"')
+            else:
+                self.skipped.setdefault(held, []).append(called)
+                self.left_out.append(called)
             return None
-        model = self._model(inner, found, (*trail, found.resolve()))
+        model = self._model(inner, (*trail, found.resolve()))
         model.source = found.parent.name if model_file(found.parent) == found else found.stem
         if split(uri)[0] in WEB:
             model.source = model_of(uri)
         model.name = name or model.name
         model.placement_frame = element.text_of("placement_frame") or model.placement_frame
         if element.find("pose") is not None:
-            model.place = self.placed(element, path)
+            model.place = self.placed(element)
         return model
 
-    def _skip_included(self, root: Element, found: Path, element: Element, path: Path, name: str) -> None:
-        """Note an included light, actor or plug-in; report an included file that holds nothing known."""
-        held = next((child.tag for child in root.children if child.tag in NOT_SOLID), None)
-        if held is None:
-            message = f"the file included by {path.name}:{element.line} holds no <model>"
-            self.fault(Problem(found, root.line, message, code="sdf-empty"), f'"{name}"')
-            return
-        self.skipped.setdefault(held, []).append(name)
-        self.left_out.append(name)
-
-    def _inserted(self, top: Element, path: Path) -> Iterator[Model]:
-        """Yield the models that were added after a saved world was started."""
-        for state in top.all("state"):
-            for inserted in state.all("insertions"):
-                yield from self._models_in(inserted, path, (path.resolve(),))
-
-    def _apply_state(self, top: Element, models: Sequence[Model]) -> list[Model]:
+    def _apply_states(self, states: Sequence[Element], models: Sequence[Model]) -> list[Model]:
         """Move and scale the models as a saved world's `<state>` has them; without those it has deleted."""
-        states = {m.attributes.get("name"): m for state in top.all("state") for m in state.all("model")}
-        deleted = {
-            name.text.strip() for state in top.all("state") for d in state.all("deletions") for name in d.all("name")
-        }
+        moved = {each.attributes.get("name"): each for state in states for each in state.all("model")}
+        deleted = {name.text.strip() for state in states for d in state.all("deletions") for name in d.all("name")}
         left = [model for model in models if model.name not in deleted]
         for model in left:
-            state = states.get(model.name)
-            if state is None:
-                continue
-            if state.find("pose") is not None:
-                model.place = self.placed(state, model.path)
+            state = moved.get(model.name)
+            if state is not None and state.find("pose") is not None:
+                model.place = self.placed(state)
                 model.placement_frame = None
-            scale = state.text_of("scale")
-            if scale:
-                model.scale = np.array(self._numbers(scale, 3, state, model.path))
+            if state is not None and state.text_of("scale"):
+                model.scale = np.array(self.problems.numbers_of(state, "scale", (1.0, 1.0, 1.0)))
         return left
 
-    def placed(self, element: Element, path: Path) -> Placed:
+    def placed(self, element: Element) -> Placed:
         """Return an element's `<pose>` with the frame it is relative to."""
         pose = element.find("pose")
         if pose is None:
             return Placed(np.eye(4), element.attributes.get("attached_to"), element)
         relative = pose.attributes.get("relative_to") or element.attributes.get("attached_to")
-        return Placed(self.matrix(pose, path), relative, element)
+        return Placed(self._matrix(pose), relative, element)
 
-    def matrix(self, pose: Element, path: Path) -> Matrix:
+    def _matrix(self, pose: Element) -> Matrix:
         """Return the 4 x 4 matrix of a `<pose>`: x y z and roll pitch yaw, or x y z and a quaternion."""
-        text = pose.text.strip()
-        if not text:
-            return np.eye(4)
+        matrix = np.eye(4)
+        if not pose.text.strip():
+            return matrix
         if pose.attributes.get("rotation_format") == "quat_xyzw":
-            x, y, z, *quaternion = self._numbers(text, 7, pose, path)
-            rotation = _from_quaternion(*quaternion)
+            *position, x, y, z, w = self.problems.numbers(pose, 7)
+            matrix[:3, :3] = _from_quaternion(x, y, z, w)
         else:
-            x, y, z, roll, pitch, yaw = self._numbers(text, 6, pose, path)
+            *position, roll, pitch, yaw = self.problems.numbers(pose, 6)
             if pose.attributes.get("degrees", "").lower() in ("true", "1"):
                 roll, pitch, yaw = (math.radians(a) for a in (roll, pitch, yaw))
-            rotation = _from_angles(roll, pitch, yaw)
-        matrix = np.eye(4)
-        matrix[:3, :3] = rotation
-        matrix[:3, 3] = (x, y, z)
+            matrix[:3, :3] = _from_angles(roll, pitch, yaw)
+        matrix[:3, 3] = position
         return matrix
 
-    def _numbers(self, text: str, count: int, element: Element, path: Path) -> list[float]:
-        return numbers(text, count, element, path, self.problems)
-
-    def _model_file(self, uri: str, element: Element, path: Path, name: str) -> Path | None:
+    def _model_file(self, uri: str, element: Element, name: str) -> Path | None:
         known = model_of(uri)
         called = [n for n in (name, known) if n]
         asked = any(fnmatchcase(n, pattern) for n in called for pattern in self.without)
-        if asked or (known.lower().replace(" ", "_") in BUILT_IN and self.files.find(uri, path) is None):
+        if asked or (known.lower().replace(" ", "_") in BUILT_IN and self.files.find(uri, element.path) is None):
             self.left_out += called
             if asked:
                 self.asked.append(name or known)
             return None
-        found = self.find(uri, element, path)
+        found = self.find(uri, element)
         if found is None or found.is_file():
             return found
         inner = model_file(found)
         if inner is None:
             message = f"the model folder {found} holds no model.config that names an SDF file, and no model.sdf"
-            self.fault(Problem(path, element.line, message, code="sdf-model-missing"), f'the model "{name or known}"')
+            problem = Problem(element.path, element.line, message, code="sdf-model-missing")
+            self.fault(problem, f'the model "{name or known}"')
         return inner
 
 

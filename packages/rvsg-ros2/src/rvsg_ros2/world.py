@@ -18,12 +18,13 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from rvsg.core.errors import InputError, SimulationError
+from rvsg.core.files import write_whole
 from rvsg.scenario.scenario import HumanAgent, PersonKind, Scenario, decode
 from rvsg.simulation.run import Outcome, Run, Trajectory
 from rvsg.simulation.simulators import Simulator
 from rvsg.world.world import Route, World
-from rvsg_exchange.bag_messages import HUNAV_TYPES
-from rvsg_exchange.hunav_agents import Dialect, export_agents, write_agents
+from rvsg_exchange.bag import HUNAV_TYPES
+from rvsg_exchange.hunav_agents import Dialect, agents_yaml
 from rvsg_exchange.recordings import SIDEWAYS_M_S
 from rvsg_ros2.dds import SUCCEEDED, ActionClient, Bus, Subscription
 from rvsg_ros2.options import Ros2Options, checked
@@ -333,8 +334,8 @@ class Ros2World(Simulator):
     def _start(self, agents: tuple[HumanAgent, ...], world: World, folder: Path) -> Session:
         options = self._options
         path = Path(options.agents_file) if options.agents_file is not None else folder / "agents.yaml"
-        file, notes = export_agents(agents, map_name=world.name, dialect=options.dialect)
-        write_agents(file, path)
+        text, notes = agents_yaml(agents, map_name=world.name, dialect=options.dialect)
+        write_whole(path, text)
         for note in notes:
             self._tell(note)
         if options.launch is not None:
