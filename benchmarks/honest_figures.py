@@ -1,6 +1,6 @@
 """The figures of docs/explanation/honest-statistics.md, from a store of the published study.
 
-`rvsg import-study DIR --out STORE`, then `python benchmarks/honest_figures.py STORE docs/images`.
+`rvsg import study DIR --out STORE`, then `python benchmarks/honest_figures.py STORE docs/images`.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
     rvsg run examples/recordings/NAME/campaign.yaml --model PROVIDER:MODEL --out runs/NAME
     python benchmarks/ship_recording.py runs/NAME/vlm NAME
 
-    rvsg describe warehouse --model PROVIDER:MODEL --record runs/describe-warehouse --out description.yaml
+    rvsg world describe warehouse --model PROVIDER:MODEL --record runs/describe-warehouse --out description.yaml
     python benchmarks/ship_recording.py runs/describe-warehouse describe-warehouse
 
 Answered calls and the messages they refer to are copied, without the pictures (they are drawn anew) and without calls

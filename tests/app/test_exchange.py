@@ -186,7 +186,7 @@ def agents_file(folder: Path, shift: float = 0.1) -> Path:
 
 def test_agents_of_hunavsim_become_a_scenario_at_their_coordinates(tmp_path: Path) -> None:
     out = tmp_path / "scenario.json"
-    arguments = ["import-agents", str(agents_file(tmp_path)), "--world", "warehouse", "--route", "route_1"]
+    arguments = ["import", "agents", str(agents_file(tmp_path)), "--world", "warehouse", "--route", "route_1"]
     assert main([*arguments, "--out", str(out)]) == 0
     scenario = rvsg.load_scenario(out)
     anna, ben = scenario.people.humans

@@ -84,7 +84,7 @@ def test_what_cannot_be_explored_is_refused(file: Path, tmp_path: Path) -> None:
 
 
 def test_the_verb_writes_and_prints(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    wanted = ["explore", str(file), "--requirement", "R1", "--runs", "5", "--simulator", FAST]
+    wanted = ["scenario", "explore", str(file), "--requirement", "R1", "--runs", "5", "--simulator", FAST]
     assert main([*wanted, "--out", str(tmp_path / "e.svg"), "--worst", str(tmp_path / "w.json"), "--json"]) == 0
     assert len(json.loads(capsys.readouterr().out)["points"]) == 5
     assert (tmp_path / "w.json").exists()

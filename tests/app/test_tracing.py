@@ -29,10 +29,10 @@ def scenario(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("arguments", "code"),
     [
-        (["trace", "{scenario}"], 2),  # where to?
-        (["trace", "{scenario}", "--out", "x.bag"], 2),
-        (["trace", "{scenario}", "--out", "x.json", "--run", "run-1"], 2),
-        (["trace", "nowhere", "--out", "x.json"], 2),
+        (["replay", "{scenario}", "--trace"], 2),  # where to?
+        (["replay", "{scenario}", "--trace", "--out", "x.bag"], 2),
+        (["replay", "{scenario}", "--trace", "--out", "x.json", "--run", "run-1"], 2),
+        (["replay", "nowhere", "--trace", "--out", "x.json"], 2),
         (["simulate", "{scenario}", "--bag", "x.mcap", "--repeats", "2"], 2),
         (["simulate", "{scenario}", "--bag", "x.json"], 2),
     ],
@@ -56,7 +56,7 @@ def test_a_file_of_runs_needs_its_scenario_and_a_simulator_that_records(scenario
 def test_a_stored_run_is_traced_and_one_that_is_not_the_same_is_refused(scenario: Path, tmp_path: Path) -> None:
     runs, file = tmp_path / "runs.jsonl", tmp_path / "made" / "one.trace.json"
     assert main(["simulate", str(scenario), "--seed", "3", "--out", str(runs)]) == 0
-    assert main(["trace", str(runs), "--scenario", str(scenario), "--out", str(file)]) == 0
+    assert main(["replay", str(runs), "--trace", "--scenario", str(scenario), "--out", str(file)]) == 0
     view = json.loads(file.read_text())
     stored = json.loads(runs.read_text())
     assert view["seed"] == 3 and view["scenario"] == stored["scenario_id"]
@@ -84,7 +84,7 @@ def test_a_trace_in_the_folder_of_a_campaign_is_on_its_page(tmp_path: Path) -> N
     out = tmp_path / "campaign"
     small = ["--scenarios", "1", "--refinements", "0", "--repeats", "2", "--confirmations", "0", "--jobs", "1"]
     assert main(["run", "--generator", "random", "--out", str(out), *small]) == 0
-    assert main(["trace", str(out)]) == 0
+    assert main(["replay", str(out), "--trace"]) == 0
     (file,) = (out / "traces").iterdir()
     assert f'"run":"{file.name.removesuffix(".trace.json")}"' in (out / "report.html").read_text()
     with pytest.raises(UnknownName):

@@ -110,7 +110,7 @@ def test_the_verb_writes_a_page(tmp_path: Path) -> None:
     crossing = rvsg.scenario(world, "route_1", [rvsg.walk("Anna", "E15", "H15")])
     suite = rvsg.Suite.create(tmp_path / "suite").add(crossing, "R3", name="aisle", expected="pass")
     page = tmp_path / "versions.html"
-    wanted = ["compare-versions", "kinematic", "kinematic", "--suite", str(suite.folder), "--runs", "2"]
+    wanted = ["suite", "compare", "kinematic", "kinematic", "--suite", str(suite.folder), "--runs", "2"]
     assert main([*wanted, "--html", str(page)]) == 0
     assert "1 unchanged" in page.read_text()
     assert main([*wanted, "--html", str(tmp_path)]) == 2

@@ -155,6 +155,6 @@ def test_the_command_writes_the_smallest_scenario(scenario_file: Path, tmp_path:
     )
     out = tmp_path / "smallest.json"
     options = ["--simulator", "kinematic", "--repeats", "2", "--confirmations", "3", "--out", str(out)]
-    assert main(["shrink", str(scenario_file), "--requirement", f"{requirement}#near", *options]) == 0
+    assert main(["scenario", "shrink", str(scenario_file), "--requirement", f"{requirement}#near", *options]) == 0
     written = json.loads(out.read_text(encoding="utf-8"))
     assert [human["name"] for human in written["people"]["humans"]] == ["near"]

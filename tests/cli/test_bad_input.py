@@ -181,7 +181,7 @@ def test_a_report_of_nothing_says_so(refused) -> None:
 @pytest.fixture(scope="module")
 def _proposed(tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("proposed") / "proposal.json"
-    assert main(["propose", "--generator", "random", "--seed", "1", "--out", str(path)]) == 0
+    assert main(["scenario", "propose", "--generator", "random", "--seed", "1", "--out", str(path)]) == 0
     return path.read_text()
 
 
@@ -215,14 +215,14 @@ def test_a_start_pose_inside_an_obstacle_is_refused(refused, tmp_path: Path, sce
     assert simulate(refused, tmp_path, scenario).code == "pose-blocked"
 
 
-@pytest.mark.parametrize("verb", ["simulate", "shrink"])
+@pytest.mark.parametrize("verb", [["simulate"], ["scenario", "shrink"]])
 def test_a_robot_that_the_simulator_does_not_drive_is_refused(
-    refused, tmp_path: Path, scenario: dict, monkeypatch: pytest.MonkeyPatch, errors: list[RvsgError], verb: str
+    refused, tmp_path: Path, scenario: dict, monkeypatch: pytest.MonkeyPatch, errors: list[RvsgError], verb: list[str]
 ) -> None:
     scenario["mission"]["robot"] = "nope"
     path = tmp_path / "scenario.json"
     path.write_text(json.dumps(scenario))
-    asked = [verb, str(path), "--simulator", "kinematic", "--out", str(tmp_path / "out")]
+    asked = [*verb, str(path), "--simulator", "kinematic", "--out", str(tmp_path / "out")]
     error = refused(*asked).error
     assert isinstance(error, UnknownName)
     assert (error.kind, error.name, error.known) == ("robot", "nope", ["tiago_omni"])
@@ -327,7 +327,7 @@ def test_an_option_of_a_model_that_nobody_asks_is_refused(refused, option: tuple
 
 
 def test_a_folder_of_prompts_that_does_not_exist_is_told(refused) -> None:
-    assert refused("prompt", "--prompts", "nowhere").code == "prompts-folder"
+    assert refused("scenario", "prompt", "--prompts", "nowhere").code == "prompts-folder"
 
 
 def test_other_settings_are_listed_once_and_as_options(tmp_path: Path, monkeypatch, errors) -> None:
@@ -338,12 +338,12 @@ def test_other_settings_are_listed_once_and_as_options(tmp_path: Path, monkeypat
     assert (errors[-1].code, errors[-1].keys) == ("other-settings", ("route", "seed"))
 
 
-@pytest.mark.parametrize("verb", [("evaluate",), ("metrics", "--run")])
+@pytest.mark.parametrize("verb", [("evaluate",), ("evaluate", "--metric", "all")])
 def test_a_proposal_in_the_place_of_runs_is_not_called_broken_json(
     tmp_path: Path, monkeypatch, errors: list[RvsgError], verb: tuple[str, ...]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["propose", "--out", "p.json"]) == 0
+    assert main(["scenario", "propose", "--out", "p.json"]) == 0
     assert main([*verb, "p.json"]) == 2
     assert errors[-1].code == "no-runs"
 
@@ -383,7 +383,7 @@ def test_a_report_of_imported_results_names_the_tables(refused, tmp_path: Path) 
     assert refused("report", ".").code == "imported-results"
 
 
-@pytest.mark.parametrize("verb", ["simulate", "evaluate", "shrink", "report", "run"])
+@pytest.mark.parametrize("verb", ["simulate", "evaluate", "scenario shrink", "report", "run"])
 @pytest.mark.parametrize("what", ["absent", "empty", "folder", "binary"])
 def test_a_file_that_is_none_is_named_and_left_as_it_is(refused, tmp_path: Path, verb: str, what: str) -> None:
     path = tmp_path / what
@@ -395,7 +395,7 @@ def test_a_file_that_is_none_is_named_and_left_as_it_is(refused, tmp_path: Path,
     if verb == "run" and what == "empty":
         path.write_bytes(b"nonsense: 1")
         before = path.read_bytes()
-    told = refused(verb, what)
+    told = refused(*verb.split(), what)
     assert what in told or "no run in the files" in told
     assert "Traceback" not in told
     assert (path.read_bytes() if path.is_file() else None) == before
@@ -470,7 +470,11 @@ def test_a_result_that_could_not_be_written_is_refused_before_the_work(
     (tmp_path / "folder").mkdir()
     (tmp_path / "file").write_text("")
     capsys.readouterr()
-    for asked in (["simulate", "s.json", *SMALL[:2]], ["shrink", "s.json", *SMALL[:2]], ["propose"]):
+    for asked in (
+        ["simulate", "s.json", *SMALL[:2]],
+        ["scenario", "shrink", "s.json", *SMALL[:2]],
+        ["scenario", "propose"],
+    ):
         assert main([*asked, "--out", out]) == 2
         told = capsys.readouterr().err
         assert out.split("/")[0] in told and "seed" not in told and "valid" not in told
@@ -486,8 +490,8 @@ def test_junit_below_a_file_is_refused_before_the_work(refused, tmp_path: Path, 
     "asked",
     [
         ("report", "one", "--tables", "file"),
-        ("prompt", "--pictures", "file"),
-        ("prompt", "--copy", "compact-new", "--to", "file"),
+        ("scenario", "prompt", "--pictures", "file"),
+        ("scenario", "prompt", "--copy", "compact-new", "--to", "file"),
         ("world", "draw", "warehouse", "--what", "labels", "--width", "400", "--out", "file"),
     ],
 )
@@ -502,12 +506,12 @@ def test_a_file_in_the_place_of_a_folder_for_output_is_told_with_the_option(
 
 def test_every_verb_makes_the_folders_of_its_output(a_run: dict) -> None:
     for asked in (
-        ["propose", "--out", "a/b/proposal.json"],
+        ["scenario", "propose", "--out", "a/b/proposal.json"],
         ["simulate", "s.json", *SMALL[:2], "--out", "c/d/runs.jsonl"],
         ["evaluate", "r.jsonl", "--scenario", "s.json", "--feedback", "e/f/feedback.json"],
         ["run", *SMALL, "--confirmations", "0", "--out", "g/h", "--junit", "i/j/junit.xml"],
         ["report", "g/h", "--html", "k/l/page.html"],
-        ["prompt", "--copy", "compact-new", "--to", "m/n"],
+        ["scenario", "prompt", "--copy", "compact-new", "--to", "m/n"],
     ):
         assert main(asked) == 0
         assert Path(asked[-1]).exists()

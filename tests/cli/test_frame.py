@@ -3,16 +3,17 @@ import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 import typer
 
-from rvsg.cli import main, verbs
+from rvsg.cli import MOVED, main, verbs
 from rvsg.cli.console import as_started
-from rvsg.cli.frame import Verb, command_line, full_command, verb
+from rvsg.cli.frame import GROUPS, MOST_OPTIONS, Verb, command_line, full_command, options_of, verb
 from rvsg.core.errors import BudgetSpent, InputError, Interrupted
 
-PROBE = {"probe": Verb("rvsg.cli._probe", "A verb for this test")}
+PROBE = {"probe": (Verb("rvsg.cli._probe", "A verb for this test"),)}
 
 
 @pytest.fixture
@@ -109,9 +110,44 @@ def test_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.parametrize("name", sorted(verbs()))
 def test_every_verb_of_the_table_loads_and_helps(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert full_command(verbs(), name).name == name
+    assert full_command(name, verbs()[name]).name == name
     assert main([name, "--help"]) == 0
     assert "Usage: rvsg " + name in capsys.readouterr().out
+
+
+def test_the_verbs_fit_on_one_screen_in_their_groups(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
+    shown = capsys.readouterr().out
+    assert len(verbs()) <= 20
+    assert {found[0].group for found in verbs().values()} == set(GROUPS) - {"Other"}
+    assert len(shown.splitlines()) <= 48
+
+
+@pytest.mark.parametrize("name", sorted(verbs()))
+def test_the_help_of_a_command_shows_at_most_twelve_options(name: str) -> None:
+    shown, every = (full_command(name, verbs()[name], everything=everything) for everything in (False, True))
+    for command, whole in ((shown, every), *zip(_sub_commands(shown), _sub_commands(every), strict=True)):
+        assert sum(not option.hidden for option in options_of(command)) <= MOST_OPTIONS, command.name
+        assert not any(option.hidden for option in options_of(whole))
+
+
+def _sub_commands(command: Any) -> list[Any]:
+    return list(getattr(command, "commands", {}).values())
+
+
+def test_help_all_shows_the_rarer_options(capsys: pytest.CaptureFixture[str]) -> None:
+    for asked, shown in (("--help", False), ("--help-all", True)):
+        assert main(["run", asked]) == 0
+        assert ("--budget-usd" in capsys.readouterr().out) is shown
+
+
+@pytest.mark.parametrize(("name", "place"), MOVED.items())
+def test_an_earlier_name_of_a_verb_is_refused_with_its_new_place(
+    name: str, place: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([name, "--help"]) == 2
+    assert f"`rvsg {name}` is now `rvsg {place}`." in capsys.readouterr().err
+    assert place.split()[0] in verbs() and name not in verbs()
 
 
 @pytest.mark.slow

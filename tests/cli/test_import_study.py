@@ -1,4 +1,4 @@
-"""`rvsg import-study` as its user meets it."""
+"""`rvsg import study` as its user meets it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def test_an_import_that_adds_to_a_store_keeps_what_was_found_before(
     results, out = tmp_path / "results", tmp_path / "store"
     write_scenario(results / "distance" / "route_1" / "0")
     (results / "distance" / "route_1" / "0" / "log.csv").unlink()
-    command = ["import-study", str(results), "--out", str(out)]
+    command = ["import", "study", str(results), "--out", str(out)]
     assert main(command) == 0
     first = (out / "findings.csv").read_text()
     assert "log.csv" in first
@@ -37,13 +37,13 @@ def test_a_store_made_anew_does_not_take_over_findings_of_another(tmp_path: Path
     write_scenario(results / "distance" / "route_1" / "0")
     out.mkdir()
     (out / "findings.csv").write_text("file,kind,message\nold,log,gone\n")
-    assert main(["import-study", str(results), "--out", str(out)]) == 0
+    assert main(["import", "study", str(results), "--out", str(out)]) == 0
     assert "old,log,gone" not in (out / "findings.csv").read_text()
 
 
 def test_a_folder_of_another_layout_leaves_no_store_behind(tmp_path: Path, errors: list[RvsgError]) -> None:
     (tmp_path / "other" / "x").mkdir(parents=True)
-    assert main(["import-study", str(tmp_path / "other"), "--out", str(tmp_path / "store")]) == 2
+    assert main(["import", "study", str(tmp_path / "other"), "--out", str(tmp_path / "store")]) == 2
     assert errors[-1].code == "study-layout"
     assert not (tmp_path / "store").exists()
 
@@ -56,11 +56,11 @@ def test_a_logged_metric_that_is_missing_is_a_finding_but_no_difference(
     lines = lines_of(log)
     lines[1][lines[0].index("path_length")] = "nan"
     put(log, lines)
-    assert main(["import-study", str(tmp_path / "results"), "--out", str(tmp_path / "a")]) == 0
+    assert main(["import", "study", str(tmp_path / "results"), "--out", str(tmp_path / "a")]) == 0
     done = json.loads(capsys.readouterr().out)
     assert done["findings_by_kind"] == {"metrics": 1}
     assert done["compared"] and not done["differing"]
     lines[2][lines[0].index("path_length")] = "9.5"
     put(log, lines)
-    assert main(["import-study", str(tmp_path / "results"), "--out", str(tmp_path / "b")]) == 0
+    assert main(["import", "study", str(tmp_path / "results"), "--out", str(tmp_path / "b")]) == 0
     assert json.loads(capsys.readouterr().out)["differing"] == 1

@@ -381,7 +381,7 @@ def test_a_campaign_with_files_of_its_own_goes_on_in_any_folder(
     assert main(["run", *out, "--world", "../../mine"]) == 0, "the same world in other words"
     assert main(["report", out[1]]) == 0
     assert main(["run", "../res/campaign.yaml", "--jobs", "1", "--out", "again"]) == 0
-    assert main(["prompt", out[1]]) == 2, "the search is finished"
+    assert main(["scenario", "prompt", out[1]]) == 2, "the search is finished"
     shutil.copytree(tmp_path / "mine", "other")
     assert main(["run", *out, "--world", "other"]) == 2
     assert records(tmp_path / "sub" / "res") == whole

@@ -151,7 +151,7 @@ def test_a_wrong_model_is_mended_in_the_same_folder_while_nothing_is_kept(
     assert errors[-1].code == "other-settings"
 
 
-@pytest.mark.parametrize("verb", [["run"], ["propose"], ["describe", "warehouse"]])
+@pytest.mark.parametrize("verb", [["run"], ["scenario", "propose"], ["world", "describe", "warehouse"]])
 @pytest.mark.parametrize("option", ["--budget-usd", "--budget-calls", "--budget-tokens"])
 def test_a_budget_of_nothing_is_refused_before_anything_is_asked(
     verb: list[str], option: str, errors: list[RvsgError]
@@ -167,7 +167,7 @@ def test_a_description_that_fails_half_way_keeps_what_was_paid_for_and_goes_on_f
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     texts = json.dumps({"layout": "Shelves above.", "grid": "Row E."})
-    describe = ["describe", "warehouse", "--model", "openai-chat:vision-1", "--out", "d.yaml"]
+    describe = ["world", "describe", "warehouse", "--model", "openai-chat:vision-1", "--out", "d.yaml"]
     with serving(says("the layout"), says("the grid"), fails(401, f"bad key {KEY}"), says(texts)) as server:
         assert main([*describe, "--base-url", server.url]) == 2
         stopped = capsys.readouterr().err
@@ -194,7 +194,7 @@ def test_an_answer_that_describes_nothing_is_told_and_kept(
     behaviour: Behaviour, told: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with serving(says("the layout"), behaviour) as server:
-        describe = ["describe", "warehouse", "--model", "openai-chat:vision-1", "--base-url", server.url]
+        describe = ["world", "describe", "warehouse", "--model", "openai-chat:vision-1", "--base-url", server.url]
         assert main([*describe, "--out", "d.yaml"]) == 2
     said = capsys.readouterr().err
     assert told in said
@@ -206,7 +206,10 @@ def test_a_proposal_says_what_it_spends_and_that_nothing_came_of_it(capsys: pyte
     with serving(says('{"humans": [', finish_reason="length")) as server:
         priced = ["--generator-option", "prices=2.0,0.5,8.0"]
         model = ["--model", "openai-chat:vision-1", "--base-url", server.url]
-        assert main(["propose", *model, *priced, "--budget-calls", "2", "--generator-option", "corrections=1"]) == 0
+        assert (
+            main(["scenario", "propose", *model, *priced, "--budget-calls", "2", "--generator-option", "corrections=1"])
+            == 0
+        )
     printed = capsys.readouterr()
     said = printed.err
     assert "Asking openai-chat:vision-1: new" in said

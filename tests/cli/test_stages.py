@@ -23,12 +23,12 @@ KINEMATIC = ["--simulator", "kinematic"]
 @pytest.fixture
 def proposal(tmp_path: Path) -> Path:
     path = tmp_path / "proposal.json"
-    assert main(["propose", "--generator", "random", "--seed", "5", "--out", str(path)]) == 0
+    assert main(["scenario", "propose", "--generator", "random", "--seed", "5", "--out", str(path)]) == 0
     return path
 
 
 def test_propose_shows_the_checker_and_writes_a_valid_scenario(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["propose", "--generator", "random", "--seed", "5"]) == 0
+    assert main(["scenario", "propose", "--generator", "random", "--seed", "5"]) == 0
     written = json.loads(capsys.readouterr().out)
     assert written["first_findings"] == []
     assert written["scenario"]["mission"]["route"]["name"] == "route_1"
@@ -48,7 +48,7 @@ def test_evaluate_judges_all_runs_of_a_scenario_and_refuses_two_scenarios(
 ) -> None:
     runs, other = tmp_path / "a.jsonl", tmp_path / "b.jsonl"
     main(["simulate", str(proposal), *KINEMATIC, "--repeats", "16", "--out", str(runs)])
-    main(["propose", "--generator", "random", "--seed", "6", "--out", str(tmp_path / "other.json")])
+    main(["scenario", "propose", "--generator", "random", "--seed", "6", "--out", str(tmp_path / "other.json")])
     main(["simulate", str(tmp_path / "other.json"), *KINEMATIC, "--out", str(other)])
     capsys.readouterr()
     assert main(["evaluate", str(runs), "--json"]) == 0
@@ -69,7 +69,7 @@ def test_a_refinement_by_hand_is_told_what_was_measured(
     assert main(["evaluate", str(runs), "--scenario", str(proposal), "--feedback", str(feedback)]) == 0
     told = Feedback.from_json(feedback.read_text())
     assert len(told.objectives) == 4 and told.moments and told.series
-    asked = ["propose", "--generator", "heuristic", "--generator-option", "tries=3"]
+    asked = ["scenario", "propose", "--generator", "heuristic", "--generator-option", "tries=3"]
     assert main([*asked, "--feedback", str(feedback), "--out", str(refined)]) == 0
     before = json.loads(proposal.read_text())["scenario"]
     after = json.loads(refined.read_text())["scenario"]
@@ -121,11 +121,11 @@ def test_metrics_measures_every_run_of_a_file_and_names_the_file_that_holds_none
     main(["simulate", str(proposal), *KINEMATIC, "--repeats", "2", "--out", str(runs)])
     one.write_text(runs.read_text().splitlines()[0])
     capsys.readouterr()
-    assert main(["metrics", "dto", "--run", str(runs)]) == 0
+    assert main(["evaluate", "--metric", "dto", str(runs)]) == 0
     both = json.loads(capsys.readouterr().out)
-    assert main(["metrics", "dto", "--run", str(one)]) == 0
+    assert main(["evaluate", "--metric", "dto", str(one)]) == 0
     assert both[0] == json.loads(capsys.readouterr().out)
     assert len(both) == 2
     one.write_text("nothing\n")
-    assert main(["metrics", "--run", str(one)]) == 2
+    assert main(["evaluate", "--metric", "all", str(one)]) == 2
     assert isinstance(errors[-1], FileError) and (errors[-1].path, errors[-1].line) == (one, 1)

@@ -60,10 +60,10 @@ def test_the_next_prompt_of_a_campaign_is_of_what_its_store_keeps(
 ) -> None:
     small, out = [*SMALL, "--strategy", "study", "--store", "json"], tmp_path / "one"
     assert main(["run", *small, "--out", str(out)]) == 0
-    assert main(["prompt", str(out)]) == 2
+    assert main(["scenario", "prompt", str(out)]) == 2
     for file in sorted((out / "ledger.json").glob("*/0*.json"))[1:]:
         file.unlink()
-    assert main(["prompt", str(out)]) == 0
+    assert main(["scenario", "prompt", str(out)]) == 0
     assert capsys.readouterr().out
 
 

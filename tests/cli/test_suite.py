@@ -1,4 +1,4 @@
-"""`rvsg suite` and `rvsg compare-versions` as they are typed."""
+"""`rvsg suite` and `rvsg suite compare` as they are typed."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_a_suite_is_made_run_and_compared(
     assert junit.read_text().startswith("<?xml")
     (tmp_path / "a.json").write_text(json.dumps(result))
     (tmp_path / "b.json").write_text(json.dumps(result))
-    assert main(["compare-versions", str(tmp_path / "a.json"), str(tmp_path / "b.json"), "--json"]) == 0
+    assert main(["suite", "compare", str(tmp_path / "a.json"), str(tmp_path / "b.json"), "--json"]) == 0
     [pair] = json.loads(capsys.readouterr().out)["pairs"]
     assert [change["change"] for change in pair["changes"]] == ["unchanged"]
     assert main(["suite", "update", suite, str(tmp_path / "a.json")]) == 0
@@ -75,8 +75,8 @@ def test_a_broken_case_ends_with_exit_code_1(scenario_file: Path, tmp_path: Path
         ["suite", "run", "nowhere"],
         ["suite", "run", "empty"],
         ["suite", "add", "nowhere.json", "--suite", "s"],
-        ["compare-versions", "nowhere.json", "nowhere.json"],
-        ["compare-versions", "embedded:profile", "embedded", "--suite", "nowhere"],
+        ["suite", "compare", "nowhere.json", "nowhere.json"],
+        ["suite", "compare", "embedded:profile", "embedded", "--suite", "nowhere"],
     ],
 )
 def test_bad_input_is_one_message(

@@ -276,7 +276,7 @@ def _robot(folder: Path) -> list[Path]:
 
 
 KINDS = (
-    Kind("campaign", lambda f: _written(f / "c.yaml", CAMPAIGN), lambda f: ["prompt", str(f / "c.yaml")]),
+    Kind("campaign", lambda f: _written(f / "c.yaml", CAMPAIGN), lambda f: ["scenario", "prompt", str(f / "c.yaml")]),
     Kind("world", _world("warehouse"), lambda f: ["world", "check", str(f / "w"), "--no-simulation"]),
     Kind("objects world", _world("office"), lambda f: ["world", "check", str(f / "w"), "--no-simulation"]),
     Kind("map", _map, lambda f: ["world", "new", str(f / "w"), "--no-simulation", "--map", str(f / "m.yaml")]),
@@ -306,7 +306,7 @@ KINDS = (
         lambda f: _written(f / "runs.jsonl", _runs_text()),
         lambda f: ["evaluate", str(f / "runs.jsonl"), "--json"],
     ),
-    Kind("study", _study, lambda f: ["import-study", str(f / "s"), "--out", str(f / "store")]),
+    Kind("study", _study, lambda f: ["import", "study", str(f / "s"), "--out", str(f / "store")]),
     Kind("answer", _answers, call=_read_answer),
     Kind("store", _store, lambda f: ["report", str(f / "out"), "--json", "--html", str(f / "p.html")], silent=True),
     Kind("folder", _campaign_folder, lambda f: ["run", "--out", str(f / "out"), "--jobs", "1"]),

@@ -60,7 +60,7 @@ def test_an_outline_without_area_is_refused_with_its_line(
         *(["simulate", LONG], ["world", "check", LONG], ["run", "--world", LONG], ["report", "a/" * 4000]),
         *(["evaluate", LONG], ["run", "--requirement", LONG], ["run", "--robot", LONG], ["run", LONG]),
         ["run", "--simulator", "kinematic", "--generator", "random", "--scenarios", "1", "--out", LONG],
-        ["propose", "--generator", "random", "--out", LONG],
+        ["scenario", "propose", "--generator", "random", "--out", LONG],
         ["run", "--generator", "vlm", "--replay", LONG],
         ["simulate", "x", "--simulator-option", "a=" + "[" * 5000],
         ["simulate", "x", "--simulator-option", "a=" + "9" * 5000],

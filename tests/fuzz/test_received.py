@@ -61,5 +61,7 @@ def test_a_scenario_whose_world_has_an_endless_name_is_an_input_error(
 @pytest.mark.skipif(shutil.which("sh") is None, reason="needs a shell")
 @pytest.mark.parametrize("closed", [">&- 2>&-", "<&- >&-"])
 def test_a_stream_that_is_closed_at_the_start_is_no_defect(closed: str) -> None:
-    done = subprocess.run(["sh", "-c", f"{sys.executable} -m rvsg metrics {closed}"], capture_output=True, timeout=300)
+    done = subprocess.run(
+        ["sh", "-c", f"{sys.executable} -m rvsg evaluate --metric all {closed}"], capture_output=True, timeout=300
+    )
     assert done.returncode in (0, 2) and b"Traceback" not in done.stderr

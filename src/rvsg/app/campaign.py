@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from rvsg.app.folder import CONFIG, LEDGER, alone_in, check_out, opened, reading, store_of
 from rvsg.app.record import CampaignRecord, as_stored, check_same, no_campaign, paths_of, record_in, spelled_out
-from rvsg.app.settings import CampaignConfig, check_stack_named, effective
+from rvsg.app.settings import VLM_OPTIONS, CampaignConfig, check_stack_named, effective, option_of
 from rvsg.app.stored_campaign import StoredCampaign
-from rvsg.app.wiring import COPY, VLM_OPTIONS, Wired, jobs_of, remembered_file, wire
+from rvsg.app.wiring import COPY, Wired, jobs_of, remembered_file, wire
 from rvsg.campaign import confirmation
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.execution import Event, Message, ModelCall
@@ -86,7 +86,7 @@ def reject_unused_model_options(
     """Refuse options of a model where no model is asked; those of a campaign file only cause a message."""
     if config.generator_name == "vlm":
         return
-    if unused := [f"--{key.replace('_', '-')}" for key in VLM_OPTIONS if settings.get(key) is not None]:
+    if unused := [option_of(key) for key in VLM_OPTIONS if settings.get(key) is not None]:
         raise InputError(
             f'{", ".join(unused)}: this campaign uses the generator "{config.generator_name}", and only "vlm" takes '
             "such options. Leave them out, or use --generator vlm.",

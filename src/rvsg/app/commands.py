@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from rvsg.app.settings import BESIDE, MACHINE, CampaignConfig
+from rvsg.app.settings import BESIDE, MACHINE, CampaignConfig, option_of
 
 
 def command_for(config: CampaignConfig, *, out: Path | None = None) -> str:
@@ -53,7 +53,7 @@ def runs_command(scenario: str, config: CampaignConfig | None, *, seed: int, rep
 
 def shrink_command(scenario: str, config: CampaignConfig | None, *, requirement: str, out: str) -> str:
     """Return the command that shrinks a scenario under the requirement of a campaign."""
-    words = ["rvsg", "shrink", scenario, "--requirement", requirement, "--out", out]
+    words = ["rvsg", "scenario", "shrink", scenario, "--requirement", requirement, "--out", out]
     return shlex.join([*words, *_simulator(config)])
 
 
@@ -68,12 +68,12 @@ def _options(config: CampaignConfig, *, without: Sequence[str]) -> list[str]:
     writer = {key: getattr(config, key) for key in ("generator", "model", "replay")}
     defaults = CampaignConfig().model_copy(update={"strategy": CampaignConfig(**writer).strategy})
     for key, value in config.model_dump(mode="json").items():
-        option = f"--{key.replace('_', '-')}"
+        option = option_of(key)
         if key in without or value == getattr(defaults, key):
             continue
         if isinstance(value, dict):
             for name, each in value.items():
-                words += [option.removesuffix("s"), f"{name}={each if isinstance(each, str) else json.dumps(each)}"]
+                words += [option, f"{name}={each if isinstance(each, str) else json.dumps(each)}"]
         elif isinstance(value, list):
             words += [word for each in value for word in (option, each)]
         else:

@@ -27,11 +27,13 @@ from rvsg.app.folder import CELLS, MATRIX, REPORT, alone_in, check_out, holds_se
 from rvsg.app.record import FROM, as_stored, differences, other_settings, paths_of
 from rvsg.app.settings import (
     BUDGETS,
+    LISTED,
     CampaignConfig,
     CampaignFile,
     called,
     check_stack_named,
     effective,
+    option_of,
     safe_name,
 )
 from rvsg.app.wiring import jobs_of, wire
@@ -49,7 +51,6 @@ from rvsg.scenario.requirement import shipped_requirements
 from rvsg.world.world_folder import load_world
 
 Pair = tuple[str, str]
-LISTED = ("route", "requirement")
 PAIRS = "pairs"
 """The key of the pairs asked for, where they are not every route with every requirement."""
 ENDING_S = 20.0
@@ -145,7 +146,7 @@ class Matrix:
                 continue
             share[key] = budget / count if key == "budget_usd" else int(budget) // count
             if not share[key] and budget:
-                option = f"--{key.replace('_', '-')} {budget}"
+                option = f"{option_of(key)} {budget}"
                 raise InputError(
                     f"{option} is less than one for each of the {count} campaigns.", code="budget-too-small"
                 )

@@ -1,4 +1,4 @@
-"""The run that `rvsg replay` films and `rvsg trace` records again."""
+"""The run that `rvsg replay` films, or records again as a trace."""
 
 from __future__ import annotations
 

@@ -12,13 +12,14 @@ from typing import Any, Self
 from pydantic import ValidationError
 
 import rvsg
-from rvsg.app.settings import CampaignConfig, file_of
+from rvsg.app.settings import FILES, CampaignConfig, file_of
 from rvsg.campaign.attempt import Plan
 from rvsg.campaign.ledger import Ledger
 from rvsg.core.errors import InputError, InvalidOptions, UnknownName
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
 from rvsg.evaluation.verdict import DEFAULT, Procedure
+from rvsg.robots.robot import shipped_robots
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.world.world_folder import shipped_worlds
 
@@ -191,15 +192,11 @@ def _record(ledger: Ledger, name: str) -> CampaignRecord | None:
     return CampaignRecord.read(settings) if settings is not None else None
 
 
-FILES = ("world", "requirement", "moved", "knowledge", "stack", "prompts", "replay")
-"""Settings that may name a file or a folder."""
-
-
 def paths_of(values: Mapping[str, Any], begun_in: str | None) -> dict[str, str]:
     """Return the typed paths among settings, each with where it is, seen from the current folder."""
     if begun_in is None:
         return {}
-    shipped = {*shipped_worlds(), *shipped_requirements()}
+    shipped = {*shipped_worlds(), *shipped_requirements(), *shipped_robots()}
     here = Path(begun_in) == Path.cwd()
     found = {}
     for key in FILES:
@@ -234,7 +231,7 @@ def as_stored(asked: Mapping[str, Any], known: Mapping[str, str]) -> dict[str, A
 
 def spelled_out(values: Mapping[str, Any], known: Mapping[str, str]) -> dict[str, Any]:
     """Return settings whose paths hold from every folder."""
-    shipped = {*shipped_worlds(), *shipped_requirements()}
+    shipped = {*shipped_worlds(), *shipped_requirements(), *shipped_robots()}
 
     def spelled(text: str) -> str:
         path = known.get(text, text)

@@ -1,16 +1,20 @@
-"""The settings of a campaign: defaults, then the campaign file, then the command line.
+"""The settings of a campaign: the one list of them, and how a campaign file and options make a configuration.
 
-Every key of the file is an option of `rvsg run` with `-` for `_`, and the other way round. Paths in the file are
-relative to the file.
+`CampaignConfig` declares every setting once, with its type, default, help and group. The options of the command line,
+the campaign file, its reference page and the studio's form are made from it (`listed_settings`). A configuration is
+made of the defaults, then the campaign file, then the command line. Paths in the file are relative to the file.
 """
 
 from __future__ import annotations
 
 import re
 import shlex
+import types
 from collections.abc import Mapping
+from dataclasses import KW_ONLY, dataclass
+from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, Union, get_args, get_origin
 
 import pydantic
 import yaml
@@ -26,72 +30,299 @@ from rvsg.robots.robot import DEFAULT_ROBOT
 from rvsg.simulation.stacks.registry import DEFAULT_STACK, runs_own_code
 from rvsg.world.world import State
 
+TEST = "What to test"
+SEARCH = "How to find scenarios"
+RUNS = "How it is simulated"
+MODEL = "A vision language model"
+OUTPUT = "What comes out"
+GROUPS = (TEST, SEARCH, RUNS, MODEL, OUTPUT)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What the declaration of a setting says besides its type and its default."""
+
+    help: str
+    group: str
+    _: KW_ONLY
+    more: str = ""
+    """What the reference page says in addition."""
+    default: str = ""
+    """The default in words, where it depends on other settings."""
+    option: str = ""
+    """The option of the command line, if its name is not that of the key."""
+    metavar: str | None = None
+    label: str = ""
+    """The label in the studio's form; a setting without one is not in the form."""
+    common: bool = False
+    """Whether `rvsg run --help` shows the option; `--help-all` shows all."""
+    file: Literal["", "path", "or name"] = ""
+    """Whether the value is the path of a file or folder, or may be one instead of a name."""
+    decides: bool = True
+    """Whether records depend on it; another value is refused when a campaign is resumed."""
+    machine: bool = False
+    """Whether it says where and by how many workers runs are made."""
+    several: bool = False
+    """Whether a list of values asks for several campaigns."""
+    of_model: bool = False
+    """Whether only a vision language model needs it."""
+
+
 Positive = Annotated[int, Field(ge=1, le=100_000, strict=True)]
 NotNegative = Annotated[int, Field(ge=0, strict=True)]
 
-PATHS = ("out", "prompts", "replay", "junit", "moved", "knowledge")
-"""Keys whose value is a path. `world` and `requirement` are paths where such a file exists beside the campaign file."""
-MACHINE = ("jobs", "executor", "executor_options")
-"""Keys of the machine, not of the campaign: where and by how many workers runs are made."""
-BUDGETS = ("budget_calls", "budget_tokens", "budget_usd")
-"""Keys that limit what the calls of a model cost."""
-BESIDE = (*MACHINE, "store", "store_options", "out", "fail_on_violation", "junit", "shrink_runs", *BUDGETS)
-"""Keys that do not decide the records and may differ when a campaign is resumed."""
-
 
 class CampaignConfig(Record):
-    """Every setting of `rvsg run`.
+    """Every setting of `rvsg run`. To add one, declare it here and use it."""
 
-    `strategy` left out is `study` where a vision language model writes (it was not compared with others there).
-    `generator` None is `random` for the strategy `random`, `vlm` where a model or a replay is named, else `heuristic`.
-    `jobs` None is one per core. `out` None is a folder under `runs/` named for the settings.
-    """
-
-    world: str = "warehouse"
-    route: str = "route_1"
-    requirement: str = "R1"
-    also: list[str] = Field(default_factory=list)
-    robot: str = DEFAULT_ROBOT
-    moved: Annotated[str | None, Field(min_length=1)] = None
-    doors: dict[str, State] = Field(default_factory=dict)
-    knowledge: Annotated[str | None, Field(min_length=1)] = None
-    generator: str | None = None
-    generator_options: dict[str, Any] = Field(default_factory=dict)
-    strategy: str = "hybrid"
-    simulator: str = "embedded"
-    simulator_options: dict[str, Any] = Field(default_factory=dict)
-    stack: str | None = None
-    stack_options: dict[str, Any] = Field(default_factory=dict)
-    humans: Annotated[int, Field(ge=1, le=100)] = 2
-    scenarios: Positive = 10
-    refinements: Annotated[int, Field(ge=0, le=1000)] = 4
-    repeats: Positive = 5
-    confirmations: Annotated[int, Field(ge=0, le=100_000)] = 250
-    shrink_runs: Annotated[int, Field(ge=0, le=1_000_000)] = 200
-    budget_runs: Annotated[int | None, Field(ge=1, le=10_000_000)] = None
-    memory: Annotated[int, Field(ge=0, le=1000)] = 10
-    max_in_flight: Annotated[int, Field(ge=1, le=1000)] = 1
-    error_rate: Annotated[float, Field(gt=0, lt=0.5)] = DEFAULT.error_rate
-    rare: Annotated[float, Field(gt=0, lt=0.5)] = DEFAULT.rare
-    often: Annotated[float, Field(gt=0, lt=0.5)] = DEFAULT.often
-    confidence: Annotated[float, Field(gt=0.5, lt=1)] = DEFAULT.confidence
-    seed: NotNegative = 0
-    jobs: Annotated[int | None, Field(ge=1, le=1024)] = None
-    executor: str = "processes"
-    executor_options: dict[str, Any] = Field(default_factory=dict)
-    store: str = "sqlite"
-    store_options: dict[str, Any] = Field(default_factory=dict)
-    out: Annotated[str | None, Field(min_length=1)] = None
-    fail_on_violation: bool = False
-    junit: str | None = None
-    model: str | None = None
-    base_url: str | None = None
-    conversation: Literal["compact", "study"] = "compact"
-    prompts: str | None = None
-    replay: str | None = None
-    budget_usd: Annotated[float | None, Field(gt=0)] = None
-    budget_calls: Annotated[int | None, Field(ge=1)] = None
-    budget_tokens: Annotated[int | None, Field(ge=1)] = None
+    world: Annotated[
+        str,
+        Setting("A shipped world or a world folder.", TEST, label="World", common=True, file="or name"),
+    ] = "warehouse"
+    route: Annotated[str, Setting("A route of the world.", TEST, label="Routes", common=True, several=True)] = "route_1"
+    requirement: Annotated[
+        str,
+        Setting(
+            "A shipped requirement, or FILE.yaml#NAME.",
+            TEST,
+            label="Requirements",
+            common=True,
+            several=True,
+            file="or name",
+        ),
+    ] = "R1"
+    also: Annotated[
+        list[str],
+        Setting(
+            "A further requirement for the strategy multi.",
+            TEST,
+            more="Each needs a metric and a limit.",
+            file="or name",
+        ),
+    ] = Field(default_factory=list)
+    robot: Annotated[
+        str,
+        Setting("A shipped robot (`rvsg robots`) or a robot file.", TEST, label="Robot", common=True, file="or name"),
+    ] = DEFAULT_ROBOT
+    moved: Annotated[
+        str | None,
+        Field(min_length=1),
+        Setting(
+            "Objects in the robot's way that its map does not show (objects.yaml).", TEST, metavar="FILE", file="path"
+        ),
+    ] = None
+    doors: Annotated[
+        dict[str, State],
+        Setting(
+            "A door that is open, closed or automatic.",
+            TEST,
+            more="In the file: `{Ward: closed}`.",
+            option="--door",
+            metavar="NAME=STATE",
+        ),
+    ] = Field(default_factory=dict)
+    knowledge: Annotated[
+        str | None,
+        Field(min_length=1),
+        Setting(
+            "Earlier scenarios that new ones must differ from (`rvsg knowledge search --out FILE`).",
+            SEARCH,
+            metavar="FILE",
+            file="path",
+        ),
+    ] = None
+    generator: Annotated[
+        str | None,
+        Setting(
+            "Writes the scenarios: heuristic, random, vlm, or a plug-in.",
+            SEARCH,
+            more="Without it: `random` for the strategy `random`, `vlm` where `model` or `replay` is given.",
+            default="heuristic",
+            label="Who writes the scenarios",
+            common=True,
+        ),
+    ] = None
+    generator_options: Annotated[dict[str, Any], Setting("An option of the generator.", SEARCH)] = Field(
+        default_factory=dict
+    )
+    strategy: Annotated[
+        str,
+        Setting(
+            "What to try next: study, hybrid, map-elites, multi, unguided, random, or a plug-in.",
+            SEARCH,
+            more="`study` refines a scenario from what it measured, then writes one that differs; `hybrid` drafts with "
+            "the generator and tunes in the simulator; `map-elites` finds the worst of every kind of encounter; "
+            "`multi` weighs several requirements; `unguided` tells the generator no requirement, feedback or memory. "
+            "Without it, a vision language model works with `study`.",
+            label="Strategy of the search",
+            common=True,
+        ),
+    ] = "hybrid"
+    simulator: Annotated[
+        str,
+        Setting(
+            "embedded; kinematic: no physics; ros2-world: your own; or a plug-in.",
+            RUNS,
+            more="Verdicts of `kinematic` say nothing of a robot.",
+        ),
+    ] = "embedded"
+    simulator_options: Annotated[
+        dict[str, Any], Setting("An option of the simulator.", RUNS, more="For example `profile: published-study`.")
+    ] = Field(default_factory=dict)
+    stack: Annotated[
+        str | None,
+        Setting(
+            "Navigation stack under test: a name (`rvsg stacks`) or a file.",
+            TEST,
+            more="Or a command; see [Test your own stack](../how-to/test-your-own-stack.md).",
+            default=DEFAULT_STACK,
+            common=True,
+            file="or name",
+        ),
+    ] = None
+    stack_options: Annotated[dict[str, Any], Setting("An option of the stack.", TEST)] = Field(default_factory=dict)
+    humans: Annotated[int, Field(ge=1, le=100), Setting("People in a scenario.", TEST, label="People")] = 2
+    scenarios: Annotated[Positive, Setting("Scenarios to find.", SEARCH, label="Scenarios", common=True)] = 10
+    refinements: Annotated[
+        int, Field(ge=0, le=1000), Setting("Refinements of each scenario.", SEARCH, label="Refinements")
+    ] = 4
+    repeats: Annotated[Positive, Setting("Runs of each configuration.", SEARCH, label="Runs")] = 5
+    confirmations: Annotated[
+        int,
+        Field(ge=0, le=100_000),
+        Setting(
+            "Confirmation runs in all, at most.",
+            SEARCH,
+            more="0 confirms nothing. See [What is confirmed](#what-is-confirmed).",
+            label="Confirmation runs",
+        ),
+    ] = 250
+    shrink_runs: Annotated[
+        int,
+        Field(ge=0, le=1_000_000),
+        Setting("Runs that shrink the distinct failures; 0: do not.", SEARCH, decides=False),
+    ] = 200
+    budget_runs: Annotated[
+        int | None,
+        Field(ge=1, le=10_000_000),
+        Setting("Runs of the search.", SEARCH, default="scenarios x (1 + refinements) x repeats"),
+    ] = None
+    memory: Annotated[
+        int, Field(ge=0, le=1000), Setting("Earlier scenarios that a new one must differ from.", SEARCH)
+    ] = 10
+    max_in_flight: Annotated[
+        int,
+        Field(ge=1, le=1000),
+        Setting("Attempts in progress at a time; more keep more cores busy.", SEARCH, label="Attempts at a time"),
+    ] = 1
+    error_rate: Annotated[
+        float, Field(gt=0, lt=0.5), Setting("Probability that a verdict is wrong, at most.", SEARCH)
+    ] = DEFAULT.error_rate
+    rare: Annotated[
+        float, Field(gt=0, lt=0.5), Setting("Violation rate up to which violations count as rare.", SEARCH)
+    ] = DEFAULT.rare
+    often: Annotated[
+        float,
+        Field(gt=0, lt=0.5),
+        Setting("Violation rate that a PASS excludes.", SEARCH, more="A FAIL excludes those up to 1 minus this."),
+    ] = DEFAULT.often
+    confidence: Annotated[float, Field(gt=0.5, lt=1), Setting("Confidence level of intervals.", SEARCH)] = (
+        DEFAULT.confidence
+    )
+    seed: Annotated[NotNegative, Setting("Seed of everything random.", SEARCH, label="Seed", common=True)] = 0
+    jobs: Annotated[
+        int | None,
+        Field(ge=1, le=1024),
+        Setting("Worker processes.", RUNS, default="one per core", decides=False, machine=True),
+    ] = None
+    executor: Annotated[
+        str,
+        Setting(
+            "Makes the runs: processes (see --jobs), cluster, or a plug-in.",
+            RUNS,
+            more="`cluster` is a [Dask cluster](../how-to/use-a-cluster.md).",
+            decides=False,
+            machine=True,
+        ),
+    ] = "processes"
+    executor_options: Annotated[
+        dict[str, Any],
+        Setting(
+            "An option of the executor.",
+            RUNS,
+            more="For example `address: tcp://10.0.0.1:8786`.",
+            decides=False,
+            machine=True,
+        ),
+    ] = Field(default_factory=dict)
+    store: Annotated[
+        str,
+        Setting(
+            "Store of the campaign: sqlite, or a plug-in.", OUTPUT, more="A folder keeps its store.", decides=False
+        ),
+    ] = "sqlite"
+    store_options: Annotated[dict[str, Any], Setting("An option of the store.", OUTPUT, decides=False)] = Field(
+        default_factory=dict
+    )
+    out: Annotated[
+        str | None,
+        Field(min_length=1),
+        Setting(
+            "Folder of the campaign; an existing one is resumed.",
+            OUTPUT,
+            default="runs/, named for the settings",
+            label="Folder",
+            common=True,
+            file="path",
+            decides=False,
+        ),
+    ] = None
+    fail_on_violation: Annotated[
+        bool, Setting("Exit with code 1 if the requirement is violated.", OUTPUT, decides=False)
+    ] = False
+    junit: Annotated[
+        str | None,
+        Setting("Write the verdicts as JUnit XML.", OUTPUT, metavar="FILE", file="path", decides=False),
+    ] = None
+    model: Annotated[
+        str | None,
+        Setting(
+            "The model, PROVIDER:NAME, e.g. openai-chat:gpt-4.1.",
+            MODEL,
+            more="Its key comes from the environment only.",
+            label="Model",
+            common=True,
+            of_model=True,
+        ),
+    ] = None
+    base_url: Annotated[
+        str | None,
+        Setting("Address of an OpenAI-compatible server (key: RVSG_API_KEY).", MODEL, of_model=True),
+    ] = None
+    conversation: Annotated[
+        Literal["compact", "study"], Setting("Form of the conversation: compact or study.", MODEL, of_model=True)
+    ] = "compact"
+    prompts: Annotated[
+        str | None,
+        Setting("Folder of prompt templates that replace the shipped ones.", MODEL, file="path", of_model=True),
+    ] = None
+    replay: Annotated[
+        str | None,
+        Setting("Answer from the calls recorded in this folder, without a model.", MODEL, file="path", of_model=True),
+    ] = None
+    budget_usd: Annotated[
+        float | None,
+        Field(gt=0),
+        Setting(
+            "Stop before the calls of a model cost more.", MODEL, label="Budget in USD", decides=False, of_model=True
+        ),
+    ] = None
+    budget_calls: Annotated[
+        int | None, Field(ge=1), Setting("Stop before more calls of a model.", MODEL, decides=False, of_model=True)
+    ] = None
+    budget_tokens: Annotated[
+        int | None, Field(ge=1), Setting("Stop before more tokens of a model.", MODEL, decides=False, of_model=True)
+    ] = None
 
     @model_validator(mode="before")
     @classmethod
@@ -123,11 +354,11 @@ class CampaignConfig(Record):
         """The simulator with its options."""
         return Spec(self.simulator, self.simulator_options)
 
-    def stack_spec(self, paths: Mapping[str, str]) -> Spec | None:
+    def stack_spec(self, paths: Mapping[str, str] | None = None) -> Spec | None:
         """Return the navigation stack under test; None for the simulator's own."""
         if self.stack is None and self.stack_options:
             return Spec(DEFAULT_STACK, self.stack_options)
-        return None if self.stack is None else Spec(paths.get(self.stack, self.stack), self.stack_options)
+        return None if self.stack is None else Spec((paths or {}).get(self.stack, self.stack), self.stack_options)
 
     @property
     def generator_name(self) -> str:
@@ -157,6 +388,66 @@ class CampaignConfig(Record):
         values = self.model_dump(mode="json", exclude={"out", *MACHINE, "junit", "fail_on_violation"})
         head = "# The effective configuration of this campaign; `rvsg run THIS_FILE --out ELSEWHERE` repeats it.\n"
         return head + yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
+
+
+@cache
+def settings() -> dict[str, Setting]:
+    """Return what is declared of every setting, by key; the one place that everything else is made from."""
+    return {
+        key: next(each for each in field.metadata if isinstance(each, Setting))
+        for key, field in CampaignConfig.model_fields.items()
+    }
+
+
+def keys(**traits: Any) -> tuple[str, ...]:
+    """Return the keys of the settings with these traits, e.g. `machine=True`."""
+    return tuple(
+        key
+        for key, setting in settings().items()
+        if all(getattr(setting, trait) == value for trait, value in traits.items())
+    )
+
+
+def value_type(key: str) -> type:
+    """Return the type of a setting's value: bool, int, float, str, list or dict."""
+    annotation: Any = CampaignConfig.model_fields[key].annotation
+    while get_origin(annotation) in (Annotated, Union, types.UnionType):
+        annotation = next(each for each in get_args(annotation) if each is not types.NoneType)
+    kind = get_origin(annotation) or annotation
+    return str if kind is Literal else kind
+
+
+def default_of(key: str) -> Any:
+    """Return the default of a setting."""
+    return CampaignConfig.model_fields[key].get_default(call_default_factory=True)
+
+
+def default_text(key: str) -> str:
+    """Return the default of a setting in words; empty where there is none."""
+    default = default_of(key)
+    if settings()[key].default or default in (None, [], {}):
+        return settings()[key].default
+    return str(default).lower() if isinstance(default, bool) else str(default)
+
+
+def option_of(key: str) -> str:
+    """Return the option of the command line that gives a setting, e.g. `--base-url`."""
+    name = key.removesuffix("s") if value_type(key) is dict else key
+    return settings()[key].option or f"--{name.replace('_', '-')}"
+
+
+MACHINE = keys(machine=True)
+"""Keys of the machine, not of the campaign: where and by how many workers runs are made."""
+BUDGETS = ("budget_calls", "budget_tokens", "budget_usd")
+"""Keys that limit what the calls of a model cost."""
+BESIDE = keys(decides=False)
+"""Keys that do not decide the records and may differ when a campaign is resumed."""
+LISTED = keys(several=True)
+"""Keys with which several values ask for several campaigns."""
+VLM_OPTIONS = keys(of_model=True, decides=True)
+"""Keys that say how a model is asked."""
+FILES = tuple(key for key, setting in settings().items() if setting.file and setting.decides)
+"""Keys whose value may name a file or a folder that the records depend on."""
 
 
 Names = Annotated[list[str], Field(min_length=1), BeforeValidator(lambda v: v if isinstance(v, list) else [v])]
@@ -206,10 +497,10 @@ def _settings(document: Document, path: Path) -> dict[str, Any]:
         return {}
     validated(document, CampaignFile)
     values = dict(document.value)
-    for key in PATHS:
+    for key in keys(file="path"):
         if isinstance(values.get(key), str):
             values[key] = str(path.parent / values[key])
-    for key in ("world", "requirement", "also", "robot", "stack"):
+    for key in keys(file="or name"):
         if isinstance(values.get(key), list):
             values[key] = [_beside(path, name) for name in values[key]]
         elif isinstance(values.get(key), str):

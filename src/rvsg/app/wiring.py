@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from rvsg.app.settings import BUDGETS, CampaignConfig
+from rvsg.app.settings import BUDGETS, VLM_OPTIONS, CampaignConfig
 from rvsg.campaign.attempt import Plan
 from rvsg.campaign.execution import Limits, Parts
 from rvsg.campaign.feedback import StoredFeedback, rehearsing
@@ -51,9 +51,6 @@ def read_remembered(path: str | Path) -> tuple[Remembered, ...]:
         raise FileError(
             path, f"expected what `rvsg knowledge search --out FILE` writes: {first['msg']} at {first['loc']}."
         ) from None
-
-
-VLM_OPTIONS = ("model", "base_url", "conversation", "prompts", "replay")
 
 
 @dataclass(frozen=True, kw_only=True)

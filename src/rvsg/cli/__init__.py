@@ -1,59 +1,56 @@
 """The command line: one verb per stage, whose module is loaded only when it is used.
 
 To add a verb, write a Typer (made by `frame.verb()`; with several commands for a verb that has sub-verbs) in the module
-of the verbs it belongs to, and add one line to `VERBS`: `MODULE:ATTRIBUTE`, or the module alone for its `app`. Another
-distribution registers a table like it under the entry point group `rvsg.verbs`. The front door raises the errors; the
-frame prints each as one message and exits with its code. Standard output carries machine-readable results only
-(`console.print_json`); everything for people goes to standard error (`console.say`).
+of the verbs it belongs to, and add one line to `VERBS`. Another distribution registers a table like it under the entry
+point group `rvsg.verbs`. The application raises the errors; the frame prints each as one message and exits with its
+code. Standard output carries machine-readable results only (`console.print_json`); everything for people goes to
+standard error (`console.say`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rvsg.cli.frame import Verb, command_line, installed_verbs
+from rvsg.cli.frame import BUILD, FIND, KEEP, Verb, Verbs, command_line, installed_verbs
 from rvsg.cli.interruption import until_gone
 from rvsg.core.inputs import open_standard_streams
 
 VERBS: dict[str, Verb] = {
-    "world": Verb("rvsg.cli.world", "Make a world from a map, check it, draw it, show it, compare two"),
-    "run": Verb("rvsg.cli.run", "Find, confirm and report scenarios that make the robot violate a requirement"),
-    "propose": Verb("rvsg.cli.model:propose_app", "Ask a generator for one scenario, and show what the checker said"),
-    "simulate": Verb("rvsg.cli.simulate", "Simulate a scenario and write its runs"),
-    "evaluate": Verb("rvsg.cli.simulate:evaluate_app", "Measure runs of a scenario, and judge them by a requirement"),
-    "compare": Verb("rvsg.cli.suite:compare_app", "Compare generators and strategies at an equal number of runs"),
-    "scenario": Verb("rvsg.cli.scenario", "Adapt a saved scenario to a world that has changed"),
-    "shrink": Verb(
-        "rvsg.cli.scenario:shrink_app", "Find the smallest scenario that violates a requirement about as often"
-    ),
-    "confirm": Verb("rvsg.cli.report:confirm_app", "Confirm one more candidate of a campaign"),
-    "report": Verb("rvsg.cli.report", "Write the page of a stored campaign, and print its ranked scenarios"),
-    "suite": Verb("rvsg.cli.suite", "Keep scenarios, run them against every version, report what broke"),
-    "compare-versions": Verb(
-        "rvsg.cli.suite:compare_versions_app", "Compare two versions on the same scenarios and seeds"
-    ),
-    "explore": Verb(
-        "rvsg.cli.scenario:explore_app", "Run a scenario with ranges, and show where in them it violates a requirement"
-    ),
-    "coverage": Verb("rvsg.cli.suite:coverage_app", "Show what suites and campaigns exercise, and what is untested"),
-    "trace": Verb("rvsg.cli.simulate:trace_app", "Repeat a run and record everything, for the report and Foxglove"),
-    "knowledge": Verb("rvsg.cli.knowledge", "Collect what campaigns find, search it, and give it to generators"),
-    "watch": Verb("rvsg.cli.watch", "Monitor a robot, and test next what its runs suggest"),
-    "replay": Verb("rvsg.cli.simulate:replay_app", "Write a run as a film or a strip of pictures"),
-    "demo": Verb("rvsg.cli.demo", "Replay a recorded campaign whose scenarios a vision language model wrote"),
-    "describe": Verb("rvsg.cli.model:describe_app", "Let a vision language model describe a world"),
-    "prompt": Verb("rvsg.cli.model:prompt_app", "Print the next prompt of a campaign without calling a model"),
-    "robots": Verb(
-        "rvsg.cli.robots:robots_app", "List the robots that can be tested, check a robot file, or draw them"
-    ),
-    "stacks": Verb("rvsg.cli.robots:stacks_app", "List the navigation stacks that can be tested, or compare several"),
-    "metrics": Verb("rvsg.cli.simulate:metrics_app", "List the metrics with formula and unit, or measure a run"),
+    "run": Verb("rvsg.cli.run", "Find, confirm and report scenarios that make the robot fail", FIND),
+    "demo": Verb("rvsg.cli.demo", "Replay a recorded campaign of a vision language model", FIND),
+    "report": Verb("rvsg.cli.report", "Write the page of a campaign, print its scenarios", FIND),
+    "confirm": Verb("rvsg.cli.report:confirm_app", "Confirm one more candidate of a campaign", FIND),
+    "simulate": Verb("rvsg.cli.simulate", "Simulate a scenario and write its runs", FIND),
+    "evaluate": Verb("rvsg.cli.simulate:evaluate_app", "Measure and judge runs; list the metrics", FIND),
+    "replay": Verb("rvsg.cli.simulate:replay_app", "Write a run as a film, pictures or a full trace", FIND),
+    "world": Verb("rvsg.cli.world", "Make, check, draw, describe and compare worlds", BUILD),
+    "robots": Verb("rvsg.cli.robots:robots_app", "List, check and draw robots", BUILD),
+    "stacks": Verb("rvsg.cli.robots:stacks_app", "List navigation stacks, or compare several", BUILD),
+    "scenario": Verb("rvsg.cli.scenario", "Propose, shrink, explore and migrate scenarios", BUILD),
+    "suite": Verb("rvsg.cli.suite", "Test every version with the same scenarios", KEEP),
+    "compare": Verb("rvsg.cli.suite:compare_app", "Compare search methods at an equal number of runs", KEEP),
+    "knowledge": Verb("rvsg.cli.knowledge", "Collect and search what campaigns find", KEEP),
+    "watch": Verb("rvsg.cli.watch", "Monitor a robot, and test what its runs suggest", KEEP),
+    "coverage": Verb("rvsg.cli.suite:coverage_app", "Show what suites and campaigns exercise", KEEP),
 }
+MOVED = {
+    "propose": "scenario propose",
+    "prompt": "scenario prompt",
+    "shrink": "scenario shrink",
+    "explore": "scenario explore",
+    "describe": "world describe",
+    "compare-versions": "suite compare",
+    "trace": "replay SOURCE --trace",
+    "metrics": "evaluate --metric all",
+    "import-agents": "import agents",
+    "import-study": "import study",
+}
+"""Verbs of RVSG 0.2 by their name there."""
 
 
-def verbs() -> dict[str, Verb]:
-    """Return all verbs: those of the core, then those of other installed distributions (entry points `rvsg.verbs`)."""
-    return VERBS | installed_verbs()
+def verbs() -> Verbs:
+    """Return all verbs: those of the core and those of other installed distributions."""
+    return installed_verbs(VERBS)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -63,6 +60,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     3 interrupted but resumable; 4 an error in RVSG itself.
     """
     if argv is not None:
-        return command_line(verbs(), argv)
+        return command_line(verbs(), argv, MOVED)
     open_standard_streams()
-    return until_gone(lambda: command_line(verbs()))
+    return until_gone(lambda: command_line(verbs(), moved=MOVED))

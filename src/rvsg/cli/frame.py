@@ -20,17 +20,21 @@ from typer.core import TyperCommand, TyperGroup
 import rvsg
 from rvsg.cli.console import as_started
 from rvsg.cli.interruption import interruptible
-from rvsg.core.errors import Interrupted, RvsgError
+from rvsg.core.errors import InputError, Interrupted, RvsgError
 
 HELP = """Find, confirm and explain human behaviours that make a mobile robot violate its requirements, in simulation.
 
-`rvsg run` does the main job. The other verbs are its stages; they read and write the same records as files.
-Standard output carries machine-readable results only; everything for people goes to standard error.
+Results for machines go to standard output; everything for people goes to standard error.
 """
 EPILOG = (
-    "Exit codes: 0 done; 1 done, and a requirement is violated (--fail-on-violation); 2 usage or input error, "
-    "or nothing could be judged; 3 interrupted but resumable; 4 an error in RVSG itself."
+    "Exit codes: 0 done; 1 done, and a requirement is violated; 2 usage or input error, or nothing could be judged; "
+    "3 interrupted but resumable; 4 an error in RVSG itself."
 )
+MOST_OPTIONS = 12
+"""A command with more options hides the rarer ones behind `--help-all`."""
+ALL = "--help-all"
+GROUPS = ("Find failures", "Build worlds and scenarios", "Keep and compare", "Connect", "Other")
+FIND, BUILD, KEEP, CONNECT, OTHER = GROUPS
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)
 """Errors for a name that no file system can hold."""
@@ -38,16 +42,29 @@ CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
 class Verb(NamedTuple):
-    """A verb of the command line: its Typer as MODULE:ATTRIBUTE (MODULE alone: its `app`), and its line in the help."""
+    """A verb of the command line.
+
+    Args:
+        module: its Typer as MODULE:ATTRIBUTE; MODULE alone is its `app`.
+        group: the group of the help that lists it, one of `GROUPS`.
+    """
 
     module: str
     help: str
+    group: str = OTHER
 
 
-def installed_verbs() -> dict[str, Verb]:
-    """Return the verbs that other installed distributions register."""
-    tables = [entry.load() for entry in sorted(entry_points(group="rvsg.verbs"))]
-    return {name: verb for table in tables for name, verb in table.items()}
+Verbs = Mapping[str, tuple[Verb, ...]]
+"""Verbs by name; where several distributions add sub-verbs to one, there are several."""
+
+
+def installed_verbs(built_in: Mapping[str, Verb]) -> Verbs:
+    """Return the verbs of the core, then those that other installed distributions register (`rvsg.verbs`)."""
+    found = {name: (each,) for name, each in built_in.items()}
+    for entry in sorted(entry_points(group="rvsg.verbs")):
+        for name, each in entry.load().items():
+            found[name] = (*found.get(name, ()), each)
+    return found
 
 
 def verb(**settings: Any) -> typer.Typer:
@@ -61,10 +78,16 @@ def verb(**settings: Any) -> typer.Typer:
     )
 
 
-def command_line(verbs: Mapping[str, Verb], argv: Sequence[str] | None = None) -> int:
-    """Load the verb that is named, run it, and return the exit code; never raises."""
+def command_line(verbs: Verbs, argv: Sequence[str] | None = None, moved: Mapping[str, str] | None = None) -> int:
+    """Load the verb that is named, run it, and return the exit code; never raises.
+
+    Args:
+        moved: the commands that earlier versions called otherwise, by their earlier name.
+    """
     arguments = list(sys.argv[1:] if argv is None else argv)
-    return guarded(lambda: _root(verbs).main(args=arguments, prog_name="rvsg"), arguments)
+    words = ["--help" if word == ALL else word for word in arguments]
+    root = _root(verbs, moved or {}, everything=ALL in arguments)
+    return guarded(lambda: root.main(args=words, prog_name="rvsg"), arguments)
 
 
 def guarded(work: Callable[[], object], arguments: Sequence[str]) -> int:
@@ -87,24 +110,48 @@ def guarded(work: Callable[[], object], arguments: Sequence[str]) -> int:
     return 0
 
 
-def full_command(verbs: Mapping[str, Verb], name: str) -> Any:
-    """Return the command of a verb after importing its module."""
-    return _command_of(verbs[name].module, name)
-
-
 @cache
-def _command_of(module: str, name: str) -> Any:
-    path, _, attribute = module.partition(":")
-    app = getattr(importlib.import_module(path), attribute or "app")
-    command = typer.main.get_command(app)
+def full_command(name: str, found: tuple[Verb, ...], *, everything: bool = False) -> Any:
+    """Return the command of a verb after importing its module; with `everything`, its help shows all options."""
+    commands: list[Any] = [typer.main.get_command(_load(each.module)) for each in found]
+    command = commands[0]
+    for more in commands[1:]:
+        command.commands |= more.commands
     command.name = name
+    _fold(command, everything=everything)
     return command
+
+
+def _load(module: str) -> typer.Typer:
+    path, _, attribute = module.partition(":")
+    app: typer.Typer = getattr(importlib.import_module(path), attribute or "app")
+    return app
+
+
+def options_of(command: Any) -> list[Any]:
+    """Return the options of a command, without its arguments."""
+    return [param for param in command.params if param.param_type_name == "option"]
+
+
+def _fold(command: Any, *, everything: bool) -> None:
+    """Show all options of a command; or, where these are many, those that are not marked as hidden."""
+    if isinstance(command, TyperGroup):
+        for each in command.commands.values():
+            _fold(each, everything=everything)
+    options = options_of(command)
+    if everything or len(options) <= MOST_OPTIONS:
+        for option in options:
+            option.hidden = False
+    elif rare := sum(option.hidden for option in options):
+        command.epilog = f"{rare} more options: {ALL}."
 
 
 class Frame(TyperGroup):
     """Lists verbs from their table alone, and imports a verb's module only to run it."""
 
-    verbs: Mapping[str, Verb]
+    verbs: Verbs
+    moved: Mapping[str, str]
+    everything: bool
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of the verbs."""
@@ -114,12 +161,24 @@ class Frame(TyperGroup):
         """Return a verb for the help, without its options."""
         if cmd_name not in self.verbs:
             return None
-        return TyperCommand(cmd_name, help=self.verbs[cmd_name].help, rich_markup_mode=None)
+        return TyperCommand(cmd_name, help=self.verbs[cmd_name][0].help, rich_markup_mode=None)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the verbs in their groups."""
+        for group in GROUPS:
+            rows = [(name, found[0].help) for name, found in self.verbs.items() if found[0].group == group]
+            if rows:
+                with formatter.section(group):
+                    formatter.write_dl(rows)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Return the verb that is named, with its options."""
+        """Return the verb that is named, with its options; an earlier name of a verb is refused with its new one."""
+        if args[0] in self.moved:
+            raise InputError(f"`rvsg {args[0]}` is now `rvsg {self.moved[args[0]]}`.", code="verb-moved")
         name, found, rest = super().resolve_command(ctx, args)
-        return name, (full_command(self.verbs, name) if name and found else found), rest
+        if not name or not found:
+            return name, found, rest
+        return name, full_command(name, self.verbs[name], everything=self.everything), rest
 
     def invoke(self, ctx: Any) -> Any:
         """Run the verb; an interruption and a reader that is gone become one of our errors."""
@@ -132,7 +191,7 @@ class Frame(TyperGroup):
             raise Interrupted("The reader of the output has closed it. Finished work is kept.") from None
 
 
-def _root(verbs: Mapping[str, Verb]) -> Any:
+def _root(verbs: Verbs, moved: Mapping[str, str], *, everything: bool) -> Any:
     """Return the top command, which loads verbs lazily."""
     app = typer.Typer(
         cls=Frame,
@@ -157,7 +216,7 @@ def _root(verbs: Mapping[str, Verb]) -> Any:
         """Options before the verb."""
 
     command: Any = typer.main.get_command(app)
-    command.verbs = verbs
+    command.verbs, command.moved, command.everything = verbs, moved, everything
     # Suggestions for a misspelt verb read this table.
     command.commands = {name: command.get_command(None, name) for name in verbs}
     return command

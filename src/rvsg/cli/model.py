@@ -1,4 +1,4 @@
-"""The verbs that talk to a generator or a model: `rvsg propose`, `rvsg describe` and `rvsg prompt`."""
+"""Commands that talk to a generator or a model: `rvsg scenario propose` and `prompt`, `rvsg world describe`."""
 
 from __future__ import annotations
 
@@ -10,27 +10,13 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from rvsg.app.settings import effective
 from rvsg.cli.console import as_started, print_json, say
-from rvsg.cli.frame import verb
-from rvsg.cli.options import (
-    AsJson,
-    BaseUrl,
-    BudgetCalls,
-    BudgetTokens,
-    BudgetUsd,
-    CallsShown,
-    CallTimeout,
-    Model,
-    Prices,
-    Record,
-    Replay,
-    Requirement,
-    Strict,
-)
+from rvsg.cli.options import AsJson, CallsShown, CallTimeout, Prices, Record, Strict, setting_options
 
 if TYPE_CHECKING:
     from rvsg.app.description import EnvironmentSession
@@ -41,52 +27,34 @@ if TYPE_CHECKING:
     from rvsg.world.world import Description
 
 
-propose_app = verb()
-OWN = ("feedback", "unguided", "record", "generator_option", "out")
-"""Options that are not settings of a campaign."""
+PROPOSED = (
+    *("world", "route", "requirement", "robot", "generator", "generator_options", "humans", "seed"),
+    *("model", "base_url", "conversation", "prompts", "replay", "budget_usd", "budget_calls", "budget_tokens"),
+)
 
 
-@propose_app.command()
+@setting_options(*PROPOSED)
 def propose(
-    world: Annotated[str, typer.Option(help="A shipped world or a world folder.")] = "warehouse",
-    route: Annotated[str, typer.Option(help="A route of the world.")] = "route_1",
-    requirement: Requirement = "R1",
-    robot: Annotated[str, typer.Option(help="A shipped robot (`rvsg robots`) or a robot file.")] = "tiago_omni",
-    generator: Annotated[str | None, typer.Option(help="heuristic, random, vlm. [heuristic]")] = None,
-    humans: Annotated[int, typer.Option(min=1, max=100, help="People in the scenario.")] = 2,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of everything random.")] = 0,
+    settings: dict[str, Any],
     feedback: Annotated[
         Path | None, typer.Option(help="Refine with this feedback, which `rvsg evaluate --feedback` wrote.")
     ] = None,
     unguided: Annotated[bool, typer.Option("--unguided", help="Do not tell the generator the requirement.")] = False,
-    model: Annotated[str | None, typer.Option(help="VLM, e.g. openai-chat:gpt-4.1.")] = None,
-    base_url: Annotated[str | None, typer.Option(help="Address of an OpenAI-compatible server.")] = None,
-    conversation: Annotated[str, typer.Option(help="compact or study.")] = "compact",
-    prompts: Annotated[str | None, typer.Option(help="Folder of prompt templates that replace ours.")] = None,
-    replay: Annotated[str | None, typer.Option(help="Answer from these recordings, without a model.")] = None,
     record: Annotated[str | None, typer.Option(help="Folder to record the model's calls in. [runs/proposals]")] = None,
-    budget_usd: Annotated[float | None, typer.Option(help="Limit on the cost of the calls in --record.")] = None,
-    budget_calls: Annotated[int | None, typer.Option(help="Limit on the calls in --record.")] = None,
-    budget_tokens: Annotated[int | None, typer.Option(help="Limit on the tokens in --record.")] = None,
-    generator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the generator.")] = None,
     out: Annotated[Path, typer.Option(help="Write the proposal here; - is standard output.")] = Path("-"),
 ) -> None:
     """Ask a generator for one scenario, and show what the checker found.
 
     Writes the proposal as JSON; `rvsg simulate` reads it. With --feedback the proposal refines an earlier scenario.
     """
-    given = {name: value for name, value in locals().items() if name not in OWN}
     from rvsg.app.proposal import proposal_json, propose_as
-    from rvsg.app.settings import effective
     from rvsg.app.wiring import wire
-    from rvsg.cli.options import CallsShown, pairs
     from rvsg.core.documents import read_record
     from rvsg.core.outputs import check_writable, write_text
     from rvsg.scenario.brief import Feedback
 
     check_writable(out)
-    given |= {"out": record or "runs/proposals", "generator_options": pairs("generator", generator_option)}
-    wired = wire(effective(None, {}, given))
+    wired = wire(effective(None, {}, settings | {"out": record or "runs/proposals"}))
     learned = read_record(feedback, Feedback) if feedback else None
     with CallsShown(wired.generator.watch):
         proposal = propose_as(wired, unguided=unguided, feedback=learned)
@@ -112,26 +80,18 @@ def _show_proposal(wired: Wired, proposal: Proposal) -> None:
         say("The generator wrote no scenario.")
 
 
-describe_app = verb()
-REVIEWER = Annotated[str | None, typer.Option(help="Name of the reviewer, stored with the description.")]
-
-
-@describe_app.command()
+@setting_options("model", "base_url", "prompts", "replay", "budget_calls", "budget_tokens", "budget_usd")
 def describe(
+    settings: dict[str, Any],
     world: Annotated[str, typer.Argument(help="A shipped world or a world folder.")],
-    model: Model = None,
-    base_url: BaseUrl = None,
     review: Annotated[bool, typer.Option("--review", help="Accept, edit or reject the description.")] = False,
-    reviewer: REVIEWER = None,
+    reviewer: Annotated[
+        str | None, typer.Option(help="Name of the reviewer, stored with the description.", hidden=True)
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Store it here: a world folder, or a .yaml of its own.")] = None,
-    prompts: Annotated[Path | None, typer.Option(help="Folder of your own prompt templates.")] = None,
     record: Record = None,
-    replay: Replay = None,
     strict: Strict = False,
     call_timeout: CallTimeout = 180.0,
-    budget_calls: BudgetCalls = None,
-    budget_tokens: BudgetTokens = None,
-    budget_usd: BudgetUsd = None,
     prices: Prices = None,
     json: AsJson = False,
 ) -> None:
@@ -141,20 +101,22 @@ def describe(
     world.yaml (for a shipped world, in your data folder) and is part of every later prompt. Without --model, show the
     stored description; with --review, review it.
     """
-    names = ("base_url", "replay", "budget_calls", "budget_tokens", "budget_usd", "prices")
-    access = {key: value for key, value in locals().items() if key in names}
     from rvsg.app.description import open_session, store, stored
     from rvsg.world.world_folder import load_world
 
     loaded = load_world(world)
-    session = open_session(loaded, model, record, prompts, **access, strict=strict or None, call_timeout_s=call_timeout)
+    model, prompts = settings.pop("model", None), settings.pop("prompts", None)
+    access = settings | {"strict": strict or None, "call_timeout_s": call_timeout, "prices": prices}
+    session = open_session(loaded, model, record, Path(prompts) if prompts else None, **access)
     if session is not None:
         with CallsShown(_watch(session.model)), _kept(session.model):
             description = session.dialogue.describe()
         for note in session.notes():
             say(note)
     else:
-        description = stored(loaded, as_started(shlex.join(["rvsg", "describe", world, "--model", "PROVIDER:NAME"])))
+        description = stored(
+            loaded, as_started(shlex.join(["rvsg", "world", "describe", world, "--model", "PROVIDER:NAME"]))
+        )
     if review:
         description = _reviewed(description, reviewer, _revising(session) if session else None)
     else:
@@ -162,7 +124,7 @@ def describe(
     if session is not None or review:
         say(f"Stored in {store(loaded, description, out=out, name=world)}")
         if not description.reviewed:
-            review_it = as_started(shlex.join(["rvsg", "describe", world, "--review"]))
+            review_it = as_started(shlex.join(["rvsg", "world", "describe", world, "--review"]))
             say(f"It is not reviewed yet. Review it with: {review_it}")
     if json:
         print_json(description.model_dump(mode="json"))
@@ -263,18 +225,10 @@ def _in_editor(text: str) -> str:
         return file.read_text(encoding="utf-8")
 
 
-prompt_app = verb()
-
-
-@prompt_app.command()
+@setting_options("world", "route", "requirement", "strategy", "humans", "conversation")
 def prompt(
+    settings: dict[str, Any],
     campaign: Annotated[Path | None, typer.Argument(help="A campaign file, or the folder of a campaign.")] = None,
-    world: Annotated[str | None, typer.Option(help="A shipped world or a world folder. [warehouse]")] = None,
-    route: Annotated[str | None, typer.Option(help="A route of the world. [route_1]")] = None,
-    requirement: Annotated[str | None, typer.Option(help="A shipped requirement, or FILE.yaml#NAME. [R1]")] = None,
-    strategy: Annotated[str | None, typer.Option(help="study, unguided. [study]")] = None,
-    humans: Annotated[int | None, typer.Option(min=1, max=100, help="People in a scenario. [2]")] = None,
-    conversation: Annotated[str | None, typer.Option(help="compact or study. [compact]")] = None,
     prompts: Annotated[Path | None, typer.Option(help="Folder of your own prompt templates.")] = None,
     listed: Annotated[bool, typer.Option("--list", help="List the templates and their variables.")] = False,
     copy: Annotated[str | None, typer.Option(metavar="NAME", help="Copy a template into --to, to change it.")] = None,
@@ -289,14 +243,12 @@ def prompt(
     For a campaign folder, that is the next attempt with its memory and feedback; otherwise the first attempt. The text
     goes to standard output.
     """
-    keys = ("world", "route", "requirement", "strategy", "humans", "conversation")
-    given = {key: value for key, value in locals().items() if key in keys and value is not None}
     from rvsg.app.proposal import configured, copy_template, next_prompt, templates_folder, write_pictures
 
     if listed:
         _list(as_json=json)
         return
-    config = configured(campaign, given)
+    config = configured(campaign, settings)
     if copy is not None:
         say(f"Copied to {copy_template(copy, to or templates_folder(config, prompts))}")
         return

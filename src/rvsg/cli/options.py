@@ -1,20 +1,23 @@
-"""The options that verbs share, and the values of their text."""
+"""Options: those made of the settings of a campaign, those that verbs share, and the values of their text."""
 
 from __future__ import annotations
 
 import contextlib
+import functools
+import inspect
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import typer
+import yaml
 
-from rvsg import Spec
+from rvsg.app.settings import LISTED, default_text, option_of, settings, value_type
 from rvsg.cli.console import console, say
 from rvsg.core.errors import InputError
 from rvsg.core.inputs import is_too_deep
 from rvsg.report.terminal import describe_spending
-from rvsg.simulation.stacks.registry import DEFAULT_STACK
 
 if TYPE_CHECKING:
     from rich.status import Status
@@ -22,14 +25,61 @@ if TYPE_CHECKING:
     from rvsg.generation.vlm.access import CallNews
 
 
+def setting_options(*keys: str, several: bool = False, **defaults: Any) -> Callable[[Callable[..., None]], Any]:
+    """Give a command the options of these settings of a campaign; its `settings` are those that are given.
+
+    Args:
+        several: whether routes and requirements may be given several times.
+        defaults: settings whose default differs in this command.
+    """
+
+    def decorate(command: Callable[..., None]) -> Any:
+        @functools.wraps(command, assigned=("__module__", "__name__", "__doc__"))
+        def with_settings(**values: Any) -> None:
+            given = {key: _value(key, values.pop(key)) for key in keys}
+            command(settings=defaults | {key: value for key, value in given.items() if value is not None}, **values)
+
+        own = inspect.signature(command, eval_str=True).parameters
+        parameters = [
+            *(each.replace(kind=each.KEYWORD_ONLY) for name, each in own.items() if name not in ("settings", "json")),
+            *(_parameter(key, several=several and key in LISTED, default=defaults.get(key)) for key in keys),
+            *(own[name].replace(kind=inspect.Parameter.KEYWORD_ONLY) for name in own if name == "json"),
+        ]
+        del with_settings.__wrapped__
+        vars(with_settings)["__signature__"] = inspect.Signature(parameters)
+        return with_settings
+
+    return decorate
+
+
+def _parameter(key: str, *, several: bool, default: Any) -> inspect.Parameter:
+    """Return the parameter of a command that takes a setting."""
+    setting, kind = settings()[key], value_type(key)
+    many = several or kind in (list, dict)
+    words = setting.help.removesuffix(".") + ("; repeatable" if many else "") + (", or `all`" if several else "")
+    shown = default_text(key) if default is None else str(default)
+    option = typer.Option(
+        option_of(key),
+        help=f"{words}." + (f" [{shown}]" if shown and kind is not bool else ""),
+        metavar=setting.metavar or ("NAME=VALUE" if kind is dict else None),
+        hidden=not setting.common,
+    )
+    value: Any = list[str] if many else kind
+    return inspect.Parameter(
+        key, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[value | None, option]
+    )
+
+
+def _value(key: str, given: Any) -> Any:
+    """Return the value of a setting from that of its option."""
+    if given is None or value_type(key) is not dict:
+        return given
+    return states(given) if key == "doors" else pairs(key.removesuffix("_options"), given)
+
+
 def pairs(kind: str, given: list[str] | None) -> dict[str, Any]:
     """Return the `NAME=VALUE` options of a plug-in, the values read as YAML."""
     return dict(_pair(kind, pair) for pair in given or [])
-
-
-def spec(kind: str, name: str, options: list[str] | None) -> Spec:
-    """Return a plug-in by its name and its `NAME=VALUE` options."""
-    return Spec(name, pairs(kind, options))
 
 
 def states(given: list[str] | None) -> dict[str, Any]:
@@ -45,16 +95,7 @@ def states(given: list[str] | None) -> dict[str, Any]:
     return found
 
 
-def stack_spec(name: str | None, options: list[str] | None) -> Spec | None:
-    """Return the navigation stack under test with its `NAME=VALUE` options; None for the simulator's own."""
-    if name is None and not options:
-        return None
-    return Spec(name or DEFAULT_STACK, pairs("stack", options))
-
-
 def _pair(kind: str, pair: str) -> tuple[str, Any]:
-    import yaml
-
     name, equals, value = pair.partition("=")
     if not equals or not name:
         raise InputError(f"--{kind}-option {pair!r}: expected NAME=VALUE", code="option-form")
@@ -74,8 +115,6 @@ def _pair(kind: str, pair: str) -> tuple[str, Any]:
 
 def seconds_of(option: str, text: str) -> float:
     """Return a time such as 90s, 15m or 1h in seconds."""
-    import re
-
     match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([smh]?)", text.strip())
     if match is None:
         raise InputError(f"{option} {text!r}: expected a time such as 90s, 15m or 1h.")
@@ -87,38 +126,15 @@ Jobs = Annotated[int, typer.Option(min=1, help="Worker processes.")]
 JobsPerCore = Annotated[int | None, typer.Option(min=1, help="Worker processes. [one per core]")]
 Requirement = Annotated[str, typer.Option(help="A shipped requirement, or FILE.yaml#NAME.")]
 OtherWorld = Annotated[str | None, typer.Option(help="Use this world instead of the one the scenario names.")]
-Simulator = Annotated[
-    str, typer.Option(help="embedded; kinematic: no physics; ros2-world: your own; or a plug-in by name.")
-]
-SimulatorOption = Annotated[
-    list[str] | None, typer.Option(metavar="NAME=VALUE", help="An option of the simulator; repeatable.")
-]
-Stack = Annotated[
-    str | None, typer.Option(help="Navigation stack under test: a name (`rvsg stacks`) or a file. [nav2-dwb]")
-]
-StackOption = Annotated[
-    list[str] | None, typer.Option(metavar="NAME=VALUE", help="An option of the stack; repeatable.")
-]
 FailOnViolation = Annotated[
     bool, typer.Option("--fail-on-violation", help="Exit with code 1 if the requirement is violated.")
 ]
 Junit = Annotated[Path | None, typer.Option(metavar="FILE", help="Write the verdicts as JUnit XML.")]
-Doors = Annotated[
-    list[str] | None, typer.Option(metavar="NAME=STATE", help="A door that is open, closed or automatic; repeatable.")
-]
-
-
-Model = Annotated[str | None, typer.Option(help="The model, PROVIDER:NAME, e.g. openai-chat:gpt-4.1.")]
-BaseUrl = Annotated[str | None, typer.Option(help="Address of an OpenAI-compatible server (key: RVSG_API_KEY).")]
 Record = Annotated[Path | None, typer.Option(help="Keep every call in this folder.")]
-Replay = Annotated[Path | None, typer.Option(help="Answer from the calls recorded in this folder, without a model.")]
 Strict = Annotated[
     bool, typer.Option("--strict", help="With --replay, treat any difference from the record as an error.")
 ]
 CallTimeout = Annotated[float, typer.Option(min=0.1, help="Seconds to wait for an answer.")]
-BudgetCalls = Annotated[int | None, typer.Option(help="Stop before more calls of the model.")]
-BudgetTokens = Annotated[int | None, typer.Option(help="Stop before more tokens.")]
-BudgetUsd = Annotated[float | None, typer.Option(help="Stop before the calls cost more.")]
 Prices = Annotated[
     str | None,
     typer.Option(metavar="IN,CACHED,OUT", help="Dollars per million tokens, for a model without a listed price."),

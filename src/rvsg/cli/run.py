@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from rvsg.app.settings import BUDGETS, LISTED, CampaignConfig, effective, option_of, read_campaign_file
 from rvsg.cli.console import as_started, console, print_json, say
 from rvsg.cli.frame import verb
-from rvsg.cli.options import AsJson, Doors, JobsPerCore, SimulatorOption, Stack, StackOption
+from rvsg.cli.options import AsJson, setting_options
 
 if TYPE_CHECKING:
     from rvsg.app.campaign import Campaign
@@ -25,136 +26,30 @@ app = verb()
 
 
 @app.command()
+@setting_options(*CampaignConfig.model_fields, several=True)
 def run(
+    settings: dict[str, Any],
     campaign: Annotated[Path | None, typer.Argument(help="A campaign file; its keys are the options below.")] = None,
-    world: Annotated[str | None, typer.Option(help="A shipped world or a world folder. [warehouse]")] = None,
-    route: Annotated[
-        list[str] | None, typer.Option(help="A route of the world; repeat it for several, or `all`. [route_1]")
-    ] = None,
-    requirement: Annotated[
-        list[str] | None, typer.Option(help="A shipped requirement, or FILE.yaml#NAME; repeat it for several. [R1]")
-    ] = None,
-    also: Annotated[
-        list[str] | None, typer.Option(help="A further requirement for the strategy multi; repeatable.")
-    ] = None,
-    robot: Annotated[
-        str | None, typer.Option(help="A shipped robot (`rvsg robots`) or a robot file. [tiago_omni]")
-    ] = None,
-    generator: Annotated[
-        str | None, typer.Option(help="Writes the scenarios: heuristic, random, vlm, or a plug-in. [heuristic]")
-    ] = None,
-    knowledge: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FILE",
-            help="Earlier scenarios that new ones must differ from (`rvsg knowledge search --out FILE`).",
-        ),
-    ] = None,
-    strategy: Annotated[
-        str | None,
-        typer.Option(help="study hybrid map-elites multi unguided random, or a plug-in. [hybrid]"),
-    ] = None,
-    simulator: Annotated[
-        str | None, typer.Option(help="embedded; kinematic: no physics; ros2-world: your own; or a plug-in. [embedded]")
-    ] = None,
-    moved: Annotated[
-        str | None,
-        typer.Option(metavar="FILE", help="Objects in the robot's way that its map does not show (objects.yaml)."),
-    ] = None,
-    door: Doors = None,
-    stack: Stack = None,
-    humans: Annotated[int | None, typer.Option(min=1, max=100, help="People in a scenario. [2]")] = None,
-    scenarios: Annotated[int | None, typer.Option(min=1, help="Scenarios to find. [10]")] = None,
-    refinements: Annotated[int | None, typer.Option(min=0, help="Refinements of each scenario. [4]")] = None,
-    repeats: Annotated[int | None, typer.Option(min=1, help="Runs of each configuration. [5]")] = None,
-    confirmations: Annotated[int | None, typer.Option(min=0, help="Confirmation runs in all, at most. [250]")] = None,
-    shrink_runs: Annotated[
-        int | None, typer.Option(min=0, help="Runs that shrink the distinct failures; 0: do not. [200]")
-    ] = None,
-    budget_runs: Annotated[
-        int | None, typer.Option(min=1, help="Runs of the search. [scenarios x configurations x repeats]")
-    ] = None,
-    memory: Annotated[
-        int | None, typer.Option(min=0, help="Earlier scenarios that a new one must differ from. [10]")
-    ] = None,
-    max_in_flight: Annotated[
-        int | None, typer.Option(min=1, help="Attempts in progress at a time; more keep more cores busy. [1]")
-    ] = None,
-    error_rate: Annotated[
-        float | None, typer.Option(help="Probability that a verdict is wrong, at most. [0.05]")
-    ] = None,
-    rare: Annotated[
-        float | None, typer.Option(help="Violation rate up to which violations count as rare. [0.02]")
-    ] = None,
-    often: Annotated[float | None, typer.Option(help="Violation rate that a PASS excludes. [0.2]")] = None,
-    confidence: Annotated[float | None, typer.Option(help="Confidence level of intervals. [0.95]")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of everything random. [0]")] = None,
-    jobs: JobsPerCore = None,
-    executor: Annotated[
-        str | None, typer.Option(help="Makes the runs: processes (see --jobs), cluster, or a plug-in. [processes]")
-    ] = None,
-    store: Annotated[str | None, typer.Option(help="Store of the campaign: sqlite, or a plug-in. [sqlite]")] = None,
-    out: Annotated[str | None, typer.Option(help="Folder of the campaign; an existing one is resumed.")] = None,
-    model: Annotated[str | None, typer.Option(help="VLM, e.g. openai-chat:gpt-4.1.")] = None,
-    base_url: Annotated[str | None, typer.Option(help="Address of an OpenAI-compatible server.")] = None,
-    conversation: Annotated[str | None, typer.Option(help="compact or study. [compact]")] = None,
-    prompts: Annotated[str | None, typer.Option(help="Folder of prompt templates that replace ours.")] = None,
-    replay: Annotated[str | None, typer.Option(help="Answer from these recordings, without a model.")] = None,
-    budget_usd: Annotated[float | None, typer.Option(help="Limit on the cost of the calls of a model.")] = None,
-    budget_calls: Annotated[int | None, typer.Option(help="Limit on the calls of a model.")] = None,
-    budget_tokens: Annotated[int | None, typer.Option(help="Limit on the tokens of a model.")] = None,
-    generator_option: Annotated[
-        list[str] | None, typer.Option(metavar="NAME=VALUE", help="An option of the generator; repeatable.")
-    ] = None,
-    simulator_option: SimulatorOption = None,
-    stack_option: StackOption = None,
-    executor_option: Annotated[
-        list[str] | None, typer.Option(metavar="NAME=VALUE", help="An option of the executor; repeatable.")
-    ] = None,
-    store_option: Annotated[
-        list[str] | None, typer.Option(metavar="NAME=VALUE", help="An option of the store; repeatable.")
-    ] = None,
-    fail_on_violation: Annotated[
-        bool | None, typer.Option("--fail-on-violation", help="Exit with code 1 if the requirement is violated.")
-    ] = None,
-    junit: Annotated[str | None, typer.Option(metavar="FILE", help="Write the verdicts as JUnit XML.")] = None,
     json: AsJson = False,
 ) -> None:
     """Find, confirm and report scenarios that make the robot violate a requirement.
 
-    The search spends `scenarios` x (1 + `refinements`) x `repeats` runs, or --budget-runs, and ranks configurations by
-    the share of runs that violate the limit, then by the mean objective. Strategies like `study` run each of
-    `scenarios` x (1 + `refinements`) configurations `repeats` times; `hybrid` drops losing configurations early.
+    The search spends `scenarios` x (1 + `refinements`) x `repeats` runs, or --budget-runs. Scenarios that violated the
+    limit are confirmed in runs with new seeds until each verdict is certain or --confirmations is spent; runs without
+    some of the people show what these contribute, and the worst scenario of each distinct failure is shrunk.
 
-    Scenarios that violated the limit are confirmed in runs with new seeds, worst first, but one of every kind of
-    failure before the second of one. Each confirmation ends when its verdict is certain (wrong in at most --error-rate
-    of cases) or its part of --confirmations is spent. Other configurations follow until one is a FAIL; then those that
-    ended without a verdict, in the runs that are left. Runs of the mission without people, and of each confirmed
-    scenario without each of its people, show what the people contribute. Confirmed violations are grouped into distinct
-    failures, and the worst scenario of each is shrunk in --shrink-runs.
-
-    Everything is stored in the folder --out; run the same command to resume. Name an installed plug-in like a built-in
-    one.
-
-    Several routes or requirements make a campaign for each pair, in parallel, each in its own folder in --out.
+    Everything is stored in the folder --out; run the same command to resume. Several routes or requirements make a
+    campaign for each pair. docs/reference/campaign-file.md explains every setting.
     """
-    given = {k: v for k, v in locals().items() if v is not None and k not in ("campaign", "json")}
     from rvsg.app.matrix import Matrix
-    from rvsg.app.settings import read_campaign_file
-    from rvsg.cli.options import pairs, states
 
-    for kind in ("generator", "simulator", "stack", "executor", "store"):
-        if options := given.pop(f"{kind}_option", None):
-            given[f"{kind}_options"] = pairs(kind, options)
-    if doors := given.pop("door", None):
-        given["doors"] = states(doors)
     from_file = read_campaign_file(campaign) if campaign else {}
-    matrix = Matrix.of(from_file, given)
+    matrix = Matrix.of(from_file, settings)
     if matrix is not None:
         raise typer.Exit(run_matrix(matrix, as_json=json))
     single = [
-        {key: v[0] if isinstance(v, list) and key != "also" else v for key, v in values.items()}
-        for values in (from_file, given)
+        {key: value[0] if isinstance(value, list) and key in LISTED else value for key, value in values.items()}
+        for values in (from_file, settings)
     ]
     raise typer.Exit(run_campaign_of(*single, as_json=json))
 
@@ -181,7 +76,6 @@ def run_one(from_file: dict[str, Any], given: dict[str, Any]) -> Campaign:
     """Run or resume a campaign and write its report."""
     from rvsg.app.campaign import Campaign
     from rvsg.app.folder import store_of
-    from rvsg.app.settings import effective
     from rvsg.core.files import write_whole
     from rvsg.core.outputs import check_writable
     from rvsg.report.summary import junit_xml
@@ -202,7 +96,6 @@ def run_one(from_file: dict[str, Any], given: dict[str, Any]) -> Campaign:
 def _run(campaign: Campaign, *, resumed: bool) -> None:
     """Run the campaign with progress; on interruption, print how to resume."""
     from rvsg.app.commands import resume_command
-    from rvsg.app.settings import BUDGETS
     from rvsg.cli.interruption import interruptible
     from rvsg.cli.progress import CampaignProgress
     from rvsg.core.errors import BudgetSpent, GenerationError, Interrupted, SimulationError
@@ -346,7 +239,7 @@ def _announce(matrix: Matrix, campaigns: Sequence[Campaign], resume: str) -> Non
     if others := len(matrix.all_pairs) - count:
         say(f"{others} more in this folder are not part of this command; resume them with: {resume}")
     if share := matrix.budget:
-        listed = ", ".join(f"--{key.replace('_', '-')} {value:g}" for key, value in share.items())
+        listed = ", ".join(f"{option_of(key)} {value:g}" for key, value in share.items())
         say(f"The campaigns share the budget equally; each may spend: {listed}.")
 
 

@@ -1,26 +1,25 @@
-"""One scenario and its variants: `rvsg scenario`, `rvsg shrink` and `rvsg explore`."""
+"""`rvsg scenario`: propose, shrink, explore and migrate scenarios."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from rvsg.app.settings import effective
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
-from rvsg.cli.options import AsJson, Jobs, OtherWorld, Requirement, Simulator, SimulatorOption
+from rvsg.cli.model import prompt, propose
+from rvsg.cli.options import AsJson, Jobs, OtherWorld, Requirement, setting_options
 
 if TYPE_CHECKING:
     from rvsg.campaign.smallest_scenario import Shrunk, Simplification
 
 
-app = verb(no_args_is_help=True, help="Adapt a saved scenario to a world that has changed.")
-
-
-@app.callback()
-def _several() -> None:
-    """Adapt a saved scenario to a world that has changed."""
+app = verb(no_args_is_help=True, help="Propose, shrink, explore and migrate scenarios.")
+app.command()(propose)
+app.command()(prompt)
 
 
 @app.command()
@@ -49,11 +48,10 @@ def migrate(
     write_text(out, scenario_json(migrated))
 
 
-shrink_app = verb()
-
-
-@shrink_app.command()
+@app.command()
+@setting_options("simulator", "simulator_options")
 def shrink(
+    settings: dict[str, Any],
     scenario: Annotated[Path, typer.Argument(help="A scenario or a proposal as JSON; - is standard input.")],
     requirement: Requirement = "R1",
     repeats: Annotated[int, typer.Option(min=1, help="Runs of every simpler scenario.")] = 12,
@@ -61,8 +59,6 @@ def shrink(
     keep: Annotated[float, typer.Option(min=0.01, max=1.0, help="Share of the violations that must stay.")] = 0.8,
     seed: Annotated[int, typer.Option(min=0, help="Seed of everything random.")] = 0,
     world: OtherWorld = None,
-    simulator: Simulator = "embedded",
-    simulator_option: SimulatorOption = None,
     jobs: Jobs = 1,
     out: Annotated[Path, typer.Option(help="Write the smallest scenario here; - is standard output.")] = Path("-"),
     json: Annotated[bool, typer.Option("--json", help="Print every step as JSON on standard output.")] = False,
@@ -73,7 +69,6 @@ def shrink(
     violation. Confirmation runs with new seeds show how often the original and the smallest scenario violate it.
     """
     import rvsg
-    from rvsg.cli.options import spec
     from rvsg.core.outputs import check_writable, write_text
     from rvsg.scenario.builder import load_scenario_in, scenario_json
 
@@ -88,7 +83,7 @@ def shrink(
         keep=keep,
         seed=seed,
         jobs=jobs,
-        simulator=spec("simulator", simulator, simulator_option),
+        simulator=effective(None, {}, settings).simulator_spec,
         world=place,
         on_step=_show_step,
         on_message=say,
@@ -122,11 +117,10 @@ def _show(shrunk: Shrunk) -> None:
         )
 
 
-explore_app = verb()
-
-
-@explore_app.command()
+@app.command()
+@setting_options("simulator", "simulator_options")
 def explore(
+    settings: dict[str, Any],
     scenario: Annotated[Path, typer.Argument(help='A scenario as JSON; a number of a person may be "0.8 to 1.4".')],
     requirement: Requirement = "R1",
     vary: Annotated[
@@ -136,8 +130,6 @@ def explore(
     runs: Annotated[int, typer.Option(min=1, max=100_000, help="Points of the Latin hypercube, one run each.")] = 60,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the points and the runs.")] = 0,
     world: OtherWorld = None,
-    simulator: Simulator = "embedded",
-    simulator_option: SimulatorOption = None,
     jobs: Jobs = 1,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write a page (.html), the picture (.svg) or .json.")
@@ -152,7 +144,6 @@ def explore(
     """
     from rvsg.app.exploration import check_outputs, describe_exploration, write_outputs
     from rvsg.app.exploration import explore as run_points
-    from rvsg.cli.options import spec
 
     check_outputs(out, worst)
     found = run_points(
@@ -162,7 +153,7 @@ def explore(
         runs=runs,
         seed=seed,
         jobs=jobs,
-        simulator=spec("simulator", simulator, simulator_option),
+        simulator=effective(None, {}, settings).simulator_spec,
         world=world,
         on_message=say,
     )

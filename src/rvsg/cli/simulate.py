@@ -1,33 +1,25 @@
-"""The runs of a scenario: `rvsg simulate`, `evaluate`, `trace`, `replay` and `metrics`."""
+"""The runs of a scenario: `rvsg simulate`, `evaluate` and `replay`."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from rvsg.cli import console
+from rvsg.app.settings import CampaignConfig, effective
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
-from rvsg.cli.options import (
-    AsJson,
-    Doors,
-    FailOnViolation,
-    Jobs,
-    OtherWorld,
-    Requirement,
-    Simulator,
-    SimulatorOption,
-    Stack,
-    StackOption,
-)
+from rvsg.cli.options import AsJson, FailOnViolation, Jobs, OtherWorld, Requirement, setting_options
+from rvsg.core.errors import InputError
 
 app = verb()
 
 
 @app.command()
+@setting_options("moved", "doors", "stack", "stack_options", "simulator", "simulator_options")
 def simulate(
+    settings: dict[str, Any],
     scenario: Annotated[Path, typer.Argument(help="A scenario or a proposal as JSON; - is standard input.")],
     seed: Annotated[
         int, typer.Option(min=0, help="Seed of the first run; each further run takes the next integer.")
@@ -37,20 +29,10 @@ def simulate(
     robot: Annotated[
         str | None, typer.Option(help="Instead of the scenario's robot: a shipped one (`rvsg robots`) or a robot file.")
     ] = None,
-    moved: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Objects in the robot's way that its map does not show (objects.yaml)."),
-    ] = None,
-    door: Doors = None,
-    stack: Stack = None,
-    simulator: Simulator = "embedded",
-    simulator_option: SimulatorOption = None,
-    stack_option: StackOption = None,
     jobs: Jobs = 1,
     out: Annotated[Path, typer.Option(help="Write the runs here; - is standard output.")] = Path("-"),
     bag: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Also write the run as a rosbag2 (MCAP), with everything the robot senses."),
+        Path | None, typer.Option(metavar="FILE", help="Also write a rosbag2 (MCAP) with all that the robot senses.")
     ] = None,
 ) -> None:
     """Simulate a scenario and write its runs, one JSON object per line.
@@ -59,14 +41,16 @@ def simulate(
     """
     import rvsg
     from rvsg.app.playback import check_bag, write_bag_of
-    from rvsg.cli.options import spec, stack_spec, states
     from rvsg.core.outputs import check_writable, write_text
     from rvsg.scenario.builder import load_changed
     from rvsg.simulation.archive import runs_text
 
     check_writable(out)
     check_bag(bag, repeats)
-    asked, place = load_changed(scenario, world, robot=robot, moved=moved, doors=states(door), on_message=say)
+    chosen = effective(None, {}, settings | {"doors": {}})
+    moved = Path(chosen.moved) if chosen.moved else None
+    doors = settings.get("doors", {})
+    asked, place = load_changed(scenario, world, robot=robot, moved=moved, doors=doors, on_message=say)
 
     def made(run: rvsg.Run) -> None:
         fault = run.stack_fault
@@ -76,15 +60,20 @@ def simulate(
             + "".join(f"\n  warning: {warning}" for warning in run.stack_warnings)
         )
 
-    seeds = range(seed, seed + repeats)
-    chosen = spec("simulator", simulator, simulator_option)
-    driver = stack_spec(stack, stack_option)
+    simulator, stack = chosen.simulator_spec, chosen.stack_spec()
     runs = rvsg.simulate(
-        asked, seeds, jobs=jobs, simulator=chosen, stack=driver, world=place, on_run=made, on_message=say
+        asked,
+        range(seed, seed + repeats),
+        jobs=jobs,
+        simulator=simulator,
+        stack=stack,
+        world=place,
+        on_run=made,
+        on_message=say,
     )
     write_text(out, runs_text(runs))
     if bag is not None:
-        write_bag_of(runs, bag, asked, simulator=chosen, stack=driver, world=place)
+        write_bag_of(runs, bag, asked, simulator=simulator, stack=stack, world=place)
 
 
 evaluate_app = verb()
@@ -93,9 +82,9 @@ evaluate_app = verb()
 @evaluate_app.command()
 def evaluate(
     runs: Annotated[
-        list[Path],
+        list[Path] | None,
         typer.Argument(help="Files of runs, as `rvsg simulate` writes them (- is stdin), or recordings (rosbag2)."),
-    ],
+    ] = None,
     requirement: Requirement = "R1",
     scenario: Annotated[
         Path | None, typer.Option(help="The scenario of the runs; obstacle metrics and --feedback need it.")
@@ -105,9 +94,12 @@ def evaluate(
     people_topic: Annotated[str | None, typer.Option(help="The topic with the people of a recording.")] = None,
     robot_topic: Annotated[str | None, typer.Option(help="The odometry topic of a recording.")] = None,
     feedback: Annotated[
-        Path | None, typer.Option(help="Write the feedback for a generator, for `rvsg propose --feedback`.")
+        Path | None, typer.Option(help="Write the feedback for a generator, for `rvsg scenario propose --feedback`.")
     ] = None,
     html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a page with verdict, story, replay.")] = None,
+    metric: Annotated[
+        str | None, typer.Option(help="Only measure this metric, or `all`; without RUNS, list its formula and source.")
+    ] = None,
     fail_on_violation: FailOnViolation = False,
     json: AsJson = False,
 ) -> None:
@@ -116,6 +108,11 @@ def evaluate(
     A recording of your robot is judged like a simulated run: a rosbag2 folder, an .mcap or a .db3 file. RVSG prints
     what the recording lacks; with --json it is in `notes`.
     """
+    if metric is not None:
+        _measure(metric, runs or [], as_json=json)
+        return
+    if not runs:
+        raise InputError("Give at least one file of runs, or --metric all for the list of the metrics.")
     import rvsg
     from rvsg.app import judgement
     from rvsg.app.judgement import describe_judgement
@@ -144,117 +141,107 @@ def evaluate(
         raise typer.Exit(1)
 
 
-trace_app = verb()
+def _measure(name: str, files: list[Path], *, as_json: bool) -> None:
+    """Print the values of one or all metrics in runs; without runs, what the metrics are."""
+    from rvsg.evaluation.metrics import metric
+    from rvsg.evaluation.metrics.registry import METRICS, measure
+    from rvsg.simulation.archive import read_runs
 
-
-@trace_app.command()
-def trace(
-    source: Annotated[Path, typer.Argument(help="The folder of a campaign, a file of runs, or a scenario.")],
-    out: Annotated[
-        list[Path] | None,
-        typer.Option(help="The file to write, .mcap or .json; repeatable. [traces/RUN.trace.json in the folder]"),
-    ] = None,
-    run: Annotated[
-        str | None, typer.Option(help="The id of a run. [the worst run of the worst finding; the first of a file]")
-    ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the run of a scenario.")] = 0,
-    scenario: Annotated[Path | None, typer.Option(help="The scenario of a file of runs.")] = None,
-    world: OtherWorld = None,
-    simulator_option: SimulatorOption = None,
-    stack: Stack = None,
-    stack_option: StackOption = None,
-) -> None:
-    """Repeat a run and record everything: scans, costmaps, plans, candidate trajectories, behaviour tree.
-
-    Runs are deterministic, so this is the stored run; a run that cannot be repeated is refused. The report shows a
-    .json trace: in the folder of a campaign, RVSG writes the page again with it.
-    """
-    from rvsg.app.playback import check_trace_files, trace_source
-    from rvsg.cli.options import spec, stack_spec
-    from rvsg.report.replay_data import trace_file_beside
-
-    check_trace_files(source, out or [])
-    traced = trace_source(
-        source,
-        run=run,
-        seed=seed,
-        scenario=scenario,
-        world=world,
-        simulator=spec("simulator", "embedded", simulator_option),
-        stack=stack_spec(stack, stack_option),
-        on_message=say,
-    )
-    written = list(out or [trace_file_beside(source, traced.run.id)])
-    for path in written:
-        traced.write(path)
-    say(f"Trace of {traced.run.id}, seed {traced.run.seed}: {', '.join(str(path) for path in written)}")
-    if not out:
-        import rvsg
-
-        page = rvsg.Campaign.open(source).report(world=world)
-        say(f"Report: {page}")
+    chosen = list(METRICS.values()) if name == "all" else [metric(name)]
+    if files:
+        measured = [measure(run, [info.id for info in chosen]) for run in read_runs(files)]
+        print_json(measured[0] if len(measured) == 1 else measured)
+    elif as_json:
+        keys = ("id", "title", "unit", "worse", "formula", "source", "series")
+        print_json([{key: getattr(info, key) for key in keys} for info in chosen])
+    else:
+        for info in chosen:
+            worse = "" if info.worse == "neither" else f", worse {info.worse}"
+            print(f"{info.id:26} {info.title} [{info.unit}{worse}]")
+            print(f"{'':26} {info.formula}\n{'':26} Source: {info.source}.")
 
 
 replay_app = verb()
 
 
 @replay_app.command()
+@setting_options("stack", "stack_options", "simulator", "simulator_options")
 def replay(
+    settings: dict[str, Any],
     source: Annotated[Path, typer.Argument(help="The folder of a campaign, a file of runs, or a scenario.")],
-    out: Annotated[Path, typer.Option(help="The file to write: .mp4, .webm, .gif, .webp or .png.")],
+    out: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="The file to write: .mp4, .webm, .gif, .webp or .png. With --trace: .mcap or .json, repeatable. "
+            "[--trace: traces/RUN.trace.json in the folder]"
+        ),
+    ] = None,
+    trace: Annotated[
+        bool, typer.Option("--trace", help="Repeat the run and record scans, costmaps, plans, trajectories, decisions.")
+    ] = False,
     run: Annotated[
         str | None, typer.Option(help="The id of a run. [the worst run of the worst finding; the first of a file]")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the run of a scenario.")] = 0,
+    scenario: Annotated[Path | None, typer.Option(help="With --trace: the scenario of a file of runs.")] = None,
     speed: Annotated[float, typer.Option(min=0.1, max=20, help="Simulated seconds per second of the film.")] = 2.0,
     width: Annotated[int, typer.Option(min=480, max=3840, help="Width of the film in pixels.")] = 960,
     world: OtherWorld = None,
-    simulator: Simulator = "embedded",
-    simulator_option: SimulatorOption = None,
 ) -> None:
-    """Write a run as a film, or as a PNG strip of its decisive moments.
+    """Write a run as a film, as a PNG strip of its decisive moments, or as a trace of everything.
 
     A run of a campaign is shown with the judged quantity and its limit. MP4 and WebM need the extra `video`.
+
+    A trace repeats the stored run exactly; a run that cannot be repeated is refused. The report shows a .json trace: in
+    the folder of a campaign, RVSG writes the page again with it.
     """
     from rvsg.app.playback import shot_of
-    from rvsg.cli.options import spec
     from rvsg.core.outputs import check_writable
     from rvsg.report.film import check_film, write_film
 
-    check_film(out)
-    check_writable(out)
-    chosen = spec("simulator", simulator, simulator_option)
-    shot = shot_of(source, run=run, seed=seed, world=world, simulator=chosen)
-    write_film(out, shot, speed=speed, width_px=width)
-    say(f"Replay of {shot.run.id}, seed {shot.run.seed}: {out}")
+    chosen = effective(None, {}, settings)
+    if trace:
+        _trace(source, out or [], chosen, run=run, seed=seed, scenario=scenario, world=world)
+        return
+    if out is None or len(out) != 1:
+        raise InputError("Give one --out FILE for a film or a strip of pictures, or --trace.")
+    check_film(out[0])
+    check_writable(out[0])
+    shot = shot_of(source, run=run, seed=seed, world=world, simulator=chosen.simulator_spec)
+    write_film(out[0], shot, speed=speed, width_px=width)
+    say(f"Replay of {shot.run.id}, seed {shot.run.seed}: {out[0]}")
 
 
-metrics_app = verb()
-
-
-@metrics_app.command()
-def metrics(
-    name: Annotated[str | None, typer.Argument(help="A metric. [all]")] = None,
-    run: Annotated[
-        Path | None, typer.Option(help="Measure the runs of this file, which `rvsg simulate` wrote.")
-    ] = None,
-    json: AsJson = False,
+def _trace(
+    source: Path,
+    out: list[Path],
+    chosen: CampaignConfig,
+    *,
+    run: str | None,
+    seed: int,
+    scenario: Path | None,
+    world: str | None,
 ) -> None:
-    """List the metrics with formula, unit, direction and source, or measure a run by them."""
-    from rvsg.evaluation.metrics import metric
-    from rvsg.evaluation.metrics.registry import METRICS, measure
+    """Write the trace of a run; where no file is named, into the folder of its campaign and that campaign's page."""
+    import rvsg
+    from rvsg.app.playback import check_trace_files, trace_source
+    from rvsg.report.replay_data import trace_file_beside
 
-    chosen = list(METRICS.values()) if name is None else [metric(name)]
-    if run is not None:
-        from rvsg.simulation.archive import read_runs
-
-        measured = [measure(read, [info.id for info in chosen]) for read in read_runs([run])]
-        console.print_json(measured[0] if len(measured) == 1 else measured)
-        return
-    if json:
-        keys = ("id", "title", "unit", "worse", "formula", "source", "series")
-        console.print_json([{key: getattr(info, key) for key in keys} for info in chosen])
-        return
-    for info in chosen:
-        worse = "" if info.worse == "neither" else f", worse {info.worse}"
-        print(f"{info.id:26} {info.title} [{info.unit}{worse}]\n{'':26} {info.formula}\n{'':26} Source: {info.source}.")
+    check_trace_files(source, out)
+    traced = trace_source(
+        source,
+        run=run,
+        seed=seed,
+        scenario=scenario,
+        world=world,
+        simulator=chosen.simulator_spec,
+        stack=chosen.stack_spec(),
+        on_message=say,
+    )
+    written = out or [trace_file_beside(source, traced.run.id)]
+    for path in written:
+        traced.write(path)
+    say(f"Trace of {traced.run.id}, seed {traced.run.seed}: {', '.join(str(path) for path in written)}")
+    if not out:
+        page = rvsg.Campaign.open(source).report(world=world)
+        say(f"Report: {page}")

@@ -1,4 +1,4 @@
-"""Suites and comparisons: `rvsg suite`, `compare-versions`, `coverage` and `compare`."""
+"""Suites and comparisons: `rvsg suite`, `coverage` and `compare`."""
 
 from __future__ import annotations
 
@@ -10,19 +10,10 @@ from typing import Annotated, Any
 import typer
 
 import rvsg
+from rvsg.app.settings import effective
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
-from rvsg.cli.options import (
-    AsJson,
-    Jobs,
-    JobsPerCore,
-    Junit,
-    OtherWorld,
-    Simulator,
-    SimulatorOption,
-    Stack,
-    StackOption,
-)
+from rvsg.cli.options import AsJson, Jobs, Junit, OtherWorld, setting_options
 from rvsg.core.errors import InputError
 
 app = verb()
@@ -54,12 +45,10 @@ def add(
 
 
 @app.command()
+@setting_options("simulator", "simulator_options", "stack", "stack_options")
 def run(
+    settings: dict[str, Any],
     suite: Folder,
-    simulator: Simulator = "embedded",
-    simulator_option: SimulatorOption = None,
-    stack: Stack = None,
-    stack_option: StackOption = None,
     version: Annotated[str, typer.Option(help="A label for the results, e.g. a commit.")] = "",
     only: Annotated[
         list[str] | None, typer.Option(metavar="CASE", help="Only this case; repeat it for several.")
@@ -85,16 +74,15 @@ def run(
     """
     from rvsg import Suite
     from rvsg.app.suites import describe_result
-    from rvsg.cli.options import spec, stack_spec
     from rvsg.core.outputs import check_writable, write_text
     from rvsg.report.summary import suite_junit
 
     if junit is not None:
         check_writable(junit)
-    chosen = spec("simulator", simulator, simulator_option)
+    chosen = effective(None, {}, settings)
     result = Suite.open(suite).run(
-        simulator=chosen,
-        stack=stack_spec(stack, stack_option),
+        simulator=chosen.simulator_spec,
+        stack=chosen.stack_spec(),
         version=version,
         jobs=jobs,
         runs=runs,
@@ -126,10 +114,7 @@ def update(
         say(f"{case.case}, {case.requirement}: {case.state.value}; the suite expects this from now on.")
 
 
-compare_versions_app = verb()
-
-
-@compare_versions_app.command(name="compare-versions")
+@app.command("compare")
 def compare_versions(
     first: Annotated[str, typer.Argument(help="Results of `rvsg suite run --json`, or a version: see --suite.")],
     second: Annotated[str, typer.Argument(help="The same, for the version after.")],
@@ -180,7 +165,9 @@ coverage_app = verb()
 
 
 @coverage_app.command()
+@setting_options("simulator", "simulator_options")
 def coverage(
+    settings: dict[str, Any],
     sources: Annotated[list[Path], typer.Argument(help="Folders of suites and campaigns.")],
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write a page (.html), a map (.png) or .json.")
@@ -188,8 +175,6 @@ def coverage(
     runs: Annotated[
         int, typer.Option(min=0, help="Runs of each scenario of a suite, to detect encounters; campaigns store theirs.")
     ] = 1,
-    simulator: Simulator = "embedded",
-    simulator_option: SimulatorOption = None,
     jobs: Jobs = 1,
     json: AsJson = False,
 ) -> None:
@@ -200,13 +185,12 @@ def coverage(
     """
     from rvsg.app.coverage import check_format, write_coverage
     from rvsg.app.coverage import coverage as measure
-    from rvsg.cli.options import spec
     from rvsg.core.outputs import check_writable
 
     if out is not None:
         check_format(out)
         check_writable(out)
-    chosen = spec("simulator", simulator, simulator_option)
+    chosen = effective(None, {}, settings).simulator_spec
     found = measure(*sources, runs=runs, jobs=jobs, simulator=chosen, on_message=say)
     if out is not None:
         write_coverage(out, found)
@@ -218,32 +202,31 @@ def coverage(
 
 
 compare_app = verb()
-SETTINGS = (
-    *("world", "simulator", "humans", "budget_runs", "jobs"),
-    *("budget_calls", "budget_tokens", "budget_usd", "model", "base_url"),
-)
-"""Options that are settings of every campaign."""
 
 
 @compare_app.command()
+@setting_options(
+    "world",
+    "simulator",
+    "humans",
+    "budget_runs",
+    "budget_calls",
+    "budget_tokens",
+    "budget_usd",
+    "model",
+    "base_url",
+    "jobs",
+    budget_runs=250,
+)
 def compare(
+    settings: dict[str, Any],
     methods: Annotated[
         str, typer.Option(help="Methods as generator:strategy, separated by commas. The first is compared with all.")
     ] = "heuristic:hybrid,heuristic:study,heuristic:unguided,random:random",
     routes: Annotated[str, typer.Option(help="Routes, separated by commas.")] = "route_1",
     requirements: Annotated[str, typer.Option(help="Requirements by name or file, separated by commas.")] = "R1",
-    world: Annotated[str, typer.Option(help="World by name or folder.")] = "warehouse",
-    simulator: Annotated[str, typer.Option(help="Simulator.")] = "embedded",
-    humans: Annotated[int, typer.Option(min=1, max=100, help="People in every scenario.")] = 2,
     seeds: Annotated[int, typer.Option(min=1, max=1000, help="Campaigns for each method, route and requirement.")] = 3,
     first_seed: Annotated[int, typer.Option(min=0, help="Seed of the first campaign.")] = 0,
-    budget_runs: Annotated[int, typer.Option(min=10, help="Runs of each search.")] = 250,
-    budget_calls: Annotated[int | None, typer.Option(help="Calls of the generator in each search, at most.")] = None,
-    budget_tokens: Annotated[int | None, typer.Option(help="Tokens in each search, at most.")] = None,
-    budget_usd: Annotated[float | None, typer.Option(help="Limit on the cost of the calls in each search.")] = None,
-    model: Annotated[str | None, typer.Option(help="Model of the generator vlm, e.g. openai-chat:gpt-4.1.")] = None,
-    base_url: Annotated[str | None, typer.Option(help="Address of an OpenAI-compatible server.")] = None,
-    jobs: JobsPerCore = None,
     json: Annotated[
         Path | None, typer.Option(help="File for the rows. Give the same file again to resume or to add more.")
     ] = None,
@@ -256,9 +239,6 @@ def compare(
     probability that a campaign of the first method confirms a worse value for the robot than one of the other (0.5: no
     difference), with p values of the Mann-Whitney test after Holm's correction.
     """
-    settings = {name: value for name, value in locals().items() if name in SETTINGS}
-    from rvsg.app.settings import effective
-
     seeds_asked = range(first_seed, first_seed + seeds)
     lists = (names.split(",") for names in (methods, routes, requirements))
     _benchmark().compare_methods(effective(None, {}, settings), *lists, seeds_asked, json=json, figure=figure)

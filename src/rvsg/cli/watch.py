@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from rvsg.app.settings import effective
 from rvsg.cli.console import as_started, say
 from rvsg.cli.frame import verb
-from rvsg.cli.options import Jobs, Simulator, SimulatorOption, StackOption
+from rvsg.cli.options import Jobs, seconds_of, setting_options
 
 app = verb()
 
 
 @app.command()
+@setting_options("simulator", "simulator_options", "stack", "stack_options")
 def watch(
+    settings: dict[str, Any],
     suite: Annotated[Path, typer.Argument(help="The folder of the suite.")],
     monitor: Annotated[
         Path | None, typer.Option(metavar="DIR", help="A folder of recordings (rosbag2, MCAP), or of campaigns.")
@@ -28,25 +31,21 @@ def watch(
         str | None, typer.Option("--for", metavar="TIME", help="Stop after a time, e.g. 90s, 15m or 1h.")
     ] = None,
     every: Annotated[str, typer.Option(metavar="TIME", help="Pause after a cycle with nothing to do.")] = "30s",
-    route: Annotated[str | None, typer.Option(help="Route of all recordings. [the name of their folder]")] = None,
+    route: Annotated[
+        str | None, typer.Option(hidden=True, help="Route of all recordings. [the name of their folder]")
+    ] = None,
     rules: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="What makes a plan legitimate. [SUITE/rules/rules.yaml]")
+        Path | None,
+        typer.Option(metavar="FILE", hidden=True, help="What makes a plan legitimate. [SUITE/rules/rules.yaml]"),
     ] = None,
     approve: Annotated[
         str | None, typer.Option(metavar="PLAN", help="Approve a waiting plan or change, and exit.")
     ] = None,
     generator: Annotated[str, typer.Option(help="Generator that writes variants.")] = "heuristic",
-    simulator: Simulator = "embedded",
-    simulator_option: SimulatorOption = None,
-    stack: Annotated[
-        str | None,
-        typer.Option(help="Navigation stack under test; a parameter file is read again when it changes. [nav2-dwb]"),
-    ] = None,
-    stack_option: StackOption = None,
     knowledge: Annotated[
-        str | None, typer.Option(metavar="FILE|URL", help="The knowledge base. [OUT/knowledge.sqlite]")
+        str | None, typer.Option(metavar="FILE|URL", hidden=True, help="The knowledge base. [OUT/knowledge.sqlite]")
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the plans.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, hidden=True, help="Seed of the plans.")] = 0,
     jobs: Jobs = 1,
 ) -> None:
     """Monitor a robot, and test next what its runs suggest.
@@ -58,12 +57,12 @@ def watch(
     """
     from rvsg.app import watch
     from rvsg.campaign.self_adaptation import in_words
-    from rvsg.cli.options import seconds_of, spec, stack_spec
     from rvsg.core.errors import Interrupted
 
     if approve is not None:
         watch.approve(out, approve, on_message=say)
         return
+    chosen = effective(None, {}, settings)
     try:
         journal = watch.watch(
             suite,
@@ -75,8 +74,8 @@ def watch(
             route=route,
             rules=rules,
             generator=generator,
-            simulator=spec("simulator", simulator, simulator_option),
-            stack=stack_spec(stack, stack_option),
+            simulator=chosen.simulator_spec,
+            stack=chosen.stack_spec(),
             knowledge=knowledge,
             seed=seed,
             jobs=jobs,

@@ -1,4 +1,4 @@
-"""`rvsg world`: make, copy, check, draw, show and compare worlds."""
+"""`rvsg world`: make, copy, check, draw, describe and compare worlds."""
 
 from __future__ import annotations
 
@@ -12,14 +12,16 @@ import typer
 
 from rvsg.cli.console import as_started, print_json, say
 from rvsg.cli.frame import verb
-from rvsg.cli.options import AsJson, BaseUrl, BudgetCalls, BudgetUsd, Model, Prices, Record, Replay
+from rvsg.cli.model import describe
+from rvsg.cli.options import AsJson, Prices, Record, setting_options
 
 if TYPE_CHECKING:
     from rvsg.world.checks import Remark
     from rvsg.world.creation import Created
     from rvsg.world.world import World
 
-app = verb(no_args_is_help=True, help="Make, copy, check, draw, show and compare worlds.")
+app = verb(no_args_is_help=True, help="Make, copy, check, draw, describe and compare worlds.")
+app.command()(describe)
 
 WorldName = Annotated[str, typer.Argument(metavar="WORLD", help="A shipped world or a world folder.")]
 Robot = Annotated[
@@ -43,46 +45,63 @@ def new(
     ] = None,
     title: Annotated[str, typer.Option(help="Title of the world in pictures and reports.")] = "",
     spacing: Annotated[float | None, typer.Option(help="Metres between waypoints. [1, more in a large map]")] = None,
-    human_clearance: Annotated[float, typer.Option(help="Metres a person keeps from obstacles on a waypoint.")] = 0.3,
+    human_clearance: Annotated[
+        float, typer.Option(hidden=True, help="Metres a person keeps from obstacles on a waypoint.")
+    ] = 0.3,
     robot_clearance: Annotated[
         float | None,
-        typer.Option(help="Metres from an obstacle at which the robot fits. [0.3, or half its width plus 0.05]"),
+        typer.Option(
+            hidden=True, help="Metres from an obstacle at which the robot fits. [0.3, or half its width plus 0.05]"
+        ),
     ] = None,
     robot: Robot = None,
     free_thresh: Annotated[
-        float | None, typer.Option(min=0, max=1, help="With --map: use this instead of the map's free_thresh.")
+        float | None,
+        typer.Option(hidden=True, min=0, max=1, help="With --map: use this instead of the map's free_thresh."),
     ] = None,
     model_path: Annotated[
-        list[Path] | None, typer.Option(metavar="DIR", help="With --sdf: a folder of models; repeatable.")
+        list[Path] | None, typer.Option(hidden=True, metavar="DIR", help="With --sdf: a folder of models; repeatable.")
     ] = None,
     lidar_height: Annotated[
-        float, typer.Option(help="With --sdf, --objects: height of the lidar plane above the floor, metres.")
+        float,
+        typer.Option(hidden=True, help="With --sdf, --objects: height of the lidar plane above the floor, metres."),
     ] = 0.21,
-    floor: Annotated[float, typer.Option(help="With --sdf: height of the floor in the world in metres.")] = 0.0,
+    floor: Annotated[
+        float, typer.Option(hidden=True, help="With --sdf: height of the floor in the world in metres.")
+    ] = 0.0,
     resolution: Annotated[
         float | None,
-        typer.Option(help="With --sdf, --objects: metres per cell of the map. [0.05, coarser in a large building]"),
+        typer.Option(
+            hidden=True, help="With --sdf, --objects: metres per cell of the map. [0.05, coarser in a large building]"
+        ),
     ] = None,
     without: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="With --sdf: leave out models with this name (robot*); repeatable."),
+        typer.Option(
+            hidden=True, metavar="NAME", help="With --sdf: leave out models with this name (robot*); repeatable."
+        ),
     ] = None,
     box_for_unreadable: Annotated[
         bool,
         typer.Option(
-            "--box-for-unreadable", help="With --sdf: replace a mesh that cannot be read by its bounding box."
+            "--box-for-unreadable",
+            hidden=True,
+            help="With --sdf: replace a mesh that cannot be read by its bounding box.",
         ),
     ] = False,
     lenient: Annotated[
-        bool, typer.Option("--lenient", help="With --sdf: leave out models and meshes that are missing or unreadable.")
+        bool,
+        typer.Option(
+            "--lenient", hidden=True, help="With --sdf: leave out models and meshes that are missing or unreadable."
+        ),
     ] = False,
     indoors: Annotated[
         list[str] | None,
-        typer.Option(metavar="X,Y", help="With --sdf, --objects: floor that is no courtyard; repeatable."),
+        typer.Option(hidden=True, metavar="X,Y", help="With --sdf, --objects: floor that is no courtyard; repeatable."),
     ] = None,
     outdoors: Annotated[
         list[str] | None,
-        typer.Option(metavar="X,Y", help="With --sdf, --objects: floor that is a courtyard; repeatable."),
+        typer.Option(hidden=True, metavar="X,Y", help="With --sdf, --objects: floor that is a courtyard; repeatable."),
     ] = None,
     no_simulation: NoSimulation = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the world in a folder that has one.")] = False,
@@ -95,15 +114,36 @@ def new(
     Labels and routes are proposals: read the README in the folder, edit them, then run `rvsg world check DIR`. RVSG
     drives each route once in the simulator before it proposes it.
     """
-    given = {key: value for key, value in locals().items() if key not in ("folder", "no_simulation", "json", "robot")}
-    given |= {name: [_numbers(f"--{name}", "X,Y", at) for at in given[name] or ()] for name in ("indoors", "outdoors")}
     from rvsg.simulation.route_trial import trial_of
     from rvsg.world.creation import create_world, other_robot
     from rvsg.world.world_folder import world_summary
 
     driver = other_robot(robot)
     trial = None if no_simulation else trial_of(driver, progress=say)
-    created, remarks = create_world(folder, **given, robot=driver, trial=trial, progress=_progress())
+    created, remarks = create_world(
+        folder,
+        map_file=map_file,
+        sdf=sdf,
+        objects=objects,
+        title=title,
+        spacing=spacing,
+        human_clearance=human_clearance,
+        robot_clearance=robot_clearance,
+        free_thresh=free_thresh,
+        model_path=model_path,
+        lidar_height=lidar_height,
+        floor=floor,
+        resolution=resolution,
+        without=without,
+        box_for_unreadable=box_for_unreadable,
+        lenient=lenient,
+        indoors=[_point("--indoors", at) for at in indoors or ()],
+        outdoors=[_point("--outdoors", at) for at in outdoors or ()],
+        force=force,
+        robot=driver,
+        trial=trial,
+        progress=_progress(),
+    )
     _show_created(created, remarks, folder)
     if json:
         print_json(world_summary(created.world) | {"folder": str(folder), "notes": list(created.notes)})
@@ -270,6 +310,11 @@ def _window(text: str | None) -> tuple[float, float, float, float] | None:
     return (x0, y0, x1, y1)
 
 
+def _point(option: str, text: str) -> tuple[float, float]:
+    x, y = _numbers(option, "X,Y", text)
+    return x, y
+
+
 def _numbers(option: str, form: str, text: str) -> tuple[float, ...]:
     """Return the numbers of an option such as X,Y in metres."""
     import math
@@ -333,14 +378,11 @@ def _show_created(created: Created, remarks: tuple[Remark, ...], folder: Path) -
 
 
 @app.command()
+@setting_options("model", "base_url", "replay", "budget_calls", "budget_usd")
 def name(
+    settings: dict[str, Any],
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The world folder.")],
-    model: Model = None,
-    base_url: BaseUrl = None,
     record: Record = None,
-    replay: Replay = None,
-    budget_calls: BudgetCalls = None,
-    budget_usd: BudgetUsd = None,
     prices: Prices = None,
     json: AsJson = False,
 ) -> None:
@@ -353,16 +395,8 @@ def name(
     from rvsg.world.edits import edit_world
     from rvsg.world.world_folder import load_world
 
-    proposed = propose_names(
-        load_world(folder),
-        model,
-        record,
-        base_url=base_url,
-        replay=replay,
-        budget_calls=budget_calls,
-        budget_usd=budget_usd,
-        prices=prices,
-    )
+    model = settings.pop("model", None)
+    proposed = propose_names(load_world(folder), model, record, **settings, prices=prices)
     for line in proposed.unusable:
         say(line)
     if json:

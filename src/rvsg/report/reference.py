@@ -5,7 +5,7 @@ from __future__ import annotations
 from rvsg.evaluation.metrics.registry import METRICS
 from rvsg.scenario.requirement import shipped_requirements
 
-INTRODUCTION = """`rvsg metrics` prints the same list; `rvsg metrics --run FILE` measures a run. A metric is None
+INTRODUCTION = """`rvsg evaluate --metric all` prints the same list; with FILE it measures a run. A metric is None
 (`null`) where a run cannot be judged by it, for example a distance to people where there are none.
 
 Ids without an ending read the trajectory, which RVSG's own runs record at 20 Hz. Ids ending in `_logged` read the rows

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from rvsg.app.settings import effective
 from rvsg.cli.console import say
 from rvsg.cli.frame import verb
-from rvsg.cli.options import OtherWorld, Simulator, SimulatorOption
+from rvsg.cli.options import OtherWorld, setting_options
 
 app = verb()
 
 
 @app.command()
+@setting_options("simulator", "simulator_options")
 def export(
+    settings: dict[str, Any],
     to: Annotated[
         str,
         typer.Option(help="csv, parquet, mcap (runs); hunav, nav2-goals, initial-pose, osc, sdf; foxglove-layout."),
@@ -23,8 +26,6 @@ def export(
     out: Annotated[Path, typer.Option(help="The file to write.")],
     source: Annotated[Path | None, typer.Argument(help="A scenario or runs, as JSON.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the run that a scenario is simulated with.")] = 0,
-    simulator: Simulator = "embedded",
-    simulator_option: SimulatorOption = None,
     world: OtherWorld = None,
     dialect: Annotated[str, typer.Option(help="Of hunav: flat, block or v2.")] = "block",
     release: Annotated[str, typer.Option(help="Of nav2-goals: humble, jazzy or kilted.")] = "jazzy",
@@ -34,7 +35,6 @@ def export(
 
     A format of runs simulates a scenario first, with --seed. What the format cannot hold is printed.
     """
-    from rvsg.cli.options import spec
     from rvsg.core.outputs import check_writable
     from rvsg_exchange import formats as exchange
 
@@ -44,7 +44,7 @@ def export(
         out,
         to,
         seed=seed,
-        simulator=spec("simulator", simulator, simulator_option),
+        simulator=effective(None, {}, settings).simulator_spec,
         world=world,
         dialect=dialect,
         release=release,

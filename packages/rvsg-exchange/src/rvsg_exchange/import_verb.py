@@ -1,4 +1,4 @@
-"""`rvsg import-agents`: people of HuNavSim as a scenario."""
+"""`rvsg import agents`: people of HuNavSim as a scenario."""
 
 from __future__ import annotations
 
@@ -10,10 +10,15 @@ import typer
 from rvsg.cli.console import say
 from rvsg.cli.frame import verb
 
-app = verb()
+app = verb(no_args_is_help=True, help="Read people of HuNavSim, or results of the published study.")
 
 
-@app.command(name="import-agents")
+@app.callback()
+def _several() -> None:
+    """Read people of HuNavSim, or results of the published study."""
+
+
+@app.command("agents")
 def import_agents(
     agents: Annotated[Path, typer.Argument(help="An agents file of HuNavSim 1.x or 2.0.")],
     world: Annotated[str, typer.Option(help="A shipped world or a world folder.")],

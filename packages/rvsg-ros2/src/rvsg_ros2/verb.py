@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from rvsg.cli import console
 from rvsg.cli.frame import verb
-from rvsg.cli.options import AsJson, StackOption, pairs
+from rvsg.cli.options import AsJson, setting_options
 
 app = verb(no_args_is_help=True, help="Check a running ROS 2 navigation; write or scale Nav2's parameters.")
 
 
 @app.command()
+@setting_options("stack_options")
 def check(
+    settings: dict[str, Any],
     robot: Annotated[str, typer.Option(help="A shipped robot (`rvsg robots`) or a robot file.")] = "tiago_omni",
-    stack_option: StackOption = None,
     seconds: Annotated[float, typer.Option(min=0.5, max=60, help="How long to listen.")] = 5.0,
     json: AsJson = False,
 ) -> None:
@@ -28,7 +29,7 @@ def check(
     """
     from rvsg_ros2.check import check_ros2
 
-    found = check_ros2(pairs("stack", stack_option), robot, seconds=seconds)
+    found = check_ros2(settings.get("stack_options", {}), robot, seconds=seconds)
     if json:
         console.print_json(
             {
@@ -80,12 +81,13 @@ def params(
 
 
 @app.command("new-params")
+@setting_options("stack_options")
 def new_params(
+    settings: dict[str, Any],
     robot: Annotated[str, typer.Option(help="A shipped robot (`rvsg robots`) or a robot file.")] = "tiago_omni",
     stack: Annotated[
         str, typer.Option(help="The stack whose controller is used: nav2-dwb, nav2-rpp or nav2-mppi.")
     ] = "nav2-dwb",
-    stack_option: StackOption = None,
     release: Annotated[str, typer.Option(help="humble, jazzy, kilted or lyrical.")] = "jazzy",
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the file here. [standard output]")] = None,
 ) -> None:
@@ -97,7 +99,7 @@ def new_params(
     from rvsg_ros2.interfaces import release_named
     from rvsg_ros2.nav2_file import new_nav2_params
 
-    text = new_nav2_params(robot, stack, pairs("stack", stack_option), release=release_named(release))
+    text = new_nav2_params(robot, stack, settings.get("stack_options", {}), release=release_named(release))
     if out is None:
         print(text, end="")
     else:

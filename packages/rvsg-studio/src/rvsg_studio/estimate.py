@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
-from rvsg.app.matrix import LISTED, Matrix
-from rvsg.app.settings import CampaignConfig, effective
+from rvsg.app.matrix import Matrix
+from rvsg.app.settings import LISTED, CampaignConfig, effective
 from rvsg.app.wiring import Wired, jobs_of, wire
 from rvsg.core.errors import InputError
 from rvsg.core.plugins import ignore

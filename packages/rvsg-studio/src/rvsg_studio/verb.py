@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from rvsg.cli.console import say
-from rvsg.cli.frame import Verb, verb
+from rvsg.cli.frame import CONNECT, Verb, verb
 
 app = verb()
 
@@ -49,5 +49,5 @@ def studio(
 
 
 VERBS = {
-    "studio": Verb("rvsg_studio.verb", "Open a local web page for worlds, campaigns, findings and scenarios"),
+    "studio": Verb("rvsg_studio.verb", "Open the local web page", CONNECT),
 }

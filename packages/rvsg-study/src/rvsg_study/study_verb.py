@@ -1,4 +1,4 @@
-"""`rvsg import-study`: import published results into a store."""
+"""`rvsg import study`: import published results into a store."""
 
 from __future__ import annotations
 
@@ -9,14 +9,19 @@ from typing import Annotated
 import typer
 
 from rvsg.cli import console
-from rvsg.cli.frame import Verb, verb
+from rvsg.cli.frame import CONNECT, Verb, verb
 from rvsg.core.outputs import make_folder
 from rvsg.core.records import Record
 
 VERBS = {
-    "import-study": Verb("rvsg_study.study_verb", "Import results in the published study's layout into a store"),
+    "import": Verb("rvsg_study.study_verb", "Read people of HuNavSim, or the study's results", CONNECT),
 }
-app = verb()
+app = verb(no_args_is_help=True, help="Read people of HuNavSim, or results of the published study.")
+
+
+@app.callback()
+def _several() -> None:
+    """Read people of HuNavSim, or results of the published study."""
 
 
 class StudyImport(Record):
@@ -36,7 +41,7 @@ class StudyImport(Record):
     """Findings of this import."""
 
 
-@app.command()
+@app.command("study")
 def import_study(
     folder: Annotated[Path, typer.Argument(help="Root of the results, with distance/route_1/0, no_req/..., ...")],
     out: Annotated[Path, typer.Option(help="Folder of the store (DIR/ledger.sqlite), or the file itself.")],

@@ -23,7 +23,7 @@ METRICS: Registry[Metric] = Registry("metric", Metric, {info.id: info for info i
 
 def metric(name: str) -> Metric:
     """Return the metric of that id; UnknownName with the nearest id where there is none."""
-    return METRICS.find(name, hint="`rvsg metrics` lists them with their formulas.")
+    return METRICS.find(name, hint="`rvsg evaluate --metric all` lists them with their formulas.")
 
 
 def find_metric(name: str | None) -> Metric | None:

@@ -55,7 +55,7 @@ class Prompts:
         if self.folder is not None and not self.folder.is_dir():
             raise FileError(
                 self.folder,
-                "there is no such folder of prompt templates; `rvsg prompt --copy` begins one",
+                "there is no such folder of prompt templates; `rvsg scenario prompt --copy` begins one",
                 code="prompts-folder",
             )
         if self.folder is not None:

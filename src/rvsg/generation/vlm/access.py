@@ -192,7 +192,7 @@ def model_access(model: str | Model | None, options: Access) -> ModelAccess:
         raise InputError(
             f"The price of {model} is not listed, so --budget-usd cannot be kept. Give "
             "--generator-option prices=INPUT,CACHED,OUTPUT in dollars per million tokens (--prices INPUT,CACHED,OUTPUT "
-            "for `rvsg describe`), or use --budget-tokens or --budget-calls.",
+            "for `rvsg world describe`), or use --budget-tokens or --budget-calls.",
             code="price-unknown",
         )
     client.prepare()

@@ -284,7 +284,7 @@ class ModelClient:
             return Fault(message, code="model-too-long", next_step="Choose another model.")
         if isinstance(error, foreign.ModelRequestRejectedError):
             # Many compatible servers know no structured output: the prompt alone asks for the JSON as well.
-            seeing = "The model must be able to see pictures; `rvsg prompt` shows what it is sent."
+            seeing = "The model must be able to see pictures; `rvsg scenario prompt` shows what it is sent."
             message = f"it refused the request. {said}"
             return Fault(message, code="model-rejected", again=shaped, without_shape=shaped, next_step=seeing)
         if isinstance(error, foreign.ModelRateLimitError):
@@ -294,7 +294,9 @@ class ModelClient:
             message, step = f"too many calls (429). {said}", f"{fewer}answered is kept."
             return Fault(message, code="model-busy", again=True, wait_s=wait, next_step=step)
         if isinstance(error, (foreign.ModelTimeoutError, foreign.ModelRequestTimeout)):
-            longer = "Wait longer: --generator-option call_timeout_s=SECONDS (rvsg describe: --call-timeout SECONDS)."
+            longer = (
+                "Wait longer: --generator-option call_timeout_s=SECONDS (rvsg world describe: --call-timeout SECONDS)."
+            )
             message = f"no answer within {self.options.call_timeout_s:g} s."
             return Fault(message, code="model-timeout", again=True, next_step=longer)
         if isinstance(error, foreign.ModelConnectionError):

@@ -4,7 +4,7 @@
  *   const traces = rvsgReplay.traces(replay, { open: true });
  *   traces.add(textOrObject).then(function (run) { ... });   // rejects with a message for people
  *
- * `replay` is what rvsgReplay.mount returned. A trace is the file that `rvsg trace` writes; rvsg/report/trace_view.py
+ * `replay` is what rvsgReplay.mount returned. A trace is the file that `rvsg replay --trace` writes; rvsg/report/trace_view.py
  * describes it. With `open` a button opens such a file from the disk. Text from a trace is only set with textContent.
  */
 (function (root) {
@@ -214,7 +214,7 @@
     async function add(given) {
       let file;
       try { file = typeof given === "string" ? JSON.parse(given) : given; } catch (error) { throw new Error("This file is no trace: it is not JSON."); }
-      if (!file || file.format !== "rvsg-trace") throw new Error("This file is no trace. rvsg trace writes one.");
+      if (!file || file.format !== "rvsg-trace") throw new Error("This file is no trace. rvsg replay --trace writes one.");
       if (file.version !== 1) throw new Error("This trace has version " + file.version + "; this page reads version 1. Write page and trace with the same version of RVSG.");
       if (!replay.runs().includes(file.run)) throw new Error("This trace is of the run " + file.run + ", which is not on this page.");
       files.set(file.run, file); read.delete(file.run);
@@ -224,7 +224,7 @@
     replay.element.addEventListener("replaychange", function (event) { show(event.detail.run); });
     if (options && options.open) {
       const label = document.createElement("label"), input = document.createElement("input"), note = document.createElement("span");
-      label.className = "rp-open"; label.textContent = "Open a trace (rvsg trace makes one) ";
+      label.className = "rp-open"; label.textContent = "Open a trace (rvsg replay --trace makes one) ";
       input.type = "file"; input.accept = ".json"; note.setAttribute("role", "status"); note.className = "rp-note";
       label.appendChild(input);
       input.addEventListener("change", function () {

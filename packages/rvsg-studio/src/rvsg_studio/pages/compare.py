@@ -287,7 +287,7 @@ def add_versions(workspace: Workspace) -> None:
                 if suite and case:
                     _replay(compared, given, case, requirement)
                 files = " ".join(shlex.quote(each) for each in (first, second))
-                made.command("Compare two versions", f"rvsg compare-versions {files} --html versions.html")
+                made.command("Compare two versions", f"rvsg suite compare {files} --html versions.html")
             made.command("Run a suite", "rvsg suite run suite --runs 20 --version now --json > now.json")
 
 

@@ -66,9 +66,9 @@ class Reviewing:
         self.inputs: dict[str, Any] = {}
         name = shlex.quote(review.name)
         model = asked_model(made.workspace).options
-        made.command("Let a model write it", f"rvsg describe {name} {model}")
-        made.command("Reject with a reason", f"rvsg describe {name} {model} --review (answer r)")
-        made.command("Accept, edit", f"rvsg describe {name} --review")
+        made.command("Let a model write it", f"rvsg world describe {name} {model}")
+        made.command("Reject with a reason", f"rvsg world describe {name} {model} --review (answer r)")
+        made.command("Accept, edit", f"rvsg world describe {name} --review")
         self.state = tag("p", self._said(), cls="soft")
         self.news = tag("p", "", cls="st-news soft small", role="status")
         with tag("div", cls="st-two"):
@@ -183,7 +183,7 @@ class Reviewing:
         """Give the reason to the model; it is kept whatever comes of the call."""
         asked = asked_model(self.page.workspace)
         model = asked.arguments
-        command = f"rvsg describe {shlex.quote(self.review.name)} {asked.options}{' --review' if reason else ''}"
+        command = f"rvsg world describe {shlex.quote(self.review.name)} {asked.options}{' --review' if reason else ''}"
         told = self.review.begin(reason)
         job = self.page.workspace.jobs.start("describe", title="Description", command=command,
                                              target=self.review.target, **told, access=model)  # fmt: skip
@@ -288,7 +288,7 @@ class Search:
         self.count = tag("p", "", cls="soft", role="status")
         self.list = tag("div")
         self._search("")
-        made.command("What a model would be asked next", "rvsg prompt --world WORLD --route ROUTE")
+        made.command("What a model would be asked next", "rvsg scenario prompt --world WORLD --route ROUTE")
 
     def _search(self, words: str) -> None:
         shown = [each for each in self.found if not words.strip() or each.holds(words.strip())]

@@ -153,7 +153,9 @@ def add_scenario(workspace: Workspace) -> None:
             traced = json.dumps({"file": file, "scenario": scenario})
             tag("div", data_studio="replay", data_url=where, data_keys="page", data_trace=traced, id="replay")
             made.command("Judge", f"rvsg evaluate {file} --scenario {scenario}")
-            made.command("Trace a run", f"rvsg trace {file} --scenario {scenario} --run RUN --out RUN.trace.json")
+            made.command(
+                "Trace a run", f"rvsg replay {file} --trace --scenario {scenario} --run RUN --out RUN.trace.json"
+            )
 
 
 def _choose(made: Page, names: tuple[str, ...], world: str, found: rvsg.Scenario, place: rvsg.World) -> None:

@@ -124,7 +124,7 @@ def lay_out(made: Page, shown: Shown) -> None:
         where = address("/data/replay", campaign=shown.folder, name=shown.campaign.name, attempt=shown.attempt.index)
         traced = json.dumps({"campaign": shown.folder, "name": shown.campaign.name})
         tag("div", data_studio="replay", data_url=where, data_keys="page", data_trace=traced, id="replay")
-        made.command("Trace a run", f"rvsg trace {shlex.quote(shown.folder)} --run RUN")
+        made.command("Trace a run", f"rvsg replay {shlex.quote(shown.folder)} --trace --run RUN")
     with tag("div", cls="st-two"):
         _happened(shown)
         _note(made, shown)

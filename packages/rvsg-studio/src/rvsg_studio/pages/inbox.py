@@ -98,7 +98,7 @@ class Inbox:
                 made.button("Ask", self._ask, cls="st-primary")
         self.news = tag("p", "", cls="st-news soft small", role="status")
         self.list = tag("div")
-        made.command("Ask for a proposal", f"rvsg propose --seed 0 --out {FOLDER}/NAME.json")
+        made.command("Ask for a proposal", f"rvsg scenario propose --seed 0 --out {FOLDER}/NAME.json")
         made.command("Try it", f"rvsg simulate {FOLDER}/NAME.json")
         self._show()
         self.timer = ui.timer(1.0, made.guarded(self._follow))
@@ -152,7 +152,7 @@ class Inbox:
             known = asked_model(self.workspace)
             asked |= known.arguments
             options += f" {known.options}"
-        command = f"rvsg propose {options} --out {FOLDER}/NAME.json"
+        command = f"rvsg scenario propose {options} --out {FOLDER}/NAME.json"
         self.workspace.jobs.start("propose", title="Proposals", command=command, target=TARGET, folder=FOLDER,
                                   settings=asked, count=count)  # fmt: skip
         self.page.command("Ask for these", command)

@@ -11,8 +11,20 @@ from nicegui import ui
 
 import rvsg
 from rvsg.app.commands import command_for
-from rvsg.app.matrix import LISTED, Matrix
-from rvsg.app.settings import MACHINE, CampaignConfig, effective, parse_campaign_file
+from rvsg.app.matrix import Matrix
+from rvsg.app.settings import (
+    BUDGETS,
+    LISTED,
+    MACHINE,
+    CampaignConfig,
+    Setting,
+    default_of,
+    effective,
+    parse_campaign_file,
+    settings,
+    value_type,
+)
+from rvsg.core import plugins
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import write_whole
 from rvsg.evaluation.verdict import counted
@@ -25,18 +37,8 @@ from rvsg_studio.workspace import Workspace
 
 DRAFT = "new-campaign.yaml"
 HEAD = "# A campaign file: every key is an option of `rvsg run`.\n"
-NUMBERS = {
-    "humans": ("People", "In each scenario"),
-    "scenarios": ("Scenarios", "To find"),
-    "refinements": ("Refinements", "Of each scenario"),
-    "repeats": ("Runs", "Of each configuration"),
-    "confirmations": ("Confirmation runs", "In all, at most"),
-    "max_in_flight": ("Attempts at a time", "More keep more cores busy"),
-    "seed": ("Seed", "Of everything random"),
-}
-STRATEGIES = ("study", "hybrid", "map-elites", "multi", "unguided", "random")
 GENERATORS = {"heuristic": "heuristic, offline", "random": "random", "vlm": "vision language model"}
-MACHINE_KEYS = ("jobs", "budget_usd", "budget_calls", "budget_tokens")
+NOT_STORED = ("jobs", *BUDGETS)
 """Settings that are not stored with the campaign, and go to the process that runs it."""
 
 
@@ -71,7 +73,7 @@ class Draft:
         """Change one setting in the text; None or the default takes it out."""
         kept = dict(self.settings)
         kept.pop(key, None)
-        if value is not None and value != CampaignConfig.model_fields[key].get_default(call_default_factory=True):
+        if value is not None and value != default_of(key):
             kept[key] = value
         if key == "world":
             kept = {"world": value, **kept}
@@ -89,7 +91,7 @@ class Draft:
             raise InputError(self.problem)
         single = {}
         for key, value in self.settings.items():
-            if isinstance(value, list) and key in ("route", "requirement"):
+            if isinstance(value, list) and key in LISTED:
                 if len(value) != 1 or value == ["all"]:
                     raise InputError("Several routes or requirements are several campaigns.")
                 value = value[0]
@@ -174,26 +176,39 @@ class Form:
                 tag("span", str(error), cls="soft")
 
     def _fields(self) -> None:
+        """Add a field for every setting that has a label."""
         values = CampaignConfig().model_dump() | self.draft.settings
-        self._choice("world", "World", {name: name for name in self.worlds}, values)
-        self._several("route", "Routes", {name: name for name in _routes(str(values["world"]))}, values)
-        requirements = {name: f"{name}: {each.title}" for name, each in shipped_requirements().items()}
-        self._several("requirement", "Requirements", requirements, values)
-        self._choice("robot", "Robot", {name: name for name in shipped_robots()}, values)
-        chosen = values["generator"] or ("vlm" if values["model"] or values["replay"] else "heuristic")
-        self._choice("generator", "Who writes the scenarios", GENERATORS, values | {"generator": chosen})
-        self._choice("strategy", "Strategy of the search", {name: name for name in STRATEGIES}, values)
+        values["generator"] = values["generator"] or ("vlm" if values["model"] or values["replay"] else "heuristic")
+        choices = {
+            "world": {name: name for name in self.worlds},
+            "route": {name: name for name in _routes(str(values["world"]))},
+            "requirement": {name: f"{name}: {each.title}" for name, each in shipped_requirements().items()},
+            "robot": {name: name for name in shipped_robots()},
+            "generator": GENERATORS,
+            "strategy": {name: name for name in plugins.names("strategy")},
+        }
+        shown = {
+            key: setting
+            for key, setting in settings().items()
+            if setting.label and not (setting.of_model and values["generator"] != "vlm")
+        }
+        for key in LISTED:
+            self._several(key, shown.pop(key).label, choices[key], values)
         with tag("div", cls="st-form"):
-            for key, (label, help) in NUMBERS.items():
-                with field(label, help=help):
-                    text_input(values[key], self._number(key), kind="number", min="0", inputmode="numeric")
-        with field("Folder", help="Where the campaign is kept; by default named for its settings, under runs/"):
-            text_input(values["out"], lambda text: self._set("out", text or None), autocomplete="off")
-        if chosen == "vlm":
-            with field("Model", help="PROVIDER:NAME, e.g. openai-chat:gpt-4.1. Its key is read from the environment."):
-                text_input(values["model"], lambda text: self._set("model", text or None), autocomplete="off")
-            with field("Budget in USD", help="The campaign stops before its calls cost more."):
-                text_input(values["budget_usd"], self._number("budget_usd", float), kind="number", min="0", step="any")
+            for key, setting in shown.items():
+                if key in choices:
+                    self._choice(key, setting.label, choices[key], values)
+                else:
+                    self._input(key, setting, values[key])
+
+    def _input(self, key: str, setting: Setting, value: Any) -> None:
+        kind = value_type(key)
+        numeric = {int: {"inputmode": "numeric"}, float: {"step": "any"}}.get(kind)
+        with field(setting.label, help=setting.help):
+            if numeric is None:
+                text_input(value, lambda text: self._set(key, text or None), autocomplete="off")
+            else:
+                text_input(value, self._number(key, kind), kind="number", min="0", **numeric)
 
     def _choice(self, key: str, label: str, options: dict[str, str], values: dict[str, Any]) -> None:
         value = str(values[key])
@@ -226,7 +241,7 @@ class Form:
                 box.on("change", lambda event, name=name: ticked(name, bool(event.args)),
                        js_handler="(e) => emit(e.target.checked)")  # fmt: skip
 
-    def _number(self, key: str, kind: type = int) -> Any:
+    def _number(self, key: str, kind: type) -> Any:
         def changed(text: str) -> None:
             with contextlib.suppress(ValueError):  # an unfinished number, e.g. "-"
                 self._set(key, kind(text) if text else None)
@@ -258,7 +273,7 @@ class Form:
             if key == "strategy" or value != getattr(CampaignConfig(), key)
         }
         campaign = await load(rvsg.Campaign.create, name, file=changed, begun_in=str(workspace.folder))
-        machine = {key: getattr(config, key) for key in MACHINE_KEYS if getattr(config, key) is not None}
+        machine = {key: getattr(config, key) for key in NOT_STORED if getattr(config, key) is not None}
         told = {"folder": name, "name": campaign.name, "machine": machine}
         workspace.jobs.start(
             "campaign", title="Campaign", command=command_for(config, out=Path(name)), target=name, **told

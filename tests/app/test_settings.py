@@ -1,53 +1,75 @@
-"""The campaign file: complete in its documentation, and the same thing as the options."""
+"""Every setting is declared once; the command line, the file, the page and the form are made from the declaration."""
 
-from __future__ import annotations
-
+import inspect
 import re
 import shlex
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 
 from rvsg.app.commands import command_for, resume_command
-from rvsg.app.settings import CampaignConfig, effective, read_campaign_file
-from rvsg.cli import VERBS
-from rvsg.cli.frame import full_command
-from rvsg.cli.options import pairs
-from rvsg.simulation.stacks.registry import DEFAULT_STACK
+from rvsg.app.settings import (
+    GROUPS,
+    MACHINE,
+    CampaignConfig,
+    default_of,
+    effective,
+    option_of,
+    parse_campaign_file,
+    read_campaign_file,
+    settings,
+    value_type,
+)
+from rvsg.cli.options import pairs, setting_options
 
+VALUES: dict[type, tuple[Any, list[str]]] = {
+    bool: (True, []),
+    int: (3, ["3"]),
+    float: (0.1, ["0.1"]),
+    str: ("some", ["some"]),
+    list: (["some"], ["some"]),
+    dict: ({"some": 1}, ["some=1"]),
+}
+OWN: dict[str, tuple[Any, list[str]]] = {
+    "doors": ({"Ward": "closed"}, ["Ward=closed"]),
+    "conversation": ("study", ["study"]),
+    "confidence": (0.9, ["0.9"]),
+}
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "campaign-file.md"
 
 
-def test_every_key_is_documented_with_its_default_and_nothing_else_is() -> None:
-    rows = re.findall(r"^\| (`[^|]+) \| ([^|]+) \|", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)
-    documented = {key: default.strip() for keys, default in rows for key in re.findall(r"`(\w+)`", keys)}
-    assert set(documented) == set(CampaignConfig.model_fields)
-    config = CampaignConfig()
-    for key, default in documented.items():
-        value = getattr(config, key)
-        if isinstance(value, bool):
-            assert default == f"`{str(value).lower()}`"
-        elif value not in (None, {}):
-            assert default == f"`{value}`", key
+@pytest.fixture(params=CampaignConfig.model_fields)
+def key(request: pytest.FixtureRequest) -> str:
+    """The key of each setting."""
+    return str(request.param)
 
 
-def test_every_key_is_an_option_and_the_other_way_round() -> None:
-    options = {parameter.name for parameter in full_command(VERBS, "run").params if not parameter.hidden}
-    fields = CampaignConfig.model_fields
-    keys = {key.removesuffix("s") if key.endswith("_options") or key == "doors" else key for key in fields}
-    assert options - {"campaign", "json", "help"} == keys
+def test_a_setting_is_declared_with_help_group_and_default(key: str) -> None:
+    setting = settings()[key]
+    assert setting.help.endswith(".") and setting.group in GROUPS
+    assert getattr(CampaignConfig(), key) == default_of(key)
 
 
-def test_the_help_of_an_option_names_the_true_default() -> None:
-    shown = {p.name: re.findall(r"\[([^\]]+)\]$", p.help or "") for p in full_command(VERBS, "run").params}
-    config = CampaignConfig()
-    told = {name: default[0] for name, default in shown.items() if default and name != "jobs"}
-    assert {"world", "scenarios", "refinements", "repeats", "confirmations", "seed", "memory"} <= set(told)
-    derived = {"budget_runs": "scenarios x configurations x repeats", "stack": DEFAULT_STACK, "generator": "heuristic"}
-    wrong = {name for name, default in told.items() if str(getattr(config, name)) != derived.get(name, default)}
-    assert wrong <= derived.keys()
+def test_an_option_and_a_key_of_a_file_give_a_setting(key: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    value, words = OWN.get(key, VALUES[value_type(key)])
+    given: dict[str, Any] = {}
+    command = setting_options(key)(lambda settings: given.update(settings))
+    assert list(inspect.signature(command).parameters) == [key]
+    command(**{key: True if value_type(key) is bool else words if value_type(key) in (list, dict) else value})
+    assert given == {key: value}
+    assert list(parse_campaign_file(yaml.safe_dump({key: value}), Path("campaign.yaml"))) == [key]
+    config = CampaignConfig(**{key: value})
+    said = command_for(config)
+    if key not in (*MACHINE, "out", "junit", "fail_on_violation"):
+        assert " ".join([option_of(key), *words]) in said
+
+
+def test_the_reference_page_lists_a_setting_with_its_help(key: str) -> None:
+    row = next(line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith(f"| `{key}` |"))
+    assert settings()[key].help in row
 
 
 def test_options_win_over_the_file_and_the_file_over_what_was_stored() -> None:
