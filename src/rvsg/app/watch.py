@@ -628,8 +628,31 @@ def watch(
     folder.mkdir(parents=True, exist_ok=True)
     time_left = _time_left(seconds, clock)
     with closing(subject), alone_in(folder), open_knowledge(knowledge or folder / KNOWLEDGE) as known:
-        parts = _Parts(cases, subject, watching, writer, chosen, known, folder)
-        loop = parts.loop(jobs=jobs, seed=seed, on_note=on_note, stop=lambda: time_left() <= 0)
+        world, journal = cases.world, Journal(folder / JOURNAL)
+        loop = Loop(
+            monitor=watching,
+            analyser=SuiteAnalyser(
+                cases,
+                world,
+                chosen.near,
+                lambda: _versions(journal),
+                lambda: subject.version,
+                lambda: known.entries(world=world.name),
+            ),
+            planner=SuitePlanner(cases, world, chosen, writer, known, seed),
+            legitimator=DeclaredRules(chosen, world, lambda: approved(folder)),
+            executor=SimulationExecutor(cases, world, subject, jobs),
+            knowledge=known,
+            keeper=cases,
+            journal=journal,
+            plans=folder / PLANS,
+            place=world.floor_id,
+            simulator=subject.simulator.name,
+            renew=lambda: [*cases.renew(), *subject.renew()],
+            version=lambda: subject.version,
+            tell=on_note,
+            stop=lambda: time_left() <= 0,
+        )
         _repeat(loop.cycle, cycles, time_left, lambda: sleep(max(0.0, min(every_s, time_left()))))
     return loop.journal
 
@@ -650,48 +673,6 @@ def _repeat(
         done += 1
         if not busy and time_left() > 0 and done != most:
             pause()
-
-
-@dataclass(frozen=True)
-class _Parts:
-    """What a loop over a suite is made of."""
-
-    cases: LiveSuite
-    subject: Subject
-    monitor: Monitor
-    writer: Generator
-    rules: RuleSet
-    known: KnowledgeBase
-    folder: Path
-
-    def loop(self, *, jobs: int, seed: int, on_note: Callable[[Note], None], stop: Callable[[], bool]) -> Loop:
-        """Return the loop that monitors, analyses, plans, asks and executes."""
-        cases, subject, rules, world = self.cases, self.subject, self.rules, self.cases.world
-        journal = Journal(self.folder / JOURNAL)
-        return Loop(
-            monitor=self.monitor,
-            analyser=SuiteAnalyser(
-                cases,
-                world,
-                rules.near,
-                lambda: _versions(journal),
-                lambda: subject.version,
-                lambda: self.known.entries(world=world.name),
-            ),
-            planner=SuitePlanner(cases, world, rules, self.writer, self.known, seed),
-            legitimator=DeclaredRules(rules, world, lambda: approved(self.folder)),
-            executor=SimulationExecutor(cases, world, subject, jobs),
-            knowledge=self.known,
-            keeper=cases,
-            journal=journal,
-            plans=self.folder / PLANS,
-            place=world.floor_id,
-            simulator=subject.simulator.name,
-            renew=lambda: [*cases.renew(), *subject.renew()],
-            version=lambda: subject.version,
-            tell=on_note,
-            stop=stop,
-        )
 
 
 def approve(out: str | Path, plan: str, *, on_message: Callable[[str], None] = ignore) -> None:
