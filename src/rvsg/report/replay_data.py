@@ -468,7 +468,9 @@ def traces_beside(page: Path, runs: Collection[str]) -> list[Mapping[str, Any]]:
             continue
         value = parse_json(read_text(path), path)
         if not isinstance(value, dict) or value.get("format") != FORMAT or value.get("run") not in runs:
-            raise FileError(path, "this is not the trace its name says. Remove it, or write it again: rvsg replay --trace.")
+            raise FileError(
+                path, "this is not the trace its name says. Remove it, or write it again: rvsg replay --trace."
+            )
         left -= path.stat().st_size
         found.append(value)
     return found

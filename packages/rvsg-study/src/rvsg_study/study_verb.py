@@ -9,13 +9,10 @@ from typing import Annotated
 import typer
 
 from rvsg.cli import console
-from rvsg.cli.frame import CONNECT, Verb, verb
+from rvsg.cli.frame import verb
 from rvsg.core.outputs import make_folder
 from rvsg.core.records import Record
 
-VERBS = {
-    "import": Verb("rvsg_study.study_verb", "Read people of HuNavSim, or the study's results", CONNECT),
-}
 app = verb(no_args_is_help=True, help="Read people of HuNavSim, or results of the published study.")
 
 
