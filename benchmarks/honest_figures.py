@@ -1,4 +1,4 @@
-"""The figures of docs/explanation/honest-statistics.md, from a store of the published study.
+"""The figures of benchmarks/results/honest-statistics.md, from a store of the published study.
 
 `rvsg import study DIR --out STORE`, then `python benchmarks/honest_figures.py STORE docs/images`.
 """

@@ -1,8 +1,8 @@
 """Writes the generated pages of the documentation and checks the rest: `python docs/generate.py [--check]`.
 
-Generated: `reference/command-line.md` from the commands, the tables of `reference/campaign-file.md` from the
-declaration of the settings, `index.md` from the pages' headings, and the pages of metrics and requirements. Checked:
-relative links and pictures, and that every `rvsg` command shown in a page is one that exists, with options that exist.
+Generated: `reference/command-line.md` from the commands, `index.md` from the pages' headings, and the tables of
+settings, metrics and requirements between their marks. Checked: relative links and pictures, and that every shown
+`rvsg` command and its options exist.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from typing import Any
 from rvsg.app.settings import default_text, option_of, settings
 from rvsg.cli import verbs
 from rvsg.cli.frame import EPILOG, full_command, options_of
+from rvsg.evaluation.metrics.registry import METRICS
+from rvsg.scenario.requirement import shipped_requirements
 
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
@@ -87,32 +89,47 @@ def table(rows: Iterable[tuple[str, str]]) -> str:
     return "| option | meaning |\n|---|---|\n" + "".join(f"| `{name}` | {meaning} |\n" for name, meaning in rows)
 
 
-def with_settings(page: str) -> str:
-    """A page whose tables of settings are made again from their declaration."""
+def with_tables(page: str) -> str:
+    """A page whose tables of settings, metrics and requirements are made again."""
+    made = {"settings": table_of_settings, "metrics": table_of_metrics, "requirements": table_of_requirements}
+    return re.sub(
+        r"(<!-- (settings|metrics|requirements): (.+?) -->\n).*?(?=<!-- end -->)",
+        lambda found: found[1] + "".join("| " + " | ".join(row) + " |\n" for row in made[found[2]](found[3])),
+        page,
+        flags=re.DOTALL,
+    )
 
-    def made(found: re.Match[str]) -> str:
-        rows = ["| key | default | meaning |", "|---|---|---|"]
-        for key, setting in settings().items():
+
+def table_of_settings(group: str) -> Iterator[tuple[str, ...]]:
+    """The settings of a group."""
+    yield from (("key", "default", "meaning"), ("---",) * 3)
+    for key, setting in settings().items():
+        if setting.group == group:
             default = f"`{default_text(key)}`" if default_text(key) else "none"
-            if setting.group == found[1]:
-                rows.append(f"| `{key}` | {default} | {' '.join(filter(None, (setting.help, setting.more)))} |")
-        return "\n".join([f"<!-- settings: {found[1]} -->", *rows, "<!-- end -->"])
-
-    return re.sub(r"<!-- settings: (.+?) -->.*?<!-- end -->", made, page, flags=re.DOTALL)
+            yield f"`{key}`", default, " ".join(filter(None, (setting.help, setting.more)))
 
 
-def metrics_page() -> str:
-    """The page of the metrics, from their registry."""
-    from rvsg.report import reference
+def table_of_metrics(source: str) -> Iterator[tuple[str, ...]]:
+    """The metrics of a source, without those that log what another one measures by the same formula."""
+    yield from (("id", "metric", "unit", "worse", "formula"), ("---",) * 5)
+    for metric in METRICS.values():
+        original = METRICS.get(metric.id.removesuffix("_logged"), metric)
+        if metric.source == source and (original is metric or original.formula != metric.formula):
+            yield f"`{metric.id}`", metric.title, metric.unit, metric.worse, metric.formula.replace("|", "\\|")
 
-    return "# Metrics\n\n" + GENERATED + reference.metrics_page()
 
-
-def requirements_page() -> str:
-    """The page of the shipped requirements, from their file."""
-    from rvsg.report import reference
-
-    return "# Requirements\n\n" + GENERATED + reference.requirements_page()
+def table_of_requirements(which: str) -> Iterator[tuple[str, ...]]:
+    """The shipped requirements."""
+    yield from (("name", "text", "violated where", "notes, and the reason for the limit"), ("---",) * 4)
+    for name, asked in shipped_requirements().items():
+        unit = "" if asked.unit.startswith("1") else f" {asked.unit}"
+        limit = f"{asked.limit:g}{unit}" if asked.limit is not None else ""
+        if asked.limit_share is not None:
+            limit = f"{asked.limit_share:.0%} of the route's time limit"
+        violated = f"`{asked.metric}` is {'below' if asked.worse == 'smaller' else 'above'} {limit}"
+        if asked.formula is not None:
+            violated = f"`{asked.formula}` is below 0"
+        yield f"`{name}`", asked.text, violated, f"{asked.note} {asked.source}".strip()
 
 
 def heading(page: Path) -> str:
@@ -190,13 +207,10 @@ def main() -> int:
     """Write the generated pages, or with `--check` say which are stale and what is wrong."""
     check = "--check" in sys.argv[1:]
     commands = all_commands()
-    campaign_file = DOCS / "reference" / "campaign-file.md"
-    made = {
-        DOCS / "reference" / "command-line.md": command_line_page(commands),
-        campaign_file: with_settings(campaign_file.read_text(encoding="utf-8")),
-        DOCS / "reference" / "metrics.md": metrics_page(),
-        DOCS / "reference" / "requirements.md": requirements_page(),
-    }
+    made = {DOCS / "reference" / "command-line.md": command_line_page(commands)}
+    for name in ("campaign-file", "metrics", "requirements"):
+        page = DOCS / "reference" / f"{name}.md"
+        made[page] = with_tables(page.read_text(encoding="utf-8"))
     problems = []
     for path, text in made.items():
         if check and (not path.exists() or path.read_text(encoding="utf-8") != text):

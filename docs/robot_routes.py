@@ -1,4 +1,4 @@
-"""Drive every shipped robot on every route of the warehouse and print the table for docs/explanation/robots.md.
+"""Drive every shipped robot on every route of the warehouse and print the table for benchmarks/results/robots.md.
 
     python docs/robot_routes.py
 

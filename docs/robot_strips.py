@@ -1,4 +1,4 @@
-"""Draw a strip of pictures per robot for docs/explanation/robots.md, each from a simulated run.
+"""Draw a strip of pictures per robot for benchmarks/results/robots.md, each from a simulated run.
 
     python docs/robot_strips.py [--out docs/images]
 

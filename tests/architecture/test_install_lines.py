@@ -1,16 +1,15 @@
-"""Pages and messages say one way to install what is optional: that of somebody who began as the README says."""
+"""Pages and messages show one way to install what is optional: into the environment of the README."""
 
 from __future__ import annotations
 
 import re
 import tomllib
-from pathlib import Path
 
 import pytest
+from tests.architecture.size import ROOT
 
 from rvsg.core.errors import how_to_install
 
-ROOT = Path(__file__).parents[2]
 READ = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *(ROOT / "src").rglob("*.py")]
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
 FORM = r"\.venv/bin/pip install -c constraints\.txt -e '\.\[{}\]'"

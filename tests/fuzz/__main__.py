@@ -14,14 +14,13 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from tests.fuzz.harness import run_case
-from tests.fuzz.kinds import KINDS
+from tests.fuzz.harness import BY_NAME, run_case
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=10.0)
-    parser.add_argument("--kind", action="append", choices=[kind.name for kind in KINDS])
+    parser.add_argument("--kind", action="append", choices=list(BY_NAME))
     parser.add_argument("--seed", type=int, default=0, help="the first seed")
     parser.add_argument("--keep", type=Path, default=Path("fuzz-findings"))
     options = parser.parse_args()
@@ -31,7 +30,7 @@ def main() -> int:
     findings: list[dict[str, object]] = []
     known: set[str] = set()
     for seed in itertools.count(options.seed):
-        for name in options.kind or [kind.name for kind in KINDS]:
+        for name in options.kind or BY_NAME:
             if time.monotonic() > end:
                 print(json.dumps({"cases": dict(cases), "next_seed": seed, "findings": findings}, indent=2))
                 return 1 if findings else 0

@@ -1,4 +1,4 @@
-"""Runs one damaged input, and says what is wrong with how it was received.
+"""Runs one damaged input, and finds what is wrong with how it was received.
 
 A finding is an exit code 4, an exception, a traceback, an output that is half written, a hang over a minute, memory
 over 2 GB, or a damaged store that is reported as if it were whole.
@@ -25,13 +25,12 @@ from types import FrameType
 from tests.fuzz.kinds import KINDS, Kind
 from tests.fuzz.mutate import damaged
 
-from rvsg.cli import main
-
 HANG_S = 60
 """Seconds of processor time; the seconds of the clock depend on what else the machine does."""
 STUCK_S = 600
 """Seconds of the clock, for a wait without end."""
 MOST_MEMORY_KB = 2_000_000
+BY_NAME = {kind.name: kind for kind in KINDS}
 
 
 @dataclass(frozen=True)
@@ -39,18 +38,12 @@ class Outcome:
     """How an input was received; `finding` is empty where all is well."""
 
     code: int
-    output: str
     messages: str
-    finding: str = ""
+    finding: str
 
 
 class Hang(BaseException):
     """The time is up; no Exception, so that nothing catches it by the way."""
-
-
-def kind_of(name: str) -> Kind:
-    """Return the kind of that name."""
-    return next(kind for kind in KINDS if kind.name == name)
 
 
 def received(kind: Kind, folder: Path) -> Outcome:
@@ -59,46 +52,40 @@ def received(kind: Kind, folder: Path) -> Outcome:
     code = 0
     try:
         with _time_limit(), contextlib.redirect_stdout(out), contextlib.redirect_stderr(messages):
-            if kind.call is not None:
-                kind.call(folder)
-            elif kind.argv is not None:
-                code = main(["--debug", *kind.argv(folder)])
+            code = kind.read(folder, "--debug")
     except Hang:
-        return Outcome(code, out.getvalue(), messages.getvalue(), f"it hangs: more than {HANG_S} s")
+        finding = f"it hangs: more than {HANG_S} s"
     except BaseException:
-        return Outcome(code, out.getvalue(), messages.getvalue(), traceback.format_exc())
-    outcome = Outcome(code, out.getvalue(), messages.getvalue())
-    return Outcome(code, outcome.output, outcome.messages, _finding(kind, outcome, folder))
+        finding = traceback.format_exc()
+    else:
+        finding = _finding(kind, code, out.getvalue(), messages.getvalue(), folder)
+    return Outcome(code, messages.getvalue(), finding)
 
 
-def _finding(kind: Kind, outcome: Outcome, folder: Path) -> str:
-    if outcome.code not in (0, 1, 2, 3):
-        return f"exit code {outcome.code}:\n{outcome.messages[-3000:]}"
-    if outcome.code == 2 and not outcome.messages.strip():
+def _finding(kind: Kind, code: int, output: str, messages: str, folder: Path) -> str:
+    if code not in (0, 1, 2, 3):
+        return f"exit code {code}:\n{messages[-3000:]}"
+    if code == 2 and not messages.strip():
         return "refused without a message"
-    if outcome.code == 2 and (
-        half := [path for path in folder.glob("w/world.yaml") if kind.argv and "new" in kind.argv(folder)]
-    ):
-        return f"refused, and {half[0].name} is written"
-    if drafts := [path.name for path in folder.rglob(".*") if path.is_file() and path.name not in (".lock",)]:
+    if code == 2 and str(kind.command).startswith("world new") and (folder / "w" / "world.yaml").exists():
+        return "refused, and world.yaml is written"
+    if drafts := [path.name for path in folder.rglob(".*") if path.is_file() and path.name != ".lock"]:
         return f"left behind: {drafts}"
     if (used := resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) > MOST_MEMORY_KB:
         return f"{used} kB of memory"
-    if kind.silent and outcome.code == 0 and _facts(outcome.output) != whole_output(kind.name):
+    if kind.silent and code == 0 and _facts(output) != _facts_of_whole(kind):
         return "a damaged input is reported as if it were whole"
     return ""
 
 
 @cache
-def whole_output(name: str) -> str:
-    """Return what the command prints for the undamaged example."""
-    kind = kind_of(name)
+def _facts_of_whole(kind: Kind) -> str:
+    """What the command prints for the undamaged example."""
     with tempfile.TemporaryDirectory() as folder:
         kind.write(Path(folder))
         out = io.StringIO()
-        assert kind.argv is not None
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(io.StringIO()):
-            assert main(kind.argv(Path(folder))) == 0
+            assert kind.read(Path(folder)) == 0
         return _facts(out.getvalue())
 
 
@@ -120,20 +107,17 @@ def case(kind: Kind, seed: int, folder: Path) -> None:
 
 def run_case(name: str, seed: int, *, keep: Path | None = None) -> Outcome:
     """Run the case of a seed; where it is a finding, its files are kept in a folder under `keep`."""
-    kind = kind_of(name)
     with tempfile.TemporaryDirectory(prefix="fuzz") as made:
         folder = Path(made)
-        case(kind, seed, folder)
-        before = {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-        outcome = received(kind, folder)
-        if outcome.finding and keep is not None:
-            target = keep / name / hashlib.sha256(f"{name}{seed}".encode()).hexdigest()[:8]
-            shutil.rmtree(target, ignore_errors=True)
-            for path, content in before.items():
-                (target / path).parent.mkdir(parents=True, exist_ok=True)
-                (target / path).write_bytes(content)
-            (target / "finding.txt").write_text(f"{name} {seed}\n{outcome.finding}", errors="replace")
-        return outcome
+        case(BY_NAME[name], seed, folder)
+        outcome = received(BY_NAME[name], folder)
+    if outcome.finding and keep is not None:
+        target = keep / name / hashlib.sha256(f"{name}{seed}".encode()).hexdigest()[:8]
+        shutil.rmtree(target, ignore_errors=True)
+        target.mkdir(parents=True)
+        case(BY_NAME[name], seed, target)
+        (target / "finding.txt").write_text(f"{name} {seed}\n{outcome.finding}", errors="replace")
+    return outcome
 
 
 @contextlib.contextmanager
