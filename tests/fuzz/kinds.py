@@ -166,7 +166,7 @@ def study_folder() -> Files:
         return files_in(Path(name), "*", "s/")
 
 
-def person(name: str, **changes: object) -> dict[str, object]:
+def person(name: str, /, **changes: object) -> dict[str, object]:
     tasks = [{"task": "a → b", "path": ["G7", "G8", "G9"], "pauses": [{"at": "G9", "duration_s": 3}]}]
     moved = {"name": name, "speed_m_s": 1.2, "start_delay_s": 2, "group": 1, "behaviour": "regular", "tasks": tasks}
     return moved | changes
