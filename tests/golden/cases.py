@@ -7,6 +7,7 @@ its events and details and its content id, or every attempt of a campaign in ord
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 import multiprocessing
@@ -120,13 +121,15 @@ def _scenario(world_name: str, route: str, robot: str, people: int, seed: int) -
             speed_m_s=round(float(chance.uniform(0.8, 1.5)), 2),
             start_delay_s=float(chance.integers(0, 3)),
             pauses_s={stops[1]: 3.0} if len(walks) % 3 == 1 else None,
-            group=1 if people >= 6 and len(walks) < 2 else None,
         )
+        together = [*walks, walk]
+        if people >= 6 and len(walks) == 1:  # the first two walk in a group
+            together = [dataclasses.replace(each, group=1) for each in together]
         try:
-            scenario = rvsg.scenario(world, route, [*walks, walk], robot=robot)
+            scenario = rvsg.scenario(world, route, together, robot=robot)
         except rvsg.InvalidScenario:
             continue
-        walks.append(walk)
+        walks = together
     return scenario
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rvsg.app.folder import CONFIG, LEDGER, alone_in, check_out, opened, reading, store_of
 from rvsg.app.record import CampaignRecord, as_stored, check_same, no_campaign, paths_of, record_in, spelled_out
-from rvsg.app.settings import VLM_OPTIONS, CampaignConfig, check_stack_named, effective, option_of
+from rvsg.app.settings import VLM_OPTIONS, CampaignConfig, effective, option_of
 from rvsg.app.stored_campaign import StoredCampaign
 from rvsg.app.wiring import COPY, Wired, jobs_of, remembered_file, wire
 from rvsg.campaign import confirmation
@@ -21,6 +21,7 @@ from rvsg.campaign.findings import entries_of_campaign
 from rvsg.campaign.ledger import CachedLedger, Ledger
 from rvsg.campaign.loop import stream_campaign
 from rvsg.campaign.ranking import search_attempts
+from rvsg.core import permission, plugins
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.core.outputs import make_folder
@@ -118,7 +119,8 @@ class Campaign(StoredCampaign):
         self._cancelled = threading.Event()
         self._prepared = False
         self._known: Wired | None = None
-        self._named_stack: str | None = None
+        self._named: tuple[Any, ...] = ()
+        """What the caller named; code that only the record names is not run."""
 
     @classmethod
     def create(
@@ -132,6 +134,7 @@ class Campaign(StoredCampaign):
         on_message: Callable[[str], None] = ignore,
         paths: Mapping[str, str] | None = None,
         begun_in: str | None = None,
+        named: Sequence[Any] = (),
         **settings: Any,
     ) -> Campaign:
         """Create a campaign in a folder. Where the folder holds one with the same settings, it resumes.
@@ -145,6 +148,7 @@ class Campaign(StoredCampaign):
             on_message: called with what a person should know.
             paths: where typed paths among the settings are, if they are not relative to the current folder.
             begun_in: the folder they are relative to.
+            named: what else the user named: code of the file that is named here may run, too.
             settings: the keys of a campaign file: `world`, `route`, `requirement`, `scenarios`, `refinements`, ...
 
         Raises:
@@ -156,9 +160,9 @@ class Campaign(StoredCampaign):
         config = effective(None, from_file, settings)
         check_out(config.folder)
         stored, config, known = resumed(config, from_file, settings)
-        check_stack_named(config.stack, settings.get("stack"))
         reject_unused_model_options(config, settings, on_message)
-        wired = wire(config, {**(paths or {}), **known}, **instances)
+        with permission.only(settings, named):
+            wired = wire(config, {**(paths or {}), **known}, **instances)
         for note in wired.notes:
             on_message(note)
         begun_in = (stored.provenance.begun_in if stored else None) or begun_in or str(Path.cwd())
@@ -191,7 +195,8 @@ class Campaign(StoredCampaign):
         Args:
             name: which one, where the store holds several; `campaigns_in` lists them.
             generator, simulator, stack: the instances it was created with, where these were no plug-ins.
-                A stack that runs code of its own (module:Class, exec:COMMAND) has to be named again.
+                A stack that runs code of its own (module:Class, exec:COMMAND) has to be named again, or what else
+                of the record leads to code, as in `executor_options`.
             machine: settings that decide no record: `jobs`, `executor`, `budget_usd`, ...
 
         Raises:
@@ -207,7 +212,7 @@ class Campaign(StoredCampaign):
         config = effective(record.config | kept, {}, {**machine, "out": str(out)})
         instance = None if stack is None or isinstance(stack, str) else stack
         campaign = cls(record, config, generator=generator, simulator=simulator, stack=instance)
-        campaign._named_stack = config.stack if instance is not None or stack == config.stack else None
+        campaign._named = (stack, machine)
         campaign._store = folder
         return campaign
 
@@ -310,18 +315,18 @@ class Campaign(StoredCampaign):
     @property
     def fills_a_map(self) -> bool:
         """Whether the strategy of the campaign looks for every kind of encounter, not only for the worst one."""
-        return bool(self._wired.strategy_class.fills_a_map)
+        return bool(plugins.find("strategy", self.config.strategy).fills_a_map)
 
     @property
     def spends_runs(self) -> bool:
         """Whether its strategy divides the runs of the search among configurations as it sees fit."""
-        return bool(self._wired.strategy_class.spends_runs)
+        return bool(plugins.find("strategy", self.config.strategy).spends_runs)
 
     @property
     def _wired(self) -> Wired:
         if self._known is None:
-            check_stack_named(self.config.stack, self._named_stack)
-            self._known = wire(self.config, self._paths, **self._given)
+            with permission.only(self._named):
+                self._known = wire(self.config, self._paths, **self._given)
         return self._known
 
     def _ledger(self) -> contextlib.AbstractContextManager[Ledger]:

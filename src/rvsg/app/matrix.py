@@ -31,7 +31,6 @@ from rvsg.app.settings import (
     CampaignConfig,
     CampaignFile,
     called,
-    check_stack_named,
     effective,
     option_of,
     safe_name,
@@ -79,8 +78,8 @@ class Matrix:
     """The typed paths among the settings, with where they are."""
     begun_in: str
     """The folder that relative paths are read from."""
-    named_stack: str | None = None
-    """The stack under test as the user names it now, not a file or a folder."""
+    named: tuple[Any, ...] = ()
+    """What the user names now; code that only a file or a folder names is not run."""
 
     @classmethod
     def of(cls, from_file: Mapping[str, Any], given: Mapping[str, Any]) -> Matrix | None:
@@ -109,9 +108,8 @@ class Matrix:
         _check_same(stored, values, default.folder)
         pairs = _asked(tuple(itertools.product(routes, requirements)), [key in asked for key in LISTED], known)
         folder = default.folder
-        named = given.get("stack")
         found: dict[str, Any] = {"folder": folder, "pairs": pairs, "settings": rest, "stored": known}
-        return cls(**found, paths=paths, begun_in=begun_in, named_stack=named)
+        return cls(**found, paths=paths, begun_in=begun_in, named=tuple(given.values()))
 
     @classmethod
     def open(cls, folder: Path) -> Matrix:
@@ -173,16 +171,16 @@ class Matrix:
                 f"{self.folder}: this folder holds a single campaign. Choose another --out for several.",
                 code="out-single",
             )
-        check_stack_named(self.settings.get("stack"), self.named_stack)
         values = self._values()
         make_folder(self.folder)
         listed = {key: list(dict.fromkeys(pair[at] for pair in self.all_pairs)) for at, key in enumerate(LISTED)}
         kept = self.settings | listed | {PAIRS: self.all_pairs, FROM: self.begun_in}
         with alone_in(self.folder):
             write_whole(self.folder / MATRIX, json.dumps(kept, indent=2, ensure_ascii=False) + "\n")
-        stack, paths = self.settings.get("stack"), self.paths
         return [
-            Campaign.create(file=each, stack=stack, on_message=on_message, paths=paths, begun_in=self.begun_in)
+            Campaign.create(
+                file=each, on_message=on_message, paths=self.paths, begun_in=self.begun_in, named=self.named
+            )
             for each in values
         ]
 

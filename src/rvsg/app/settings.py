@@ -8,7 +8,6 @@ made of the defaults, then the campaign file, then the command line. Paths in th
 from __future__ import annotations
 
 import re
-import shlex
 import types
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
@@ -21,13 +20,13 @@ import yaml
 from pydantic import BeforeValidator, Field, model_validator
 
 from rvsg.core.documents import Document, keys_of, mistakes_of, parse_yaml, read_yaml, validated
-from rvsg.core.errors import InputError, InvalidOptions
+from rvsg.core.errors import InvalidOptions
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
 from rvsg.evaluation.verdict import DEFAULT, Procedure
 from rvsg.generation.vlm.model import NO_CALL
 from rvsg.robots.robot import DEFAULT_ROBOT
-from rvsg.simulation.stacks.registry import DEFAULT_STACK, runs_own_code
+from rvsg.simulation.stacks.registry import DEFAULT_STACK
 from rvsg.world.world import State
 
 TEST = "What to test"
@@ -458,20 +457,6 @@ class CampaignFile(CampaignConfig):
 
     route: Names = Field(default_factory=lambda: ["route_1"])  # type: ignore[assignment]
     requirement: Names = Field(default_factory=lambda: ["R1"])  # type: ignore[assignment]
-
-
-def check_stack_named(stack: str | None, named: str | None) -> None:
-    """Refuse a stack of a file or a store that runs code of its own, unless the user names one.
-
-    Raises:
-        InputError: says how to name it.
-    """
-    if stack is not None and runs_own_code(stack) and named is None:
-        raise InputError(
-            f"The settings name the stack {stack}, which runs code that is not installed. Nothing that a file names is "
-            f"run by itself: name it on the command line, too, with --stack {shlex.quote(stack)}, or in Python with "
-            "stack=."
-        )
 
 
 def read_campaign_file(path: Path) -> dict[str, Any]:

@@ -68,6 +68,8 @@ class Cluster:
             scheduler; it can be resumed.
     """
 
+    code_options = ("address", "scheduler_file")  # messages of Dask are pickles
+
     def __init__(self, address: str | None = None, scheduler_file: str | None = None, patience_s: float = 60.0) -> None:
         if (address is None) == (scheduler_file is None):
             raise ValueError("give either address (of the scheduler, e.g. tcp://10.0.0.1:8786) or scheduler_file")

@@ -12,6 +12,7 @@ import traceback
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import typer
@@ -20,6 +21,7 @@ from typer.core import TyperCommand, TyperGroup
 import rvsg
 from rvsg.cli.console import as_started
 from rvsg.cli.interruption import interruptible
+from rvsg.core import permission
 from rvsg.core.errors import InputError, Interrupted, RvsgError
 
 HELP = """Find, confirm and explain human behaviours that make a mobile robot violate its requirements, in simulation.
@@ -85,9 +87,32 @@ def command_line(verbs: Verbs, argv: Sequence[str] | None = None, moved: Mapping
         moved: the commands that earlier versions called otherwise, by their earlier name.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
-    words = ["--help" if word == ALL else word for word in arguments]
-    root = _root(verbs, moved or {}, everything=ALL in arguments)
-    return guarded(lambda: root.main(args=words, prog_name="rvsg"), arguments)
+
+    def work() -> None:
+        given, trusted = _without_trusted(arguments)
+        words = ["--help" if word == ALL else word for word in given]
+        with permission.only_in_process(given, trusted=trusted):
+            _root(verbs, moved or {}, everything=ALL in given).main(args=words, prog_name="rvsg")
+
+    return guarded(work, arguments)
+
+
+def _without_trusted(arguments: Sequence[str]) -> tuple[list[str], Path | None]:
+    """Take `--allow-code-from FILE` out of a command line, where it may stand anywhere before `--`."""
+    given: list[str] = []
+    found, option = None, "--allow-code-from"
+    rest = iter(arguments)
+    for each in rest:
+        if each == "--":
+            return [*given, each, *rest], found
+        if each == option or each.startswith(f"{option}="):
+            value = next(rest, "") if each == option else each.partition("=")[2]
+            if not value:
+                raise InputError(f"{option}: name the file or folder whose code may run.", code="code-source-missing")
+            found = Path(value)
+        else:
+            given.append(each)
+    return given, found
 
 
 def guarded(work: Callable[[], object], arguments: Sequence[str]) -> int:
@@ -212,6 +237,10 @@ def _root(verbs: Verbs, moved: Mapping[str, str], *, everything: bool) -> Any:
         debug: Annotated[
             bool, typer.Option("--debug", envvar="RVSG_DEBUG", help="Show the traceback of an error.")
         ] = False,
+        allow_code_from: Annotated[
+            str | None,
+            typer.Option(metavar="FILE", help="Run code that FILE (or a campaign's folder) names; remembered."),
+        ] = None,
     ) -> None:
         """Options before the verb."""
 

@@ -16,6 +16,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
+from rvsg.core import permission
 from rvsg.core.errors import InputError, UnknownName, how_to_install
 from rvsg.core.records import Record
 
@@ -138,8 +139,14 @@ def make(kind: str, name: str, options: Mapping[str, Any], *given: Any) -> Any:
 
 
 def made(kind: str, name: str, plugin: Any, options: Mapping[str, Any], *given: Any) -> Any:
-    """Return an instance of a plug-in whose class is known; see `make`."""
+    """Return an instance of a plug-in whose class is known; see `make`.
+
+    A plug-in names in a class attribute `code_options` those of its options that are run, such as a command. Values of
+    these are refused where only stored settings name them (`rvsg.core.permission`).
+    """
     check_accepted(kind, name, plugin, options, given=len(given))
+    # Plug-ins of some kinds have no base class that could hold the default.
+    permission.check_options(kind, name, options, getattr(plugin, "code_options", None))
     try:
         return plugin(*given, **options)
     except (TypeError, ValueError) as error:

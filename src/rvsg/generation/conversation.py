@@ -65,6 +65,8 @@ class VlmGenerator(Generator):
     stand in for the shipped ones. The other options are those of `Access`.
     """
 
+    code_options = ()
+
     def __init__(
         self,
         model: str | Model | None = None,

@@ -402,6 +402,7 @@ class Ros2Stack(WholeStack):
     name: ClassVar[str] = "ros2"
     title: ClassVar[str] = "your own ROS 2 navigation (Nav2), running or launched, over DDS"
     version: str = "1"
+    code_options = ("launch",)
     repeatable: ClassVar[bool] = False
     """Whether equal seeds give equal runs."""
     answer_time_s: ClassVar[float | None] = None

@@ -284,6 +284,7 @@ class Ros2World(Simulator):
     """Runs scenarios in a world that speaks ROS 2. The seed is a run number."""
 
     name = NAME
+    code_options = ("launch",)
 
     def __init__(self, **options: Any) -> None:
         self._options = checked(options, WorldOptions, f"simulator {NAME}")

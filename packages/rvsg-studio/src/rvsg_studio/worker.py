@@ -20,6 +20,7 @@ from rvsg.app.proposal import proposal_json, propose_as
 from rvsg.app.settings import effective, safe_name
 from rvsg.app.wiring import wire
 from rvsg.campaign.execution import Attempted, Confirming, Event, Explaining, Message, ModelCall, Proposing, RunMade
+from rvsg.core import permission
 from rvsg.core.errors import RvsgError
 from rvsg.core.files import write_whole
 from rvsg.generation.vlm.access import CallNews
@@ -266,7 +267,8 @@ def main(folder: Path) -> None:
             signal.signal(number, work.asked_to_end)
         work.pausing = work.pausing or (folder / PAUSE).exists()
         try:
-            result = KINDS[work.kind](work)
+            with permission.only_in_process([work.arguments]):
+                result = KINDS[work.kind](work)
         except RvsgError as error:
             result = {"state": "failed", "reason": str(error)}
         except Exception as unexpected:

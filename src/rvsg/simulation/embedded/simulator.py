@@ -171,6 +171,8 @@ class EmbeddedSimulator(Simulator):
     further options are those of `SimulatorOptions`, e.g. `noise={"lidar": 0}`. `stack`: what drives the robot.
     """
 
+    code_options = ()  # the stack is checked where it is made
+
     def __init__(self, profile: str = "default", *, stack: StackLike | None = None, **options: Any) -> None:
         self._options = _profile(profile, **options)
         choice = None if stack is None else StackChoice.of(stack)

@@ -342,6 +342,7 @@ class External:
     """What a local planner and a whole stack in another process have in common."""
 
     answer_time_s: ClassVar[float | None] = None
+    code_options: ClassVar[tuple[str, ...] | None] = ("command",)
     local: ClassVar[bool]
 
     def __init__(

@@ -167,6 +167,9 @@ class NavigationStack(ABC):
 
     sideways: ClassVar[bool] = True
     """Whether it may command a lateral speed, for a robot that has one."""
+    code_options: ClassVar[tuple[str, ...] | None] = None
+    """Options whose values are run, such as a command: a file of settings cannot give them unless its user allows it.
+    None: those of `rvsg.core.permission.CODE_OPTIONS`, and every text that names a Python file or a class."""
     repeatable: ClassVar[bool] = True
     """Whether equal seeds give equal runs; not where it runs in wall time: then a seed is the number of a run."""
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeAlias
 
-from rvsg.core import plugins
+from rvsg.core import permission, plugins
 from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
@@ -35,11 +35,6 @@ class Stack(Record):
     name: str
     version: str
     options: dict[str, Any]
-
-
-def runs_own_code(name: str) -> bool:
-    """Whether a stack of this name runs code that is not installed: a command, a class or a file of the user."""
-    return ":" in name or name in COMMANDS
 
 
 def stack_names() -> tuple[str, ...]:
@@ -149,6 +144,7 @@ def _named(name: str, options: Mapping[str, Any]) -> StackChoice:
         return _of_file(name, options)
     if ":" in name:
         module, _, attribute = name.rpartition(":")
+        permission.check("stack", name, name)
         return _of_class(_load_class(module, attribute, name), name, options)
     raise UnknownName("stack", name, stack_names(), hint=HINT)
 
