@@ -7,7 +7,6 @@ its events and details and its content id, or every attempt of a campaign in ord
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 import multiprocessing
@@ -109,27 +108,28 @@ def _scenario(world_name: str, route: str, robot: str, people: int, seed: int) -
         scenario = rvsg.scenario(world, route, robot=robot)
     except rvsg.InvalidScenario:
         return None
-    walks: list[Any] = []
+    known: list[tuple[list[str], dict[str, Any]]] = []
     for _ in range(1000):
-        if len(walks) == people:
+        if len(known) == people:
             break
         stops = [str(name) for name in chance.choice(names, int(chance.integers(2, 4)), replace=False)]
-        walk = rvsg.walk(
-            f"human {len(walks) + 1}",
-            *stops,
-            behaviour=BEHAVIOURS[len(walks) % len(BEHAVIOURS)],
-            speed_m_s=round(float(chance.uniform(0.8, 1.5)), 2),
-            start_delay_s=float(chance.integers(0, 3)),
-            pauses_s={stops[1]: 3.0} if len(walks) % 3 == 1 else None,
-        )
-        together = [*walks, walk]
-        if people >= 6 and len(walks) == 1:  # the first two walk in a group
-            together = [dataclasses.replace(each, group=1) for each in together]
+        how = {
+            "behaviour": BEHAVIOURS[len(known) % len(BEHAVIOURS)],
+            "speed_m_s": round(float(chance.uniform(0.8, 1.5)), 2),
+            "start_delay_s": float(chance.integers(0, 3)),
+            "pauses_s": {stops[1]: 3.0} if len(known) % 3 == 1 else None,
+        }
+        asked = [*known, (stops, how)]
+        grouped = people >= 6 and len(asked) > 1  # the first two walk together
+        walks = [
+            rvsg.walk(f"human {k + 1}", *stops, **how, group=1 if grouped and k < 2 else None)
+            for k, (stops, how) in enumerate(asked)
+        ]
         try:
-            scenario = rvsg.scenario(world, route, together, robot=robot)
+            scenario = rvsg.scenario(world, route, walks, robot=robot)
         except rvsg.InvalidScenario:
             continue
-        walks = together
+        known = asked
     return scenario
 
 
