@@ -18,7 +18,7 @@ from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.archive import run_from_json, run_to_json
 from rvsg.simulation.embedded.simulator import empty_room
 from rvsg.world.world import Route
-from rvsg_exchange import ros2_world
+from rvsg_ros2 import world as ros2_world
 from rvsg_ros2.world import Ros2World
 
 HUMANS = (

@@ -28,11 +28,10 @@ from rvsg.simulation.embedded.episode import Episode, Outside
 from rvsg.simulation.embedded.simulator import empty_room, rehearsal, simulate_agents
 from rvsg.simulation.run import Outcome
 from rvsg.world.world import Route
-from rvsg_exchange.bag import HUNAV_TYPES
 from rvsg_exchange.hunav_agents import read_agents
 from rvsg_ros2.dds import Bus
 from rvsg_ros2.interfaces import interfaces
-from rvsg_ros2.world import FLAT_HUNAV_TYPES
+from rvsg_ros2.world import FLAT_HUNAV_TYPES, HUNAV_TYPES
 
 SPEED = 3.0
 STEP_S = 0.05

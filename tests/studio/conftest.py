@@ -136,6 +136,8 @@ def show(browser: Any, studio: Server) -> Iterator[Callable[..., Any]]:
         if path != "/":
             tab.goto(studio.base + path)
         tab.wait_for_selector("h1")
+        if path.startswith(("/world", "/scenario", "/describe", "/finding", "/runs")):
+            ready(tab)
         return tab
 
     yield opened
@@ -156,7 +158,7 @@ def _inside(url: str, studio: Server) -> bool:
 
 def ready(tab: Any) -> None:
     """Wait until the editor or replay of a page is there."""
-    tab.locator("[data-studio][data-ready]").first.wait_for()
+    tab.locator("[data-studio][data-ready]").first.wait_for(timeout=600_000)
 
 
 def confirmed(folder: Path) -> int:

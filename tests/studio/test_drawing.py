@@ -58,7 +58,6 @@ def test_a_polygon_is_drawn_undone_and_made_again(show: Show, office: Path, draw
     labels = office / "labels.yaml"
     before = labels.read_text()
     tab = show("/world?world=office2")
-    ready(tab)
     chosen(tab, "Polygon", draw)
     draw(tab, CORNERS)
     tab.keyboard.press("Enter")
@@ -83,7 +82,6 @@ def test_an_area_is_split_and_merged_again(show: Show, office: Path, draw: Draw)
     lounge = shapely.Polygon(rvsg.load_world(office).area("Lounge").outline)
     x0, y0, x1, y1 = lounge.bounds
     tab = show("/world?world=office2")
-    ready(tab)
     press(tab, tab.get_by_role("button", name="Lounge", exact=True))
     chosen(tab, "Split", draw)
     middle = round((x0 + x1) / 2, 1)
@@ -113,7 +111,6 @@ def test_areas_that_do_not_touch_are_not_merged(show: Show, studio: Server, offi
     studio.refuses = True
     before = (office / "labels.yaml").read_text()
     tab = show("/world?world=office2")
-    ready(tab)
     press(tab, tab.get_by_role("button", name="Lounge", exact=True))
     lounge = shapely.Polygon(rvsg.load_world(office).area("Lounge").outline)
     far = max(rvsg.load_world(office).areas, key=lambda area: shapely.Polygon(area.outline).distance(lounge))
@@ -129,7 +126,6 @@ def test_a_route_is_drawn_and_the_simulator_drives_it(show: Show, office: Path, 
     known = rvsg.load_world(office).routes[0]
     ends = [(round(known.start.x, 1), round(known.start.y, 1)), (round(known.goal.x, 1), round(known.goal.y, 1))]
     tab = show("/world?world=office2")
-    ready(tab)
     chosen(tab, "Route", draw)
     draw(tab, ends)
     tab.keyboard.press("Enter")
@@ -145,7 +141,6 @@ def test_a_route_is_drawn_and_the_simulator_drives_it(show: Show, office: Path, 
 def test_escape_drops_what_is_drawn(show: Show, office: Path) -> None:
     before = (office / "labels.yaml").read_text()
     tab = show("/world?world=office2")
-    ready(tab)
     chosen(tab, "Polygon", by_mouse)
     by_mouse(tab, CORNERS)
     tab.keyboard.press("Escape")
@@ -164,7 +159,6 @@ def test_an_edge_snaps_to_a_wall_unless_alt_is_held(show: Show, office: Path, fr
     near = [e[0] for e in edges if e[1] != e[3]]
     at = wall + 0.12 if not any(0 < abs(x - wall - 0.12) < 0.12 for x in near if x != wall) else wall - 0.12
     tab = show("/world?world=office2")
-    ready(tab)
     tab.get_by_role("button", name="Rectangle").click()
     tab.locator(".st-map").scroll_into_view_if_needed()
     if freely:
@@ -183,7 +177,6 @@ def test_an_area_and_its_corner_are_dragged(show: Show, office: Path) -> None:
     before = shapely.Polygon(rvsg.load_world(office).area("Lounge").outline)
     x0, y0, x1, y1 = before.bounds
     tab = show("/world?world=office2")
-    ready(tab)
     press(tab, tab.get_by_role("button", name="Lounge", exact=True))
     tab.locator(".st-map").scroll_into_view_if_needed()
     tab.keyboard.down("Alt")
@@ -211,7 +204,6 @@ def test_an_area_is_renamed_on_the_map(show: Show, office: Path, keys: bool) -> 
     labels.write_text(labels.read_text() + "# a comment of mine\n")
     x0, y0, x1, y1 = shapely.Polygon(rvsg.load_world(office).area("Lounge").outline).bounds
     tab = show("/world?world=office2")
-    ready(tab)
     if keys:
         press(tab, tab.get_by_role("button", name="Lounge", exact=True))
         reach(tab, tab.locator(".st-map"))
@@ -232,7 +224,6 @@ def test_moves_by_arrow_keys_are_undone_together(show: Show, office: Path) -> No
     before = (office / "labels.yaml").read_text()
     left = left_edge(office)
     tab = show("/world?world=office2")
-    ready(tab)
     press(tab, tab.get_by_role("button", name="Lounge", exact=True))
     reach(tab, tab.locator(".st-map"))
     for _ in range(7):

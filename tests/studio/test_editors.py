@@ -24,7 +24,6 @@ def posted(answer: Any) -> str:
 def test_an_area_is_drawn_named_and_undone(show: Show, studio: Server, office: Path) -> None:
     original = (office / "labels.yaml").read_text()
     tab = show("/world?world=office2", width=390)
-    ready(tab)
     tab.get_by_role("button", name="Rectangle").click()
     tab.locator(".st-map").scroll_into_view_if_needed()
     tab.mouse.move(*pixel(tab, 1.0, 6.6))
@@ -44,7 +43,6 @@ def test_an_area_is_drawn_named_and_undone(show: Show, studio: Server, office: P
     tab.close()
     studio.restart()
     tab = show("/world?world=office2", width=390)
-    ready(tab)
     for _ in range(2):
         tab.get_by_role("button", name="Undo").click()
         tab.get_by_text("Undone.").wait_for()
@@ -55,7 +53,6 @@ def test_an_area_is_drawn_named_and_undone(show: Show, studio: Server, office: P
 @pytest.mark.exhaustive
 def test_the_keyboard_moves_and_removes_an_area_and_the_check_follows(show: Show, office: Path) -> None:
     tab = show("/world?world=office2")
-    ready(tab)
     before = rvsg.load_world(office).area("Lounge").outline
     tab.get_by_role("button", name="Lounge").focus()
     tab.keyboard.press("Enter")
@@ -77,7 +74,6 @@ def test_the_keyboard_moves_and_removes_an_area_and_the_check_follows(show: Show
 
 def test_a_shipped_world_is_copied_before_it_is_changed(show: Show, studio: Server) -> None:
     tab = show("/world?world=office")
-    ready(tab)
     assert tab.get_by_label("What people do here").is_disabled()
     tab.get_by_role("button", name="Copy into this folder").click()
     tab.wait_for_url("**world=.%2Foffice**")
@@ -92,7 +88,6 @@ def test_a_scenario_is_changed_simulated_and_saved(show: Show, studio: Server) -
     index = next(a.index for a in attempts if a.purpose == "search" and a.proposal.scenario)
     path = f"/scenario?campaign=runs/first&attempt={index}"
     tab = show(path)
-    ready(tab)
     tab.get_by_text("of 20 runs violate").wait_for(timeout=PATIENT)
     speed = tab.get_by_label("Speed, m/s")
     speed.fill("0.45")
@@ -114,7 +109,6 @@ def test_a_scenario_is_changed_simulated_and_saved(show: Show, studio: Server) -
     tab.close()
     studio.restart()
     tab = show(path)
-    ready(tab)
     tab.get_by_text("Changes that were not saved are shown.").wait_for(timeout=PATIENT)
     assert tab.get_by_label("Speed, m/s").input_value() == "0.45"
     tab.get_by_role("button", name="Save the scenario").click()

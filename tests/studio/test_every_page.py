@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 import yaml
-from tests.studio.conftest import Server, axe_violations, confirmed, fits, press, reach, ready, rewrite, waited
+from tests.studio.conftest import HOSTILE, Server, axe_violations, confirmed, fits, press, reach, ready, rewrite, waited
 from tests.studio.test_worlds import MAP, room_map
 
 import rvsg
@@ -52,7 +52,7 @@ def more(tmp_path_factory: pytest.TempPathFactory, work: Path) -> Path:
     for _ in matrix.run(matrix.create()):
         pass
     crossing = rvsg.scenario("warehouse", "route_1", [rvsg.walk("Worker", "E15", "H15")])
-    suite = rvsg.Suite.create(folder / "cases").add(crossing, "R3", name="aisle", title="A crossing", expected="pass")
+    suite = rvsg.Suite.create(folder / "cases").add(crossing, "R3", name="aisle", title=HOSTILE, expected="pass")
     slow = rvsg.Spec("kinematic", {"robot_speed_m_s": 0.1})
     for simulator, version in (("kinematic", "before"), (slow, "now")):
         result = suite.run(simulator=simulator, version=version, runs=2)
@@ -78,6 +78,7 @@ def full(studio: Server, more: Path) -> Path:
 def is_well(tab: Any) -> None:
     assert axe_violations(tab) == []
     assert fits(tab)
+    assert tab.locator("main img").count() == 0, "text stays text"
 
 
 def test_home_leads_to_a_finding(opened: Open) -> None:
@@ -89,7 +90,6 @@ def test_home_leads_to_a_finding(opened: Open) -> None:
 
 def test_world_an_area_is_drawn_and_named(opened: Open, office: Path) -> None:
     tab = opened("/world?world=office2")
-    ready(tab)
     press(tab, tab.get_by_role("button", name="Rectangle"))
     for keys in ("Space", "Shift+ArrowRight", "Shift+ArrowRight", "Shift+ArrowUp", "Space"):
         tab.keyboard.press(keys)
@@ -119,7 +119,6 @@ def test_new_world_is_made(opened: Open, studio: Server, tmp_path: Path) -> None
 
 def test_description_is_edited_and_accepted(opened: Open, office: Path) -> None:
     tab = opened("/describe?world=office2")
-    ready(tab)
     rewrite(tab, tab.locator("#text-layout"), "The Lounge lies in the south, not in Office 77.")
     rewrite(tab, tab.locator("#text-grid"), "Rows A to H.")
     tab.locator("mark.st-unknown", has_text="Office 77").wait_for()
@@ -134,7 +133,6 @@ def test_description_is_edited_and_accepted(opened: Open, office: Path) -> None:
 
 def test_scenario_is_changed_tried_and_saved(opened: Open, studio: Server) -> None:
     tab = opened(f"/scenario?campaign=runs/first&attempt={confirmed(studio.folder)}")
-    ready(tab)
     rewrite(tab, tab.get_by_label("Speed, m/s"), "0.45")
     tab.keyboard.press("Tab")
     tab.get_by_text("of 20 runs violate").wait_for(timeout=PATIENT)
@@ -147,7 +145,6 @@ def test_scenario_is_changed_tried_and_saved(opened: Open, studio: Server) -> No
 
 def test_new_scenario_is_opened(opened: Open) -> None:
     tab = opened("/scenario")
-    ready(tab)
     reach(tab, tab.get_by_label("World"))
     tab.keyboard.type("office")
     press(tab, tab.get_by_role("button", name="Open", exact=True))
@@ -206,7 +203,6 @@ def test_campaigns_together_lead_to_each(opened: Open, full: Path) -> None:
 def test_finding_is_replayed_and_noted(opened: Open, studio: Server) -> None:
     folder, index = studio.folder / "runs" / "first", confirmed(studio.folder)
     tab = opened(f"/finding?campaign=runs/first&attempt={index}")
-    ready(tab)
     before = tab.evaluate(TIME)
     tab.keyboard.press("ArrowRight")
     assert tab.evaluate(TIME) > before
@@ -250,7 +246,7 @@ def test_compare_two_versions(opened: Open, full: Path) -> None:
         tab.keyboard.type(text)
     press(tab, tab.get_by_role("button", name="Compare", exact=True))
     tab.wait_for_url("**first=before.json**suite=cases**")
-    press(tab, tab.get_by_role("link", name="A crossing"))
+    press(tab, tab.get_by_role("link", name=HOSTILE))
     ready(tab)
     state = tab.evaluate("document.querySelector('[data-studio=replay]').replay.state()")
     assert state["run"] and state["other"]
@@ -273,7 +269,7 @@ def test_conversations_are_searched_and_opened(opened: Open) -> None:
 def test_suite_leads_to_the_scenario_of_a_case(opened: Open, full: Path) -> None:
     tab = opened("/suite?suite=cases")
     is_well(tab)
-    press(tab, tab.get_by_role("link", name="A crossing"))
+    press(tab, tab.get_by_role("link", name=HOSTILE))
     tab.wait_for_url("**/scenario?suite=cases&case=aisle")
     ready(tab)
     assert tab.get_by_role("button", name="Remove Worker").count() == 1
@@ -281,7 +277,6 @@ def test_suite_leads_to_the_scenario_of_a_case(opened: Open, full: Path) -> None
 
 def test_runs_are_replayed(opened: Open, full: Path) -> None:
     tab = opened("/runs?file=runs.jsonl&scenario=crossing.json")
-    ready(tab)
     before = tab.evaluate(TIME)
     tab.keyboard.press("ArrowRight")
     assert tab.evaluate(TIME) > before

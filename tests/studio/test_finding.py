@@ -10,11 +10,10 @@ from typing import Any
 
 import pytest
 import yaml
-from tests.studio.conftest import Server, axe_violations, confirmed, fits, waited
+from tests.studio.conftest import Server, axe_violations, confirmed, fits
 
 import rvsg
 from rvsg.scenario.builder import load_scenario_in
-from rvsg_studio.workspace import STATES, notes_of
 
 Show = Callable[..., Any]
 PATIENT = 600_000
@@ -42,7 +41,6 @@ def test_a_run_is_traced_on_demand_and_its_layers_are_switched(
     show: Show, studio: Server, driven: str, width: int, scheme: str
 ) -> None:
     tab = show(f"/finding?campaign={driven}&attempt=0", width=width, color_scheme=scheme, bypass_csp=True)
-    tab.locator("#replay[data-ready]").wait_for(timeout=PATIENT)
     layers = tab.get_by_role("group", name="Layers")
     assert not layers.is_visible()
     make = tab.get_by_role("button", name="Trace this run")
@@ -68,7 +66,6 @@ def test_a_run_is_traced_on_demand_and_its_layers_are_switched(
 
 def test_a_run_of_a_simulator_without_traces_says_so(show: Show, studio: Server) -> None:
     tab = show(f"/finding?campaign=runs/first&attempt={confirmed(studio.folder)}")
-    tab.locator("#replay[data-ready]").wait_for(timeout=PATIENT)
     run = tab.evaluate("document.getElementById('replay').replay.state().run")
     answer = tab.request.post(f"{studio.base}/data/trace", data={"campaign": "runs/first", "run": run})
     assert (answer.status, '"kinematic"' in answer.json()["error"]) == (400, True)
@@ -124,20 +121,3 @@ def test_a_finding_is_exported(show: Show, studio: Server, kind: str, suffix: st
     if kind == "hunav":
         agents = yaml.safe_load(text)["hunav_loader"]["ros__parameters"]["agents"]
         assert len(agents) == len(people)
-
-
-def test_every_status_is_kept(show: Show, studio: Server) -> None:
-    index = confirmed(studio.folder)
-    scenario = rvsg.Campaign.open(studio.folder / "runs" / "first").attempts()[index].proposal.scenario
-    assert scenario is not None
-    identity = scenario.id
-    tab = show(f"/finding?campaign=runs/first&attempt={index}")
-    for state in (*STATES[1:], STATES[0]):
-        tab.get_by_label("Status").select_option(state)
-        waited(lambda state=state: kept_status(studio, identity) == state)
-    assert set(STATES) == {"new", "known", "accepted", "fixed"}
-
-
-def kept_status(studio: Server, identity: str) -> str:
-    note = notes_of(studio.folder / "runs" / "first").findings.get(identity)
-    return note.status if note else ""

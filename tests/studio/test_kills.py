@@ -99,8 +99,6 @@ def test_what_is_typed_is_there_after_a_kill(show: Show, studio: Server, office:
 
 def typed_but_one(show: Show, studio: Server, path: str, field: Callable[[Any], Any], text: str) -> Any:
     tab = show(path)
-    if tab.locator("[data-studio]").count():
-        ready(tab)
     found = field(tab)
     found.focus()
     tab.keyboard.press("Control+a")
@@ -119,8 +117,6 @@ def die_and_return(show: Show, studio: Server, tabs: dict[str, Any], place: dict
     for name in tabs:
         path, field, text = FIELDS[name]
         tab = show(path.format(**place))
-        if tab.locator("[data-studio]").count():
-            ready(tab)
         waited(lambda tab=tab, field=field, text=text: field(tab).input_value() in (text, text[:-1]))
         tab.close()
 
@@ -143,7 +139,6 @@ def test_what_was_typed_is_stored_with_enter_after_a_kill(show: Show, studio: Se
 
 def test_corners_that_are_set_are_there_after_a_kill(show: Show, studio: Server, office: Path) -> None:
     tab = show(WORLD)
-    ready(tab)
     tab.get_by_role("button", name="Polygon").click()
     tab.locator(".st-map").scroll_into_view_if_needed()
     corners = [(1.0, 6.6), (3.0, 6.6), (2.0, 7.6)]
@@ -163,7 +158,6 @@ def test_corners_that_are_set_are_there_after_a_kill(show: Show, studio: Server,
 
 def test_a_studio_that_is_gone_is_told_and_what_is_typed_stays(show: Show, studio: Server, office: Path) -> None:
     tab = show(WORLD)
-    ready(tab)
     press(tab, tab.get_by_role("button", name="Lounge", exact=True))
     studio.kill()
     tab.get_by_label("Name", exact=True).fill("Tea corner")
@@ -197,7 +191,6 @@ def test_files_stay_whole_whenever_it_is_killed(show: Show, studio: Server) -> N
         studio.start()
     assert len(set(edges)) == 2, "every time some moves are stored"
     tab = show(WORLD)
-    ready(tab)
     (undo,) = (studio.own / "undo").glob("*.json")
     for _ in range(History(undo).steps[0]):
         before = (office / "labels.yaml").read_text()

@@ -70,7 +70,6 @@ def test_names_of_areas_by_a_model_are_accepted_one_by_one(show: Show, office: P
         {"area": "Nowhere", "name": "X", "why": ""},
     ]
     tab = show("/world?world=office2", bypass_csp=True)
-    tab.locator("[data-studio][data-ready]").wait_for(timeout=PATIENT)
     tab.locator("summary", has_text="Ask a model").click()
     with serving(says(json.dumps({"names": names}))) as server:
         name_model(tab, server)

@@ -64,8 +64,10 @@ def test_two_campaigns_are_paired_by_what_their_people_do(tmp_path: Path) -> Non
     assert [case.verdict for case in found.variants[0].cases] == [case.verdict for case in found.variants[1].cases]
     assert compare_campaigns(made[0], made[2]).changes == ()
     found = conversations_of(made[0])
-    assert [each.attempt for each in found] == [0, 1]
-    assert found[0].holds(found[0].description[:20].upper()) and not found[0].holds("no such words")
+    assert [each.attempt.index for each in found] == [0, 1]
+    scenario = found[0].attempt.proposal.scenario
+    assert scenario is not None
+    assert found[0].holds(scenario.description[:20].upper()) and not found[0].holds("no such words")
 
 
 def test_an_estimate_takes_calls_from_earlier_campaigns() -> None:

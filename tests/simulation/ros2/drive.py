@@ -21,8 +21,7 @@ from rvsg.simulation.embedded.simulator import empty_room, simulate_agents
 from rvsg.simulation.stacks.registry import StackChoice
 from rvsg.world.world import Route
 from rvsg_ros2 import launch
-from rvsg_ros2.check import check_system
-from rvsg_ros2.options import read_options
+from rvsg_ros2.check import check_ros2
 from rvsg_ros2.stack import Ros2Stack
 
 HERE = Path(__file__).parent
@@ -55,7 +54,7 @@ def main(given: dict[str, Any]) -> dict[str, Any]:
     stack = None
     try:
         if "check" in given:
-            found = check_system(read_options(options), load_robot("tiago_omni"), seconds=given["check"])
+            found = check_ros2(options, seconds=given["check"])
             told["usable"], told["release"] = found.is_usable, found.release
             told["findings"] = {each.name: [each.status.name, each.detail] for each in found.findings}
             return told

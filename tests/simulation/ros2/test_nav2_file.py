@@ -17,7 +17,7 @@ from rvsg.simulation.stacks.nav2_params import read_nav2_params
 from rvsg.simulation.stacks.nav2_stack import Configured, Nav2Settings
 from rvsg.simulation.stacks.registry import StackChoice
 from rvsg_ros2.interfaces import Release
-from rvsg_ros2.nav2_file import nav2_text, scale_file
+from rvsg_ros2.nav2_file import nav2_text, scale_nav2_params
 
 MONITOR = (
     {"name": "Stop", "action_type": "stop", "points": ((0.5, 0.4), (0.5, -0.4), (-0.5, -0.4)), "min_points": 6},
@@ -98,7 +98,7 @@ def test_what_the_launch_file_of_nav2_starts_beside_can_be_configured(release: R
 def test_it_can_be_scaled(tmp_path: Path) -> None:
     file = tmp_path / "nav2_params.yaml"
     file.write_text(nav2_text(load_robot("tiago_omni"), driver("nav2-rpp"), "jazzy"))
-    changed = {change.name: change.after for change in scale_file(file, 4.0, "jazzy").changes}
+    changed = {change.name: change.after for change in scale_nav2_params(file, 4.0, "jazzy").changes}
     assert changed["controller_server.controller_frequency"] == 80.0
     assert changed["controller_server.FollowPath.max_angular_accel"] == pytest.approx(12.8)
     assert changed["velocity_smoother.max_accel"] == pytest.approx([10.0, 0.0, 12.8])

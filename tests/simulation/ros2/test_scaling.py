@@ -10,7 +10,7 @@ import yaml
 from tests.coded import coded
 
 from rvsg.core.errors import FileError
-from rvsg_ros2.nav2_file import scale, scale_file
+from rvsg_ros2.nav2_file import scale, scale_nav2_params
 
 TEXT = """
 bt_navigator:
@@ -117,4 +117,4 @@ def test_a_file_of_another_program_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "slam.yaml"
     path.write_text("slam_toolbox: {ros__parameters: {a: 1}}\n")
     with pytest.raises(FileError, check=coded("nav2-params")):
-        scale_file(path, 2.0, "humble")
+        scale_nav2_params(path, 2.0, "humble")

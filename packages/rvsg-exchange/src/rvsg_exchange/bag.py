@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -27,7 +28,7 @@ from numpy.typing import NDArray
 from rvsg.core.errors import FileError, InputError, how_to_install
 from rvsg.simulation.archive import LATERAL, PER_HUMAN, PER_SAMPLE, header_of, series_of
 from rvsg.simulation.run import Run, Trajectory
-from rvsg.world.world import OCCUPIED, UNKNOWN, World
+from rvsg.world.world import OCCUPIED, UNKNOWN, OccupancyMap, World
 
 if TYPE_CHECKING:
     from rvsg.robots.robot import Lidar
@@ -66,7 +67,11 @@ class Messages:
     def time(self, t: float) -> tuple[Any, int]:
         """Return the stamp of a time of the run, and the same in nanoseconds."""
         nanoseconds = round((t + START_S) * 1e9)
-        return self.make("builtin_interfaces/Time", sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9), nanoseconds
+        return self.stamp(nanoseconds), nanoseconds
+
+    def stamp(self, nanoseconds: int) -> Any:
+        """Return a ROS time."""
+        return self.make("builtin_interfaces/Time", sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
 
     def header(self, stamp: Any, frame: str) -> Any:
         """Return a header."""
@@ -92,9 +97,16 @@ class Messages:
         """Return a velocity: m/s and rad/s."""
         return self.make("geometry_msgs/Twist", linear=self.vector(forward, left), angular=self.vector(z=turning))
 
-    def transform(self, stamp: Any, parent: str, child: str, x: float, y: float, yaw: float) -> Any:
+    def odometry(self, stamp: Any, frame: str, child: str, pose: Any, twist: Any) -> Any:
+        """Return where the frame `child` is in another, and how fast it moves."""
+        posed = self.make("geometry_msgs/PoseWithCovariance", pose=pose)
+        moved = self.make("geometry_msgs/TwistWithCovariance", twist=twist)
+        header = self.header(stamp, frame)
+        return self.make("nav_msgs/Odometry", header=header, child_frame_id=child, pose=posed, twist=moved)
+
+    def transform(self, stamp: Any, parent: str, child: str, x: float, y: float, yaw: float, z: float = 0.0) -> Any:
         """Return the transform from a child frame to its parent."""
-        transform = self.make("geometry_msgs/Transform", translation=self.vector(x, y), rotation=self.turn(yaw))
+        transform = self.make("geometry_msgs/Transform", translation=self.vector(x, y, z), rotation=self.turn(yaw))
         header = self.header(stamp, parent)
         return self.make("geometry_msgs/TransformStamped", header=header, child_frame_id=child, transform=transform)
 
@@ -107,6 +119,14 @@ class Messages:
         info = self.make("nav_msgs/MapMetaData", map_load_time=stamp, origin=corner, **sizes)
         return self.make("nav_msgs/OccupancyGrid", header=self.header(stamp, frame), info=info, data=cells.ravel())
 
+    def map(self, stamp: Any, frame: str, occupancy: OccupancyMap) -> Any:
+        """Return an occupancy map as an occupancy grid: 100 is occupied, -1 unknown."""
+        cells = np.zeros(occupancy.cells.shape, np.int8)
+        cells[occupancy.cells == OCCUPIED] = 100
+        cells[occupancy.cells == UNKNOWN] = -1
+        origin = occupancy.origin
+        return self.grid(stamp, frame, cells, occupancy.resolution, (origin.x, origin.y, origin.yaw))
+
     def marker(self, stamp: Any, frame: str, kind: int, scale: tuple[float, float, float], **values: Any) -> Any:
         """Return a visualization_msgs/Marker of a kind (3: cylinder, 5: list of lines), orange."""
         header, colour = self.header(stamp, frame), self.make("std_msgs/ColorRGBA", r=0.9, g=0.4, b=0.1, a=0.8)
@@ -115,65 +135,11 @@ class Messages:
         return self.make("visualization_msgs/Marker", **same, **values)
 
 
-HUNAV_TYPES = {
-    "hunav_msgs/msg/AgentBehavior": """uint8 type
-uint8 state
-uint8 configuration
-float32 duration
-bool once
-float32 vel
-float32 dist
-float32 social_force_factor
-float32 goal_force_factor
-float32 obstacle_force_factor
-float32 other_force_factor
-""",
-    "hunav_msgs/msg/Agent": """std_msgs/Header header
-int32 id
-uint8 type
-uint8 skin
-string name
-int8 group_id
-geometry_msgs/Pose position
-float32 yaw
-geometry_msgs/Twist velocity
-float32 desired_velocity
-float32 radius
-float32 linear_vel
-float32 angular_vel
-hunav_msgs/AgentBehavior behavior
-geometry_msgs/Pose[] goals
-bool cyclic_goals
-float32 goal_radius
-geometry_msgs/Point[] closest_obs
-""",
-    "hunav_msgs/msg/Agents": "std_msgs/Header header\nhunav_msgs/Agent[] agents\n",
-}
-"""The message definitions of HuNavSim 1.x (hunav_msgs), written from its interface description."""
-
-NAV2_TYPES = {
-    "nav_2d_msgs/msg/Twist2D": "float64 x\nfloat64 y\nfloat64 theta\n",
-    "dwb_msgs/msg/Trajectory2D": """nav_2d_msgs/Twist2D velocity
-builtin_interfaces/Duration[] time_offsets
-geometry_msgs/Pose2D[] poses
-""",
-    "dwb_msgs/msg/CriticScore": "string name\nfloat32 raw_score\nfloat32 scale\n",
-    "dwb_msgs/msg/TrajectoryScore": "dwb_msgs/Trajectory2D traj\ndwb_msgs/CriticScore[] scores\nfloat32 total\n",
-    "dwb_msgs/msg/LocalPlanEvaluation": """std_msgs/Header header
-dwb_msgs/TrajectoryScore[] twists
-uint16 best_index
-uint16 worst_index
-""",
-    "nav2_msgs/msg/BehaviorTreeStatusChange": """builtin_interfaces/Time timestamp
-string node_name
-string previous_status
-string current_status
-""",
-    "nav2_msgs/msg/BehaviorTreeLog": """builtin_interfaces/Time timestamp
-nav2_msgs/BehaviorTreeStatusChange[] event_log
-""",
-}
-"""The message definitions of Nav2 (Humble), written from its interface description."""
+def definitions(package: str = "") -> dict[str, str]:
+    """Return the message definitions of HuNavSim and Nav2 by name, or those of one package."""
+    text = Path(__file__).with_name("messages.msg").read_text(encoding="utf-8")
+    parts = re.split(r"^=+\nMSG: (.+)\n", text, flags=re.MULTILINE)[1:]
+    return {name: body for name, body in zip(parts[::2], parts[1::2], strict=True) if name.startswith(package)}
 
 
 def rosbags_types() -> Any:
@@ -183,7 +149,7 @@ def rosbags_types() -> Any:
     except ImportError:
         raise InputError(f"Bags need rosbags: {how_to_install('bag')}.") from None
     types = get_typestore(Stores.ROS2_HUMBLE)
-    for name, text in (HUNAV_TYPES | NAV2_TYPES).items():
+    for name, text in definitions().items():
         types.register(get_types_from_msg(text, name))
     return types
 
@@ -419,7 +385,7 @@ class _Bag(Messages):
         for k, lidar in enumerate(trace.robot.lidars if trace is not None else ()):
             fixed.append(self.transform(stamp, BASE_FRAME, f"lidar_{k}", lidar.x, lidar.y, lidar.yaw))
         yield at, "/tf_static", self.make("tf2_msgs/TFMessage", transforms=fixed)
-        yield at, "/map", self._map(stamp, world)
+        yield at, "/map", self.map(stamp, "map", world.occupancy)
         x, y, yaw = run.goal
         goal = self.make(
             "geometry_msgs/PoseStamped", header=self.header(stamp, "map"), pose=self.pose(x - dx, y - dy, yaw)
@@ -446,16 +412,8 @@ class _Bag(Messages):
             yield at, "/clock", self.make("rosgraph_msgs/Clock", clock=stamp)
             moved = self.transform(stamp, "odom", BASE_FRAME, x, y, yaw)
             yield at, "/tf", self.make("tf2_msgs/TFMessage", transforms=[moved])
-            odometry = self.make(
-                "nav_msgs/Odometry",
-                header=self.header(stamp, "odom"),
-                child_frame_id=BASE_FRAME,
-                pose=self.make("geometry_msgs/PoseWithCovariance", pose=self.pose(x, y, yaw)),
-                twist=self.make(
-                    "geometry_msgs/TwistWithCovariance", twist=self.twist(float(path.v[k]), omega, float(side[k]))
-                ),
-            )
-            yield at, "/odom", odometry
+            twist = self.twist(float(path.v[k]), omega, float(side[k]))
+            yield at, "/odom", self.odometry(stamp, "odom", BASE_FRAME, self.pose(x, y, yaw), twist)
             accel = self.make("geometry_msgs/Accel", linear=self.vector(float(path.acceleration[k])))
             yield at, "/accel", self.make("geometry_msgs/AccelStamped", header=base, accel=accel)
             imu = self.make(
@@ -470,14 +428,6 @@ class _Bag(Messages):
                 yield at, "/human_states", self._agents(stamp, run, k)
                 if k % 2 == 0:
                     yield at, "/people", self._markers(stamp, run, k)
-
-    def _map(self, stamp: Any, world: World) -> Any:
-        occupancy = world.occupancy
-        cells = np.zeros(occupancy.cells.shape, np.int8)
-        cells[occupancy.cells == OCCUPIED] = 100
-        cells[occupancy.cells == UNKNOWN] = -1
-        origin = occupancy.origin
-        return self.grid(stamp, "map", cells, occupancy.resolution, (origin.x, origin.y, origin.yaw))
 
     def _agents(self, stamp: Any, run: Run, k: int) -> Any:
         path = run.trajectory

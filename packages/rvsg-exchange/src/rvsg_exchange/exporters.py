@@ -9,11 +9,11 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Literal, get_args
-from xml.etree import ElementTree as ET
 
 import numpy as np
 import shapely
 import yaml
+from jinja2 import Environment, PackageLoader
 from numpy.typing import NDArray
 
 from rvsg.core.errors import InputError, UnknownName, how_to_install
@@ -37,6 +37,18 @@ SKIN = "https://fuel.gazebosim.org/1.0/Mingfei/models/actor/tip/files/meshes/wal
 Column = NDArray[Any]
 
 
+def _render(template: str, *, xml: bool = False, **values: Any) -> str:
+    environment = Environment(
+        loader=PackageLoader("rvsg_exchange", "."),
+        autoescape=xml,  # noqa: S701 (what is not XML has nothing to escape)
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters["line"] = lambda text: " ".join(str(text).split())
+    return environment.get_template(template).render(**values)
+
+
 def scenario_osc(scenario: Scenario, world: World, *, agents_file: str = "agents.yaml") -> str:
     """Return a scenario as OpenSCENARIO DSL.
 
@@ -45,40 +57,21 @@ def scenario_osc(scenario: Scenario, world: World, *, agents_file: str = "agents
         world: the world of the scenario; poses are shifted by `map_offset` into the map frame.
         agents_file: the HuNavSim file that holds the people; a comment names it.
     """
-    route = scenario.mission.route
-    poses = (*route.through, route.goal)
-    people = "".join(
-        f"# - {_comment(human.name)}: {human.behaviour.value}, {human.speed_m_s:g} m/s, {len(human.tasks)} tasks\n"
-        for human in scenario.people.humans
-    )
-    if len(poses) == 1:
-        drive = f"robot.nav_to_pose({_pose(poses[0], world)})"
-    else:
-        listed = ",\n            ".join(_pose(pose, world) for pose in poses)
-        drive = f"robot.nav_through_poses([\n            {listed}\n        ])"
-    name = re.sub(r"\W", "_", scenario.id)
-    return (
-        f"# {_comment(scenario.description) or 'A scenario of RVSG'}\n"
-        f"# {scenario.id}, world {_comment(scenario.mission.world)}, {_comment(route.name)}\n"
-        f"# People (HuNavSim reads them from {_comment(agents_file)}):\n{people or '# - none' + chr(10)}"
-        "import osc.helpers\nimport osc.ros\nimport osc.nav2\n\n"
-        f"scenario {name}:\n"
-        f"    timeout({route.time_limit_s:g}s)\n"
-        "    robot: differential_drive_robot\n"
-        "    do serial:\n"
-        f"        robot.init_nav2({_pose(route.start, world)})\n"
-        f"        {drive}\n"
-    )
-
-
-def _pose(pose: Pose, world: World) -> str:
     dx, dy = world.map_offset
-    position = f"position_3d(x: {pose.x - dx:.6f}m, y: {pose.y - dy:.6f}m)"
-    return f"pose_3d({position}, orientation: orientation_3d(yaw: {pose.yaw:.6f}rad))"
 
+    def pose(at: Pose) -> str:
+        position = f"position_3d(x: {at.x - dx:.6f}m, y: {at.y - dy:.6f}m)"
+        return f"pose_3d({position}, orientation: orientation_3d(yaw: {at.yaw:.6f}rad))"
 
-def _comment(text: str) -> str:
-    return " ".join(text.split())
+    return _render(
+        "scenario.osc.j2",
+        scenario=scenario,
+        route=scenario.mission.route,
+        description=" ".join(scenario.description.split()),
+        name=re.sub(r"\W", "_", scenario.id),
+        agents_file=agents_file,
+        pose=pose,
+    )
 
 
 def goals_yaml(route: Route, world: World, *, release: Release = "jazzy") -> str:
@@ -120,39 +113,8 @@ def world_sdf(world: World, run: Run | None = None) -> str:
         world: its solid objects become static models, extruded from the floor to their height.
         run: its people become actors that repeat what they did in the run, on the run's clock; None: no people.
     """
-    sdf = ET.Element("sdf", version=SDF_VERSION)
-    root = _add(sdf, "world", name=world.name)
-    light = _add(root, "light", name="sun", type="directional")
-    _add(light, "pose", "0 0 10 0 0 0")
-    _add(light, "direction", "-0.5 0.1 -0.9")
-    link = _link(root, "ground_plane")
-    for kind in ("collision", "visual"):
-        plane = _add(_add(_add(link, kind, name=kind), "geometry"), "plane")
-        _add(plane, "normal", "0 0 1")
-        _add(plane, "size", "100 100")
-    for thing in world.solids:
-        link = _link(root, thing.name)
-        bottom = thing.box.center[2] - thing.box.size[2] / 2
-        _add(link, "pose", f"0 0 {max(0.0, bottom):.6g} 0 0 0")
-        for number, ring in enumerate(_rings(thing)):
-            for kind in ("collision", "visual"):
-                shape = _add(link, kind, name=kind if number == 0 else f"{kind}_{number}")
-                polyline = _add(_add(shape, "geometry"), "polyline")
-                for x, y in ring:
-                    _add(polyline, "point", f"{x:.6g} {y:.6g}")
-                _add(polyline, "height", f"{max(0.01, thing.box.size[2]):.6g}")
-    for index in range(len(run.human_names) if run is not None else 0):
-        assert run is not None
-        _actor(root, run, index)
-    ET.indent(sdf)
-    return '<?xml version="1.0"?>\n' + ET.tostring(sdf, encoding="unicode") + "\n"
-
-
-def _link(root: ET.Element, name: str) -> ET.Element:
-    """Add a static model; return its link."""
-    model = _add(root, "model", name=name)
-    _add(model, "static", "true")
-    return _add(model, "link", name="link")
+    actors = {name: _waypoints(run, k) for k, name in enumerate(run.human_names)} if run is not None else {}
+    return _render("world.sdf.j2", xml=True, world=world, version=SDF_VERSION, rings=_rings, actors=actors, skin=SKIN)
 
 
 def _rings(thing: SolidObject) -> list[Polygon]:
@@ -163,7 +125,8 @@ def _rings(thing: SolidObject) -> list[Polygon]:
     return [tuple(piece.exterior.coords[:-1]) for piece in shapely.get_parts(pieces)]
 
 
-def _actor(root: ET.Element, run: Run, index: int) -> None:
+def _waypoints(run: Run, index: int) -> list[tuple[float, str]]:
+    """Return times and poses of a person, as an actor repeats them."""
     path = run.trajectory
     times = np.arange(0.0, float(path.t[-1]) + ACTOR_STEP_S / 2, ACTOR_STEP_S)
     if times.size < 2:
@@ -171,27 +134,7 @@ def _actor(root: ET.Element, run: Run, index: int) -> None:
     x = np.interp(times, path.t, path.human_x[:, index])
     y = np.interp(times, path.t, path.human_y[:, index])
     yaw = np.interp(times, path.t, np.unwrap(path.human_yaw[:, index]))
-    poses = [f"{x[k]:.4f} {y[k]:.4f} 0 0 0 {yaw[k]:.4f}" for k in range(times.size)]
-    actor = _add(root, "actor", name=run.human_names[index])
-    _add(actor, "pose", poses[0])
-    _add(_add(actor, "skin"), "filename", SKIN)
-    animation = _add(actor, "animation", name="walking")
-    _add(animation, "filename", SKIN)
-    _add(animation, "interpolate_x", "true")
-    script = _add(actor, "script")
-    for tag, value in (("loop", "false"), ("delay_start", "0"), ("auto_start", "true")):
-        _add(script, tag, value)
-    trajectory = _add(script, "trajectory", id=str(index), type="walking")
-    for t, pose in zip(times, poses, strict=True):
-        waypoint = _add(trajectory, "waypoint")
-        _add(waypoint, "time", f"{t:g}")
-        _add(waypoint, "pose", pose)
-
-
-def _add(parent: ET.Element, tag: str, text: str | None = None, **attributes: str) -> ET.Element:
-    element = ET.SubElement(parent, tag, attributes)
-    element.text = text
-    return element
+    return [(t, f"{x[k]:.4f} {y[k]:.4f} 0 0 0 {yaw[k]:.4f}") for k, t in enumerate(times.tolist())]
 
 
 def trajectory_table(runs: Iterable[Run]) -> dict[str, Column]:

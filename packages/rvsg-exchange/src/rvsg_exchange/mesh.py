@@ -11,7 +11,7 @@ import re
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,19 @@ class Triangles:
 
     vertices: Floats
     faces: NDArray[np.int64]
+
+    @cached_property
+    def is_oriented(self) -> bool:
+        """Whether every edge is used as often in one direction as in the other: closed bodies, also several."""
+        ends = np.stack([self.faces, np.roll(self.faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+        _, edge = np.unique(ends.min(axis=1) * len(self.vertices) + ends.max(axis=1), return_inverse=True)
+        return not np.bincount(edge, np.where(ends[:, 0] < ends[:, 1], 1.0, -1.0)).any()
+
+    @cached_property
+    def volume(self) -> float:
+        """Cubic metres; negative where the faces look inwards."""
+        a, b, c = (self.vertices[self.faces[:, i]] for i in range(3))
+        return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum()) / 6.0
 
     def moved(self, matrix: Floats) -> Triangles:
         """Return the surface under a 4 x 4 transform."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import shapely
@@ -116,7 +115,7 @@ def cut(bodies: Sequence[Triangles], height: float) -> Any:
         if region.area > ROOM_M2 and _is_open_above(body, region, height):
             solid.append(region.boundary.buffer(SHEET_M / 2))
         else:
-            (hollow if _volume(body) < -1e-9 else solid).append(region)
+            (hollow if body.volume < -1e-9 else solid).append(region)
     if not solid:
         solid, hollow = hollow, []
     if not solid:
@@ -148,7 +147,7 @@ def _cut_one(body: Triangles, height: float) -> Any | None:
         return None
     lines = shapely.union_all(_chains(segments), grid_size=_GRID_M)
     faces, cuts, dangles, _ = shapely.polygonize_full(shapely.get_parts(lines))
-    is_inside, edges = (_wound, segments) if _is_oriented(body) else (_odd, _edges(lines))
+    is_inside, edges = (_wound, segments) if body.is_oriented else (_odd, _edges(lines))
     inside = [face for face in shapely.get_parts(faces) if is_inside(face, edges)]
     if not inside and is_inside is _wound:  # a sheet whose faces are there from both sides
         edges = _edges(lines)
@@ -192,19 +191,6 @@ def _wound(face: Any, segments: Floats) -> bool:
     return bool(np.sign(y1 - y0)[right].sum() != 0)
 
 
-_oriented: WeakKeyDictionary[Triangles, bool] = WeakKeyDictionary()
-
-
-def _is_oriented(body: Triangles) -> bool:
-    """Return whether every edge is used as often in one direction as in the other: closed bodies, also several."""
-    if body not in _oriented:
-        ends = np.stack([body.faces, np.roll(body.faces, -1, axis=1)], axis=-1).reshape(-1, 2)
-        _, edge = np.unique(ends.min(axis=1) * len(body.vertices) + ends.max(axis=1), return_inverse=True)
-        balance = np.bincount(edge, np.where(ends[:, 0] < ends[:, 1], 1.0, -1.0))
-        _oriented[body] = not balance.any()
-    return _oriented[body]
-
-
 def _segments(body: Triangles, height: float) -> Any:
     """Where the faces cross a height, as segments (K, 2, 2) with the inside on their left.
 
@@ -230,11 +216,6 @@ def _segments(body: Triangles, height: float) -> Any:
     segments[below] = segments[below, ::-1]
     longer: NDArray[np.bool_] = np.abs(segments[:, 0] - segments[:, 1]).max(axis=1) > _GRID_M
     return segments[longer]
-
-
-def _volume(body: Triangles) -> float:
-    a, b, c = (body.vertices[body.faces[:, i]] for i in range(3))
-    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum()) / 6.0
 
 
 def _footprint(bodies: Sequence[Triangles], low: float, high: float) -> Any:

@@ -27,6 +27,8 @@ from rvsg_ros2 import rvsg_client
 
 OCCUPIED, UNKNOWN = 100, 255
 """Cells of the map that RVSG sends; every other value is free."""
+VARIANCES = [{0: 0.01, 7: 0.01, 35: 0.005}.get(k, 0.0) for k in range(36)]
+"""Of the start of a run, which is known within a few centimetres."""
 
 
 def time_of(nanoseconds: int) -> Time:
@@ -43,45 +45,24 @@ def pose_of(x: float, y: float, yaw: float) -> Pose:
     return pose
 
 
+def stamped(message: Any, now: int, frame: str) -> Any:
+    """Return a message with time and frame in its header."""
+    message.header.stamp, message.header.frame_id = time_of(now), frame
+    return message
+
+
 def transform_of(now: int, parent: str, child: str, x: float, y: float, yaw: float) -> TransformStamped:
     """Return the place of `child` in `parent`."""
-    made = TransformStamped()
-    made.header.stamp, made.header.frame_id, made.child_frame_id = time_of(now), parent, child
-    made.transform.translation.x, made.transform.translation.y = float(x), float(y)
-    made.transform.rotation.z, made.transform.rotation.w = math.sin(yaw / 2), math.cos(yaw / 2)
-    return made
-
-
-def stamped_pose(now: int, frame: str, x: float, y: float, yaw: float) -> PoseStamped:
-    """Return a pose in a frame."""
-    made = PoseStamped()
-    made.header.stamp, made.header.frame_id, made.pose = time_of(now), frame, pose_of(x, y, yaw)
-    return made
-
-
-def initial_pose(now: int, frame: str, x: float, y: float, yaw: float) -> PoseWithCovarianceStamped:
-    """Return the start of a run as localisation takes it; it is known within a few centimetres."""
-    made = PoseWithCovarianceStamped()
-    made.header.stamp, made.header.frame_id, made.pose.pose = time_of(now), frame, pose_of(x, y, yaw)
-    covariance = [0.0] * 36
-    covariance[0], covariance[7], covariance[35] = 0.01, 0.01, 0.005
-    made.pose.covariance = covariance
-    return made
-
-
-def odometry(now: int, frame: str, child: str, seen: Any) -> Odometry:
-    """Return where the base is in the odometry frame, and how fast."""
-    made = Odometry()
-    made.header.stamp, made.header.frame_id, made.child_frame_id = time_of(now), frame, child
-    made.pose.pose = pose_of(*seen.pose)
-    made.twist.twist.linear.x, made.twist.twist.angular.z = (float(value) for value in seen.velocity)
+    made = stamped(TransformStamped(), now, parent)
+    made.child_frame_id, place, turn = child, made.transform.translation, made.transform.rotation
+    place.x, place.y = float(x), float(y)
+    turn.z, turn.w = math.sin(yaw / 2), math.cos(yaw / 2)
     return made
 
 
 def laser_scan(now: int, frame: str, scan: Any, lidar: dict[str, Any]) -> LaserScan:
     """Return a scan; `lidar` is its part of the robot's record."""
-    made = LaserScan()
-    made.header.stamp, made.header.frame_id = time_of(now), frame
+    made = stamped(LaserScan(), now, frame)
     made.angle_min, made.angle_increment = float(scan.angle_min), float(scan.angle_increment)
     made.angle_max = made.angle_min + made.angle_increment * (len(scan.ranges) - 1)
     made.scan_time = 1.0 / lidar["rate_hz"]
@@ -92,8 +73,7 @@ def laser_scan(now: int, frame: str, scan: Any, lidar: dict[str, Any]) -> LaserS
 
 def occupancy_grid(now: int, frame: str, world: Any) -> OccupancyGrid:
     """Return the map of a task."""
-    made = OccupancyGrid()
-    made.header.stamp, made.header.frame_id = time_of(now), frame
+    made = stamped(OccupancyGrid(), now, frame)
     made.info.resolution, made.info.width, made.info.height = float(world.resolution), world.columns, world.rows
     made.info.origin = pose_of(world.origin[0], world.origin[1], 0.0)
     values = {OCCUPIED: 100, UNKNOWN: -1}
@@ -199,7 +179,9 @@ class Bridge(rvsg_client.Planner):
             self._wait_for(seen, until, "the system is not localised", lambda: self._is_localised(seen))
         for name in self.o["clear_costmaps"]:
             self._clear(name, seen, until)
-        self._pump_for(seen, self.o["settle_s"])
+        settled = self.now + round(self.o["settle_s"] * 1e9)
+        while self.now < settled:
+            self._pump(seen)
         self._send_goal(seen, until)
         self.ready = True
         self.base = self.now - round(seen.t * 1e9)
@@ -225,7 +207,10 @@ class Bridge(rvsg_client.Planner):
         while not is_so():
             if self.o["localises"] and time.monotonic() - sent > ASK_S:
                 sent = time.monotonic()
-                self.initial.publish(initial_pose(self.now, self.o["map_frame"], *self.task.start))
+                start = stamped(PoseWithCovarianceStamped(), self.now, self.o["map_frame"])
+                start.pose.pose = pose_of(*self.task.start)
+                start.pose.covariance = VARIANCES
+                self.initial.publish(start)
             if time.monotonic() > until:
                 raise SystemExit(f"{otherwise} after {self.o['start_limit_s']:g} s")
             self._pump(seen)
@@ -249,7 +234,9 @@ class Bridge(rvsg_client.Planner):
         through = len(self.task.goals) > 1
         client = self.actions[through]
         self._wait_for(seen, until, "the action of the goal is not there", client.server_is_ready)
-        poses = [stamped_pose(0, self.o["map_frame"], *goal) for goal in self.task.goals]
+        poses = [stamped(PoseStamped(), 0, self.o["map_frame"]) for _ in self.task.goals]
+        for made, place in zip(poses, self.task.goals, strict=True):
+            made.pose = pose_of(*place)
         goal = (NavigateThroughPoses if through else NavigateToPose).Goal()
         if not through:
             goal.pose = poses[-1]
@@ -291,7 +278,11 @@ class Bridge(rvsg_client.Planner):
         if not o["localises"]:
             moved.append(transform_of(now, o["map_frame"], o["odom_frame"], *seen.map_from_odom))
         self.tf.publish(TFMessage(transforms=moved))
-        self.odom.publish(odometry(now, o["odom_frame"], o["footprint_frame"], seen))
+        odometry = stamped(Odometry(), now, o["odom_frame"])
+        odometry.child_frame_id, odometry.pose.pose = o["footprint_frame"], pose_of(*seen.pose)
+        twist = odometry.twist.twist
+        twist.linear.x, twist.angular.z = (float(value) for value in seen.velocity)
+        self.odom.publish(odometry)
         for k, (scan, lidar) in enumerate(zip(seen.scans, self.task.robot["lidars"], strict=True)):
             taken = now if frozen else now + round((scan.t - seen.t) * 1e9)
             if taken > self.scanned[k] + 0.9e9 / lidar["rate_hz"]:
@@ -303,11 +294,6 @@ class Bridge(rvsg_client.Planner):
         self.now += round(PUMP_S * 1e9)
         self._publish(seen, frozen=True)
         self._spin_until(time.monotonic() + PUMP_S / self.o["speed"])
-
-    def _pump_for(self, seen: Any, seconds: float) -> None:
-        until = self.now + round(seconds * 1e9)
-        while self.now < until:
-            self._pump(seen)
 
     def _spin_until(self, due: float) -> None:
         """Handle what arrives until then, at least once."""

@@ -62,15 +62,26 @@ class Found:
         return not any(finding.status in FAULTS for finding in self.findings)
 
 
-def check_system(options: Ros2Options, robot: Robot, *, seconds: float = 5.0) -> Found:
-    """Look at the running system for some seconds of wall time, without sending it anything but questions for states.
+def check_ros2(
+    options: Mapping[str, Any] | None = None, robot: Robot | str | Path = DEFAULT_ROBOT, *, seconds: float = 5.0
+) -> Found:
+    """Return what of the running system is found, missing, or of another type.
+
+    It is looked at for some seconds of wall time, and sent nothing but questions for states and parameters.
+
+    Args:
+        options: those of the stack `ros2`.
+        robot: whose lidars the system must read.
+        seconds: how long to look.
 
     Raises:
         InputError: cyclonedds is missing, or the domain cannot be joined.
     """
-    bus = Bus(options.first_domain)
+    known = read_options(dict(options or {}))
+    given = robot if isinstance(robot, Robot) else load_robot(robot)
+    bus = Bus(known.first_domain)
     try:
-        lifecycle = Lifecycle(bus, options.nodes)
+        lifecycle = Lifecycle(bus, known.nodes)
         until = time.monotonic() + seconds
         while time.monotonic() < until:
             lifecycle.poll()
@@ -78,18 +89,16 @@ def check_system(options: Ros2Options, robot: Robot, *, seconds: float = 5.0) ->
         graph = bus.graph()
         findings: list[Finding] = []
         try:
-            release = release_of(graph, options)
+            release = release_of(graph, known)
         except SimulationError as error:
             release = "lyrical"
             findings.append(Finding("release", Status.OTHER_TYPE, str(error)))
         findings += [
-            *_actions(graph, options),
-            *_commands(graph, options),
-            *_sensors(graph, options, robot, release, is_up=_is_up(lifecycle)),
-            *_map(graph, options),
-            *_costmaps(graph, options),
-            *_nodes(lifecycle, options),
-            *_parameters(ask_nodes(bus, ANSWER_S), robot),
+            *_goals(graph, known),
+            *_sensors(graph, known, given, release, lifecycle),
+            *_map(graph, known),
+            *_nodes(lifecycle, known),
+            *_parameters(ask_nodes(bus, ANSWER_S), given),
         ]
         is_heard = bool(graph.readers or graph.writers)
         return Found(bus.domain, release if is_heard else None, tuple(findings))
@@ -97,38 +106,35 @@ def check_system(options: Ros2Options, robot: Robot, *, seconds: float = 5.0) ->
         bus.close()
 
 
-def _actions(graph: Graph, options: Ros2Options) -> Iterable[Finding]:
-    wanted = {"to_pose": {options.to_pose_action}, "through_poses": {options.through_poses_action}}
-    needed = wanted.get(options.goal, set())
-    for name, kind in ((options.to_pose_action, TO_POSE), (options.through_poses_action, THROUGH_POSES)):
+def _goals(graph: Graph, options: Ros2Options) -> Iterable[Finding]:
+    """Look for the actions, and for the velocity commands."""
+    for key, name, kind in (
+        ("to_pose", options.to_pose_action, TO_POSE),
+        ("through_poses", options.through_poses_action, THROUGH_POSES),
+    ):
         servers = graph.servers(f"{name}/_action/send_goal")
-        optional = options.goal in wanted and name not in needed
+        optional = options.goal not in ("auto", key)
         yield _typed(f"action {name}", servers, (f"{kind}_SendGoal_Request",), optional=optional)
-
-
-def _commands(graph: Graph, options: Ros2Options) -> Iterable[Finding]:
     wanted = TWISTS if options.cmd_vel_type == "auto" else (f"geometry_msgs/msg/{options.cmd_vel_type}",)
     yield _typed(f"velocity commands on {options.cmd_vel}", graph.publishers(options.cmd_vel), wanted)
 
 
-def _is_up(lifecycle: Lifecycle) -> bool:
-    """Whether every node is active: until then costmaps have not subscribed to their sensors."""
-    return all(lifecycle.states.get(name) == ACTIVE for name in lifecycle.found())
-
-
-def _sensors(graph: Graph, options: Ros2Options, robot: Robot, release: Release, *, is_up: bool) -> Iterable[Finding]:
-    topics = [("/clock", "rosgraph_msgs/msg/Clock"), ("/tf", "tf2_msgs/msg/TFMessage")]
-    topics.append((options.odom, "nav_msgs/msg/Odometry"))
-    lidars = robot.lidars
-    topics += [(scan_topic(options, lidars, k), "sensor_msgs/msg/LaserScan") for k in range(len(lidars))]
-    for topic, kind in topics:
-        others = graph.publishers(topic)
-        if others and topic != "/tf":
+def _sensors(
+    graph: Graph, options: Ros2Options, robot: Robot, release: Release, lifecycle: Lifecycle
+) -> Iterable[Finding]:
+    # Until every node is active, costmaps have not subscribed to their sensors.
+    is_up = all(lifecycle.states.get(name) == ACTIVE for name in lifecycle.found())
+    scans = [scan_topic(options, robot.lidars, k) for k in range(len(robot.lidars))]
+    kinds = {
+        "/clock": "rosgraph_msgs/msg/Clock",
+        "/tf": "tf2_msgs/msg/TFMessage",
+        options.odom: "nav_msgs/msg/Odometry",
+    }
+    for topic, kind in (kinds | dict.fromkeys(scans, "sensor_msgs/msg/LaserScan")).items():
+        if graph.publishers(topic) and topic != "/tf":
             yield Finding(topic, Status.CONFLICT, "end the simulator or robot driver that publishes it")
-        optional = topic in (options.odom, *(topic for topic, _ in topics[4:]))
-        found = _typed(
-            f"reader of {topic}", graph.subscribers(topic), (kind,), optional, interfaces(release).type_hash(kind)
-        )
+        readers, known = graph.subscribers(topic), interfaces(release).type_hash(kind)
+        found = _typed(f"reader of {topic}", readers, (kind,), topic in (options.odom, *scans[1:]), known)
         if found.status is Status.MISSING and topic == options.scan and not is_up:
             found = Finding(found.name, Status.INACTIVE, "costmaps subscribe when they become active")
         yield found
@@ -145,9 +151,6 @@ def _map(graph: Graph, options: Ros2Options) -> Iterable[Finding]:
     own = graph.subscribers(options.initial_pose)
     said = "the system localises itself" if own else "RVSG gives the transform from map to odom"
     yield Finding(f"reader of {options.initial_pose}", Status.FOUND if own else Status.ABSENT, said)
-
-
-def _costmaps(graph: Graph, options: Ros2Options) -> Iterable[Finding]:
     for name in options.clear_costmaps:
         yield _typed(f"service {name}", graph.servers(name), (f"{CLEAR}_Request",), optional=True)
     yield _typed(f"plan on {options.plan}", graph.publishers(options.plan), ("nav_msgs/msg/Path",), optional=True)
@@ -164,9 +167,8 @@ def _nodes(lifecycle: Lifecycle, options: Ros2Options) -> Iterable[Finding]:
             yield Finding(f"node {name}", Status.FOUND, "active")
         elif state is None and name in lifecycle.found():
             # A node answers no question while it becomes active, and costmaps wait there for clock and transforms.
-            yield Finding(
-                f"node {name}", Status.INACTIVE, "does not answer now: hangs, or waits for clock and transforms"
-            )
+            said = "does not answer now: hangs, or waits for clock and transforms"
+            yield Finding(f"node {name}", Status.INACTIVE, said)
         elif state is None:
             yield Finding(f"node {name}", Status.MISSING)
         else:
@@ -177,11 +179,10 @@ def _parameters(told: NodeParameters, robot: Robot) -> Iterable[Finding]:
     if told.control_hz is not None:
         yield Finding("rate of velocity commands", Status.FOUND, f"{told.control_hz:g} Hz, as its node says")
     wrong = told.of_another_robot(robot)
+    fits = f"the footprint of {robot.name}, to {OTHER_ROBOT_M:g} m"
     for node in told.bodies:
         status = Status.OTHER_ROBOT if node in wrong else Status.FOUND
-        yield Finding(
-            f"robot of {node}", status, wrong.get(node, f"the footprint of {robot.name}, to {OTHER_ROBOT_M:g} m")
-        )
+        yield Finding(f"robot of {node}", status, wrong.get(node, fits))
 
 
 def _typed(
@@ -196,17 +197,3 @@ def _typed(
     if type_hash and any(endpoint.type_hash not in ("", type_hash) for endpoint in endpoints):
         return Finding(name, Status.OTHER_TYPE, f"{found[0]} has other fields than ROS 2 defines")
     return Finding(name, Status.FOUND, found[0])
-
-
-def check_ros2(
-    options: Mapping[str, Any] | None = None, robot: Robot | str | Path = DEFAULT_ROBOT, *, seconds: float = 5.0
-) -> Found:
-    """Return what of the running system is found, missing, or of another type.
-
-    Args:
-        options: those of the stack `ros2`.
-        robot: whose lidars the system must read.
-        seconds: how long to look.
-    """
-    given = robot if isinstance(robot, Robot) else load_robot(robot)
-    return check_system(read_options(dict(options or {})), given, seconds=seconds)

@@ -35,8 +35,6 @@ class Endpoint:
     type_hash: str
     """The RIHS01 hash; empty where it is not announced (Humble and before)."""
     reliable: bool
-    transient_local: bool
-    participant: str
 
 
 @dataclass(frozen=True)
@@ -82,17 +80,17 @@ class Bus:
         from cyclonedds.domain import DomainParticipant
 
         self.domain = domain
+        self._kept: list[Any] = []
         try:
-            self._participant = DomainParticipant(domain)
-            self._writers = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
-            self._readers = BuiltinDataReader(self._participant, BuiltinTopicDcpsSubscription)
+            self._participant = self._keep(DomainParticipant(domain))
+            self._writers = self._keep(BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication))
+            self._readers = self._keep(BuiltinDataReader(self._participant, BuiltinTopicDcpsSubscription))
         except DDSException as error:
             raise InputError(
                 f"Cannot join DDS domain {domain}: {error}. Check ROS_DOMAIN_ID and CYCLONEDDS_URI."
             ) from None
         self._own = str(self._participant.guid)
-        self._known: dict[tuple[str, str], tuple[str, Endpoint]] = {}
-        self._kept: list[Any] = []
+        self._known: dict[tuple[str, str], Endpoint] = {}
         self._subscriptions: dict[tuple[Any, ...], Subscription] = {}
         self._actions: dict[tuple[str, str, str], ActionClient] = {}
 
@@ -105,10 +103,9 @@ class Bus:
         for side, reader in (("writer", self._writers), ("reader", self._readers)):
             for sample in _every(reader):
                 self._take_over(side, sample)
-        found = {"writer": [], "reader": []}  # type: dict[str, list[Endpoint]]
-        for side, endpoint in self._known.values():
-            found[side].append(endpoint)
-        return Graph(tuple(found["writer"]), tuple(found["reader"]))
+        known = self._known.items()
+        writers, readers = ([each for key, each in known if key[0] == side] for side in ("writer", "reader"))
+        return Graph(tuple(writers), tuple(readers))
 
     def _take_over(self, side: str, sample: Any) -> None:
         from cyclonedds.core import InstanceState, Policy
@@ -121,23 +118,17 @@ class Bus:
             return
         data = sample.qos[Policy.Userdata].data if Policy.Userdata in sample.qos else b""
         found = re.search(rb"typehash=(RIHS01_[0-9a-f]+)", data)
-        self._known[key] = (
-            side,
-            Endpoint(
-                topic=sample.topic_name,
-                type_name=ros_type(sample.type_name),
-                type_hash=found[1].decode() if found else "",
-                reliable=isinstance(sample.qos[Policy.Reliability], Policy.Reliability.Reliable),
-                transient_local=sample.qos[Policy.Durability] != Policy.Durability.Volatile,
-                participant=str(sample.participant_key),
-            ),
+        self._known[key] = Endpoint(
+            topic=sample.topic_name,
+            type_name=ros_type(sample.type_name),
+            type_hash=found[1].decode() if found else "",
+            reliable=isinstance(sample.qos[Policy.Reliability], Policy.Reliability.Reliable),
         )
 
     def advertise(self, topic: str, kind: str, *, latched: bool = False, depth: int = 10) -> Publisher:
         """Return a publisher; it offers reliable delivery, and `latched` its last message to late subscribers."""
-        return Publisher(
-            self._writer(_topic(topic), self.types[kind], kind, reliable=True, latched=latched, depth=depth)
-        )
+        qos = self._qos(kind, reliable=True, latched=latched, depth=depth)
+        return Publisher(self._writer(_topic(topic), self.types[kind], qos))
 
     def subscribe(
         self, topic: str, kind: str, *, reliable: bool | None = None, latched: bool = False, depth: int = 50
@@ -152,9 +143,8 @@ class Bus:
         if key in self._subscriptions:
             self._subscriptions[key].take()
         else:
-            self._subscriptions[key] = Subscription(
-                self._reader(_topic(topic), self.types[kind], kind, reliable=reliable, latched=latched, depth=depth)
-            )
+            qos = self._qos(kind, reliable=reliable, latched=latched, depth=depth)
+            self._subscriptions[key] = Subscription(self._reader(_topic(topic), self.types[kind], qos))
         return self._subscriptions[key]
 
     def client(self, service: str, kind: str) -> Client:
@@ -175,24 +165,16 @@ class Bus:
         self._kept.clear()
         self._subscriptions.clear()
         self._actions.clear()
-        for name in ("_writers", "_readers", "_participant"):
-            if hasattr(self, name):
-                _delete(getattr(self, name))
-                delattr(self, name)
 
-    def _writer(self, topic: str, made: Any, kind: str, user_data: str = "", **qos: Any) -> Any:
+    def _writer(self, topic: str, made: Any, qos: Any) -> Any:
         from cyclonedds.pub import DataWriter
 
-        return self._keep(
-            DataWriter(self._participant, self._named(topic, made), qos=self._qos(kind, user_data, **qos))
-        )
+        return self._keep(DataWriter(self._participant, self._named(topic, made), qos=qos))
 
-    def _reader(self, topic: str, made: Any, kind: str, user_data: str = "", **qos: Any) -> Any:
+    def _reader(self, topic: str, made: Any, qos: Any) -> Any:
         from cyclonedds.sub import DataReader
 
-        return self._keep(
-            DataReader(self._participant, self._named(topic, made), qos=self._qos(kind, user_data, **qos))
-        )
+        return self._keep(DataReader(self._participant, self._named(topic, made), qos=qos))
 
     def _named(self, topic: str, made: Any) -> Any:
         from cyclonedds.topic import Topic
@@ -203,7 +185,9 @@ class Bus:
         self._kept.append(entity)
         return entity
 
-    def _qos(self, kind: str, user_data: str, *, reliable: bool, latched: bool = False, depth: int = 10) -> Any:
+    def _qos(
+        self, kind: str, user_data: str = "", *, reliable: bool = True, latched: bool = False, depth: int = 10
+    ) -> Any:
         from cyclonedds.core import Policy, Qos
         from cyclonedds.util import duration
 
@@ -264,8 +248,9 @@ class Client:
         self._numbers = count(1)
         # The server holds a reply back until it knows the reader with the same client id as the request's writer.
         mark = f"clientid={uuid.uuid4().hex};"
-        self._reader = bus._reader(_reply(service), reply, f"{kind}_Response", mark, reliable=True)
-        self._writer = bus._writer(_request(service), self._request, f"{kind}_Request", mark, reliable=True)
+        topic = f"rr/{service.strip('/')}Reply"
+        self._reader = bus._reader(topic, reply, bus._qos(f"{kind}_Response", mark))
+        self._writer = bus._writer(_request(service), self._request, bus._qos(f"{kind}_Request", mark))
         self._replies: dict[int, Any] = {}
 
     @property
@@ -295,7 +280,10 @@ class Client:
                 number = self.send(**fields)
             if number is not None and (found := self.reply(number)) is not None:
                 return found
-            (meanwhile or _wait)()
+            if meanwhile is not None:
+                meanwhile()
+            else:
+                time.sleep(POLL_S)
         return None
 
 
@@ -375,17 +363,9 @@ def _delete(entity: Any) -> None:
         entity.__del__()
 
 
-def _wait() -> None:
-    time.sleep(POLL_S)
-
-
 def _topic(name: str) -> str:
     return f"rt/{name.strip('/')}"
 
 
 def _request(service: str) -> str:
     return f"rq/{service.strip('/')}Request"
-
-
-def _reply(service: str) -> str:
-    return f"rr/{service.strip('/')}Reply"

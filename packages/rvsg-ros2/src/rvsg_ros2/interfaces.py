@@ -1,7 +1,7 @@
 """ROS 2 interfaces as cyclonedds types: the message definitions of a release become dataclasses that DDS can send.
 
-The definitions of ROS itself are those that rosbags holds for every release. Those of Nav2 follow here, copied field
-for field from the public `nav2_msgs` of each release; services and actions are made of them as `rosidl` does.
+The definitions of ROS itself are those that rosbags holds for every release. Those of Nav2 are in
+`interfaces.yaml`; services and actions are made of them as `rosidl` does.
 """
 
 from __future__ import annotations
@@ -10,7 +10,10 @@ import types as python_types
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
+from pathlib import Path
 from typing import Any, Literal, get_args
+
+import yaml
 
 from rvsg.core.errors import InputError, UnknownName, how_to_install
 
@@ -18,102 +21,29 @@ Release = Literal["humble", "jazzy", "kilted", "lyrical"]
 RELEASES: tuple[Release, ...] = get_args(Release)
 NEWEST: Release = "lyrical"
 
-_FEEDBACK = """geometry_msgs/PoseStamped current_pose
-builtin_interfaces/Duration navigation_time
-builtin_interfaces/Duration estimated_time_remaining
-int16 number_of_recoveries
-float32 distance_remaining
-"""
-_TRACKING = "float32 position_tracking_error\nfloat32 heading_tracking_error\n"
-_ERROR = "uint16 error_code\nstring error_msg\n"
-_WAYPOINTS = "nav2_msgs/WaypointStatus[] waypoint_statuses\n"
-
-# Goal, result and feedback of each action, by the release in which they changed.
-_TO_POSE: dict[Release, tuple[str, str, str]] = {
-    "humble": ("geometry_msgs/PoseStamped pose\nstring behavior_tree\n", "std_msgs/Empty result\n", _FEEDBACK),
-    "jazzy": ("geometry_msgs/PoseStamped pose\nstring behavior_tree\n", _ERROR, _FEEDBACK),
-    "lyrical": ("geometry_msgs/PoseStamped pose\nstring behavior_tree\n", _ERROR, _FEEDBACK + _TRACKING),
-}
-_REMAINING = "int16 number_of_poses_remaining\n"
-_THROUGH_POSES: dict[Release, tuple[str, str, str]] = {
-    "humble": (
-        "geometry_msgs/PoseStamped[] poses\nstring behavior_tree\n",
-        "std_msgs/Empty result\n",
-        _FEEDBACK + _REMAINING,
-    ),
-    "jazzy": ("geometry_msgs/PoseStamped[] poses\nstring behavior_tree\n", _ERROR, _FEEDBACK + _REMAINING),
-    "kilted": (
-        "nav_msgs/Goals poses\nstring behavior_tree\n",
-        _ERROR + _WAYPOINTS,
-        _FEEDBACK + _REMAINING + _WAYPOINTS,
-    ),
-    "lyrical": (
-        "nav_msgs/Goals poses\nstring behavior_tree\n",
-        _ERROR + _WAYPOINTS,
-        _FEEDBACK + _TRACKING + _REMAINING + _WAYPOINTS,
-    ),
-}
-_CLEAR: dict[Release, tuple[str, str]] = {
-    "humble": ("std_msgs/Empty request\n", "std_msgs/Empty response\n"),
-    "lyrical": ("string[] plugins\n", "bool success\n"),
-}
-_STATUS_CHANGE: dict[Release, str] = {
-    "humble": ("builtin_interfaces/Time timestamp\nstring node_name\nstring previous_status\nstring current_status\n"),
-    "jazzy": (
-        "builtin_interfaces/Time timestamp\nstring node_name\nuint16 uid\n"
-        "string previous_status\nstring current_status\n"
-    ),
-}
-_WAYPOINT_STATUS = "uint8 waypoint_status\nuint32 waypoint_index\ngeometry_msgs/PoseStamped waypoint_pose\n" + _ERROR
-_SERVICES: dict[str, tuple[str, str]] = {
-    "lifecycle_msgs/srv/GetState": ("", "lifecycle_msgs/State current_state\n"),
-    "lifecycle_msgs/srv/ChangeState": ("lifecycle_msgs/Transition transition\n", "bool success\n"),
-    "action_msgs/srv/CancelGoal": (
-        "action_msgs/GoalInfo goal_info\n",
-        "int8 return_code\naction_msgs/GoalInfo[] goals_canceling\n",
-    ),
-    "rcl_interfaces/srv/GetParameters": ("string[] names\n", "rcl_interfaces/ParameterValue[] values\n"),
-}
-_PLAIN: dict[str, str] = {
-    "people_msgs/msg/Person": (
-        "string name\ngeometry_msgs/Point position\ngeometry_msgs/Point velocity\nfloat64 reliability\n"
-        "string[] tagnames\nstring[] tags\n"
-    ),
-    "people_msgs/msg/People": "std_msgs/Header header\npeople_msgs/Person[] people\n",
-}
-ACTIONS = {
-    "nav2_msgs/action/NavigateToPose": _TO_POSE,
-    "nav2_msgs/action/NavigateThroughPoses": _THROUGH_POSES,
-}
-
 
 def definitions(release: Release) -> dict[str, str]:
     """Return the definitions that rosbags does not hold, as message texts by name, for one release."""
-    texts = dict(_PLAIN)
-    texts["nav2_msgs/msg/BehaviorTreeStatusChange"] = _at(_STATUS_CHANGE, release)
-    texts["nav2_msgs/msg/BehaviorTreeLog"] = (
-        "builtin_interfaces/Time timestamp\nnav2_msgs/BehaviorTreeStatusChange[] event_log\n"
-    )
-    texts["nav2_msgs/msg/WaypointStatus"] = _WAYPOINT_STATUS
-    services = {**_SERVICES, "nav2_msgs/srv/ClearEntireCostmap": _at(_CLEAR, release)}
-    for name, (request, response) in services.items():
-        texts[f"{name}_Request"], texts[f"{name}_Response"] = request, response
-    for name, versions in ACTIONS.items():
-        goal, result, feedback = _at(versions, release)
-        uuid = "unique_identifier_msgs/UUID goal_id\n"
-        texts[f"{name}_Goal"], texts[f"{name}_Result"], texts[f"{name}_Feedback"] = goal, result, feedback
-        texts[f"{name}_SendGoal_Request"] = f"{uuid}{name}_Goal goal\n"
-        texts[f"{name}_SendGoal_Response"] = "bool accepted\nbuiltin_interfaces/Time stamp\n"
-        texts[f"{name}_GetResult_Request"] = uuid
-        texts[f"{name}_GetResult_Response"] = f"int8 status\n{name}_Result result\n"
-        texts[f"{name}_FeedbackMessage"] = f"{uuid}{name}_Feedback feedback\n"
+    described = yaml.safe_load(Path(__file__).with_name("interfaces.yaml").read_text(encoding="utf-8"))
+    texts = {}
+    for name, versions in described.items():
+        # The newest version that is not newer than the release.
+        known = [each for each in RELEASES[: RELEASES.index(release) + 1] if each in versions]
+        parts = [part.lstrip("\n") for part in versions[known[-1]].split("---")]
+        kind = name.split("/")[1]
+        if kind == "msg":
+            texts[name] = parts[0]
+        elif kind == "srv":
+            texts[f"{name}_Request"], texts[f"{name}_Response"] = parts
+        else:
+            uuid = "unique_identifier_msgs/UUID goal_id\n"
+            texts[f"{name}_Goal"], texts[f"{name}_Result"], texts[f"{name}_Feedback"] = parts
+            texts[f"{name}_SendGoal_Request"] = f"{uuid}{name}_Goal goal\n"
+            texts[f"{name}_SendGoal_Response"] = "bool accepted\nbuiltin_interfaces/Time stamp\n"
+            texts[f"{name}_GetResult_Request"] = uuid
+            texts[f"{name}_GetResult_Response"] = f"int8 status\n{name}_Result result\n"
+            texts[f"{name}_FeedbackMessage"] = f"{uuid}{name}_Feedback feedback\n"
     return texts
-
-
-def _at(versions: Mapping[Release, Any], release: Release) -> Any:
-    """Return the newest version that is not newer than the release."""
-    known = [name for name in RELEASES[: RELEASES.index(release) + 1] if name in versions]
-    return versions[known[-1]]
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,8 +32,7 @@ class Lifecycle:
 
     def poll(self, period_s: float = 0.5) -> None:
         """Find nodes, ask each whose last answer is older than `period_s` of wall time, and take over answers."""
-        found = {name.removesuffix("/get_state") for name in self._bus.graph().services(GET_STATE)}
-        for name in found | set(self._required):
+        for name in self.found() | set(self._required):
             if name not in self._clients:
                 self._clients[name] = self._bus.client(f"{name}/get_state", GET_STATE)
         for name, client in self._clients.items():
@@ -44,10 +43,10 @@ class Lifecycle:
             elif time.monotonic() - at > period_s and client.is_matched:
                 self._asked[name] = (client.send(), time.monotonic())
 
-    def waiting_for(self, navigator: str = NAVIGATOR) -> list[str]:
+    def waiting_for(self) -> list[str]:
         """Return what is not active yet, each with its state: `controller_server is inactive`."""
         # A node that has been there and is gone is missing.
-        wanted = self._required or tuple(sorted({*self._clients, *self.found(), navigator}))
+        wanted = self._required or tuple(sorted({*self._clients, *self.found(), NAVIGATOR}))
         said = []
         for name in wanted:
             state = self.states.get(name)

@@ -29,6 +29,15 @@ FOLLOWS = "FollowPath"
 """The node of Nav2's behaviour trees in which its controller drives; recoveries command at rates of their own."""
 
 
+Pose2D = tuple[float, float, float]
+
+
+def composed(a: Pose2D, b: Pose2D) -> Pose2D:
+    """Return the pose b, which is given in the frame at a, in a's frame: x m, y m, yaw rad."""
+    cos, sin = math.cos(a[2]), math.sin(a[2])
+    return a[0] + cos * b[0] - sin * b[1], a[1] + sin * b[0] + cos * b[1], a[2] + b[2]
+
+
 class RunRecord:
     """Counts and lists of one run; `facts` returns them."""
 
@@ -111,7 +120,12 @@ class RunRecord:
                     if change.node_name == FOLLOWS:
                         self._follows = change.current_status == "RUNNING"
                     self._keep_change(seen.t, change)
-        self._keep_costmaps(seen.t)
+        for topic, subscription in self._costmap_topics.items():
+            for grid in subscription.take()[-1:]:
+                due = seen.t >= self._costmap_t.get(topic, -math.inf) + COSTMAP_EVERY_S
+                if due and len(self._costmaps) < MOST_COSTMAPS:
+                    self._costmap_t[topic] = seen.t
+                    self._costmaps.append({"topic": topic, "t": round(seen.t, 2), **packed(grid)})
 
     def _keep_change(self, t: float, change: Any) -> None:
         """Keep a change of the behaviour tree. A node that is reset and comes to the same state again, as conditions do
@@ -123,25 +137,14 @@ class RunRecord:
         if len(self._changes) < MOST_CHANGES:
             self._changes.append([round(t, 2), change.node_name, change.current_status])
 
-    def _keep_costmaps(self, t: float) -> None:
-        """Keep what the system publishes of its costmaps, as text that JSON can hold."""
-        for topic, subscription in self._costmap_topics.items():
-            for grid in subscription.take()[-1:]:
-                due = t >= self._costmap_t.get(topic, -math.inf) + COSTMAP_EVERY_S
-                if due and len(self._costmaps) < MOST_COSTMAPS:
-                    self._costmap_t[topic] = t
-                    self._costmaps.append({"topic": topic, "t": round(t, 2), **packed(grid)})
-
     def _watch_poses(self, seen: Observation, remaining: int) -> None:
         """Count how often the robot leaves a pose to drive through that does not count as passed."""
         if remaining != self._remaining or not 1 < remaining <= len(self._task.goals):
             self._remaining, self._was_near = remaining, False
             return
-        x, y, yaw = seen.map_from_odom
-        px = x + math.cos(yaw) * seen.pose[0] - math.sin(yaw) * seen.pose[1]
-        py = y + math.sin(yaw) * seen.pose[0] + math.cos(yaw) * seen.pose[1]
+        x, y, _ = composed(seen.map_from_odom, seen.pose)
         pose = self._task.goals[-remaining]
-        distance = math.hypot(pose.x - px, pose.y - py)
+        distance = math.hypot(pose.x - x, pose.y - y)
         if distance < NEAR_M:
             self._was_near = True
         elif self._was_near and distance > AWAY_M:

@@ -9,7 +9,7 @@ import math
 import os
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -19,11 +19,12 @@ import numpy as np
 from rvsg.core.errors import InputError, SimulationError
 from rvsg.robots.robot import Lidar, Robot
 from rvsg.simulation.stacks.protocol import Observation, Scan
-from rvsg.world.world import OCCUPIED, UNKNOWN, World
-from rvsg_ros2.dds import ActionClient, Bus, Client, Graph, Subscription
+from rvsg.world.world import World
+from rvsg_exchange.bag import Messages
+from rvsg_ros2.dds import ActionClient, Bus, Client, Graph, Publisher, Subscription
 from rvsg_ros2.interfaces import RELEASES, Release, interfaces
 from rvsg_ros2.launch import Launched, ros_environment
-from rvsg_ros2.nav2_file import BY_THE_CLOCK, CONTROL_HZ, Scaled, scale_file
+from rvsg_ros2.nav2_file import BY_THE_CLOCK, CONTROL_HZ, Scaled, scale_nav2_params
 from rvsg_ros2.nodes import Lifecycle, NodeParameters, ask_nodes
 from rvsg_ros2.options import Ros2Options, lidar_frame, scan_topic
 
@@ -34,12 +35,21 @@ INITIAL_POSE_VARIANCE = (0.01, 0.01, 0.005)
 """x, y, yaw: the start of a run is known."""
 
 
-class RobotSide:
+class DdsMessages(Messages):
+    """Makes messages that DDS can send."""
+
+    def make(self, kind: str, **values: Any) -> Any:
+        """Return a message of a kind, such as `nav_msgs/Path`; fields that are not given are zero or empty."""
+        lists = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in values.items()}
+        return self.types[kind.replace("/", "/msg/")](**lists)
+
+
+class RobotSide(DdsMessages):
     """Publishers of a robot. Times are ROS time in nanoseconds."""
 
     def __init__(self, bus: Bus, options: Ros2Options, robot: Robot) -> None:
+        super().__init__(bus.types)
         self.bus, self.options, self.robot = bus, options, robot
-        self.T = bus.types
         self._clock = bus.advertise("/clock", "rosgraph_msgs/msg/Clock", depth=1)
         self._tf = bus.advertise("/tf", "tf2_msgs/msg/TFMessage", depth=100)
         self._tf_static = bus.advertise("/tf_static", "tf2_msgs/msg/TFMessage", latched=True, depth=1)
@@ -49,21 +59,27 @@ class RobotSide:
             bus.advertise(scan_topic(options, robot.lidars, k), "sensor_msgs/msg/LaserScan", depth=5)
             for k in range(len(robot.lidars))
         ]
+        self._publishers = [self._clock, self._tf, self._tf_static, self._odom, self._initial, *self._scans]
         self._joints = bus.advertise("/joint_states", "sensor_msgs/msg/JointState") if options.joint_states else None
-        self._map: Any = None
-        self._scanned = [-math.inf] * len(robot.lidars)
+        self._map: Publisher | None = None
+        self.start_over()
         self.gives_transform = False
         """Whether the transform from map to odom is published, too."""
         self._clock_from = time.monotonic() + TRANSFORMS_FIRST_S
-        self._static()
+        stamp, fixed = self.stamp(0), []
+        if options.footprint_frame != options.base_frame:
+            fixed.append(self.transform(stamp, options.footprint_frame, options.base_frame, 0.0, 0.0, 0.0))
+        for k, lidar in enumerate(robot.lidars):
+            frame = lidar_frame(options, robot.lidars, k)
+            place = (lidar.x, lidar.y, lidar.yaw, lidar.height_m or 0.0)
+            fixed.append(self.transform(stamp, options.base_frame, frame, *place))
+        self._tf_static.publish(self.make("tf2_msgs/TFMessage", transforms=fixed))
 
     def close(self) -> None:
         """Publish no more."""
-        for each in (self._clock, self._tf, self._tf_static, self._odom, self._initial, *self._scans):
-            each.close()
-        for optional in (self._joints, self._map):
-            if optional is not None:
-                optional.close()
+        for each in (*self._publishers, self._joints, self._map):
+            if each is not None:
+                each.close()
 
     def publish(self, now: int, seen: Observation, *, at: float | None = None) -> None:
         """Send everything that is due.
@@ -72,31 +88,23 @@ class RobotSide:
             now: ROS time in nanoseconds, at the observation's time.
             at: seconds since simulated time stands still, where it does: scans are sent again as they pass.
         """
-        T, stamp = self.T, self._time(now)
+        options, stamp = self.options, self.stamp(now)
         if at is None or time.monotonic() >= self._clock_from:
-            self._clock.publish(T["rosgraph_msgs/msg/Clock"](clock=stamp))
-        x, y, yaw = seen.pose
-        transforms = [self._transform(now, self.options.odom_frame, self.options.footprint_frame, x, y, yaw)]
+            self._clock.publish(self.make("rosgraph_msgs/Clock", clock=stamp))
+        moved = [self.transform(stamp, options.odom_frame, options.footprint_frame, *seen.pose)]
         if self.gives_transform:
-            transforms.append(
-                self._transform(now, self.options.map_frame, self.options.odom_frame, *seen.map_from_odom)
-            )
-        self._tf.publish(T["tf2_msgs/msg/TFMessage"](transforms=transforms))
-        self._odom.publish(self._odometry(now, seen))
+            moved.append(self.transform(stamp, options.map_frame, options.odom_frame, *seen.map_from_odom))
+        self._tf.publish(self.make("tf2_msgs/TFMessage", transforms=moved))
+        pose, twist = self.pose(*seen.pose), self.twist(*seen.velocity, seen.lateral)
+        self._odom.publish(self.odometry(stamp, options.odom_frame, options.footprint_frame, pose, twist))
         for k, lidar in enumerate(self.robot.lidars):
-            self._publish_scan(k, lidar, now, seen, at)
-
-    def _publish_scan(self, k: int, lidar: Lidar, now: int, seen: Observation, at: float | None) -> None:
-        if at is not None:
-            if at < self._scanned[k] + 1.0 / lidar.rate_hz - 1e-6:
-                return
-            self._scanned[k] = at
-            self._scans[k].publish(self._scan(now, k, lidar, seen.scan(k)))
-            return
-        scan = seen.scan(k)
-        if scan.t > self._scanned[k]:
-            self._scanned[k] = scan.t
-            self._scans[k].publish(self._scan(now + round((scan.t - seen.t) * 1e9), k, lidar, scan))
+            scan = seen.scan(k)
+            t = scan.t if at is None else at
+            if t <= self._scanned[k] or (at is not None and at < self._scanned[k] + 1.0 / lidar.rate_hz - 1e-6):
+                continue
+            self._scanned[k] = t
+            taken = now if at is not None else now + round((scan.t - seen.t) * 1e9)
+            self._scans[k].publish(self._scan(taken, k, lidar, scan))
 
     def start_over(self) -> None:
         """Forget when the scans were taken; call it where the clock of the scans begins again."""
@@ -105,99 +113,39 @@ class RobotSide:
     def publish_joints(self, now: int) -> None:
         """Send the joints' positions, all 0, where they are asked for."""
         if self._joints is not None:
-            names = list(self.options.joint_states)
+            names, header = list(self.options.joint_states), self.header(self.stamp(now), "")
             zeros = [0.0] * len(names)
             self._joints.publish(
-                self.T["sensor_msgs/msg/JointState"](
-                    header=self._header(now, ""), name=names, position=zeros, velocity=zeros, effort=[]
-                )
+                self.make("sensor_msgs/JointState", header=header, name=names, position=zeros, velocity=zeros)
             )
 
     def publish_map(self, now: int, world: World) -> None:
         """Send the occupancy map, latched."""
         if self._map is None:
             self._map = self.bus.advertise(self.options.map, "nav_msgs/msg/OccupancyGrid", latched=True, depth=1)
-        occupancy = world.occupancy
-        rows, columns = occupancy.cells.shape
-        cells = np.zeros((rows, columns), np.int8)
-        cells[occupancy.cells == OCCUPIED] = 100
-        cells[occupancy.cells == UNKNOWN] = -1
-        origin = occupancy.origin
-        info = self.T["nav_msgs/msg/MapMetaData"](
-            map_load_time=self._time(now), resolution=float(occupancy.resolution), width=columns, height=rows,
-            origin=self.pose(origin.x, origin.y, origin.yaw),
-        )  # fmt: skip
-        header = self._header(now, self.options.map_frame)
-        self._map.publish(self.T["nav_msgs/msg/OccupancyGrid"](header=header, info=info, data=cells.ravel().tolist()))
+        self._map.publish(self.map(self.stamp(now), self.options.map_frame, world.occupancy))
 
     def publish_initial_pose(self, now: int, x: float, y: float, yaw: float) -> None:
         """Tell localisation where the robot is in the map."""
-        message = self.T["geometry_msgs/msg/PoseWithCovarianceStamped"](
-            header=self._header(now, self.options.map_frame)
-        )
+        header = self.header(self.stamp(now), self.options.map_frame)
+        message = self.make("geometry_msgs/PoseWithCovarianceStamped", header=header)
         message.pose.pose = self.pose(x, y, yaw)
         for index, variance in zip((0, 7, 35), INITIAL_POSE_VARIANCE, strict=True):
             message.pose.covariance[index] = variance
         self._initial.publish(message)
 
-    def pose_stamped(self, now: int, x: float, y: float, yaw: float) -> Any:
-        """Return a geometry_msgs/PoseStamped in the map frame."""
-        header = self._header(now, self.options.map_frame)
-        return self.T["geometry_msgs/msg/PoseStamped"](header=header, pose=self.pose(x, y, yaw))
-
-    def pose(self, x: float, y: float, yaw: float) -> Any:
-        """Return a geometry_msgs/Pose."""
-        T = self.T
-        return T["geometry_msgs/msg/Pose"](
-            position=T["geometry_msgs/msg/Point"](x=float(x), y=float(y)),
-            orientation=T["geometry_msgs/msg/Quaternion"](z=math.sin(yaw / 2), w=math.cos(yaw / 2)),
-        )
-
-    def _static(self) -> None:
-        options = self.options
-        fixed = []
-        if options.footprint_frame != options.base_frame:
-            fixed.append(self._transform(0, options.footprint_frame, options.base_frame, 0.0, 0.0, 0.0))
-        for k, lidar in enumerate(self.robot.lidars):
-            frame = lidar_frame(options, self.robot.lidars, k)
-            height = lidar.height_m or 0.0
-            fixed.append(self._transform(0, options.base_frame, frame, lidar.x, lidar.y, lidar.yaw, height))
-        self._tf_static.publish(self.T["tf2_msgs/msg/TFMessage"](transforms=fixed))
-
-    def _odometry(self, now: int, seen: Observation) -> Any:
-        message = self.T["nav_msgs/msg/Odometry"](
-            header=self._header(now, self.options.odom_frame), child_frame_id=self.options.footprint_frame
-        )
-        message.pose.pose = self.pose(*seen.pose)
-        message.twist.twist.linear.x, message.twist.twist.angular.z = seen.velocity
-        message.twist.twist.linear.y = seen.lateral
-        return message
-
     def _scan(self, now: int, k: int, lidar: Lidar, scan: Scan) -> Any:
-        return self.T["sensor_msgs/msg/LaserScan"](
-            header=self._header(now, lidar_frame(self.options, self.robot.lidars, k)),
-            angle_min=scan.angle_min, angle_max=scan.angle_min + scan.angle_increment * (len(scan.ranges) - 1),
-            angle_increment=scan.angle_increment, time_increment=0.0, scan_time=1.0 / lidar.rate_hz,
-            range_min=scan.range_min, range_max=scan.range_max, ranges=scan.ranges.tolist(), intensities=[],
-        )  # fmt: skip
-
-    def _transform(self, now: int, parent: str, child: str, x: float, y: float, yaw: float, z: float = 0.0) -> Any:
-        T = self.T
-        return T["geometry_msgs/msg/TransformStamped"](
-            header=self._header(now, parent),
-            child_frame_id=child,
-            transform=T["geometry_msgs/msg/Transform"](
-                translation=T["geometry_msgs/msg/Vector3"](x=float(x), y=float(y), z=float(z)),
-                rotation=T["geometry_msgs/msg/Quaternion"](z=math.sin(yaw / 2), w=math.cos(yaw / 2)),
-            ),
+        return self.make(
+            "sensor_msgs/LaserScan",
+            header=self.header(self.stamp(now), lidar_frame(self.options, self.robot.lidars, k)),
+            angle_min=scan.angle_min,
+            angle_max=scan.angle_min + scan.angle_increment * (len(scan.ranges) - 1),
+            angle_increment=scan.angle_increment,
+            scan_time=1.0 / lidar.rate_hz,
+            range_min=scan.range_min,
+            range_max=scan.range_max,
+            ranges=scan.ranges,
         )
-
-    def _time(self, nanoseconds: int) -> Any:
-        seconds, rest = divmod(nanoseconds, 10**9)
-        return self.T["builtin_interfaces/msg/Time"](sec=seconds, nanosec=rest)
-
-    def _header(self, now: int, frame: str) -> Any:
-        return self.T["std_msgs/msg/Header"](stamp=self._time(now), frame_id=frame)
 
 
 GAP_S = 5
@@ -317,7 +265,7 @@ class Session:
         command = str(self.options.launch).replace("{speed}", f"{self.speed:g}")
         if self.options.params is not None:
             self._folder = tempfile.TemporaryDirectory(prefix="rvsg-nav2-")
-            self.scaled = scale_file(Path(self.options.params), self.speed, self._expected_release())
+            self.scaled = scale_nav2_params(self.options.params, self.speed, self._expected_release())
             command = command.replace("{params}", str(self.scaled.write(Path(self._folder.name))))
         self.tell(f"starting {command} in domain {self.domain}")
         self.launched = Launched(command, ros_environment(self.domain))
@@ -340,7 +288,7 @@ class Session:
             graph = self.bus.graph()
             if any(graph.servers(f"{name}/_action/send_goal") for name in self.actions()):
                 break
-            self._check_launched()
+            self.check()
             if time.monotonic() > until:
                 raise SimulationError(
                     f"No action server {' or '.join(self.actions())} in DDS domain {self.domain} after "
@@ -384,8 +332,8 @@ class Session:
 
     def actions(self) -> tuple[str, ...]:
         """Return the names of the actions that can get the goal."""
-        names = {"to_pose": (self.options.to_pose_action,), "through_poses": (self.options.through_poses_action,)}
-        return names.get(self.options.goal, (self.options.to_pose_action, self.options.through_poses_action))
+        names = {"to_pose": self.options.to_pose_action, "through_poses": self.options.through_poses_action}
+        return (names[self.options.goal],) if self.options.goal in names else tuple(names.values())
 
     def connect(self, robot: Robot) -> RobotSide:
         """Make the publishers of a robot, once for runs of the same robot."""
@@ -401,6 +349,41 @@ class Session:
         if through:
             return self.bus.action(self.options.through_poses_action, THROUGH_POSES)
         return self.bus.action(self.options.to_pose_action, TO_POSE)
+
+    def send_goal(
+        self, client: ActionClient, poses: Iterable[tuple[float, float, float]], pump: Callable[[], object]
+    ) -> None:
+        """Send poses in the map frame as the goal of an action, and wait until it is accepted.
+
+        Raises:
+            SimulationError: the action is not there, does not answer, or rejects the goal.
+        """
+        until = time.monotonic() + self.options.answer_limit_s
+        while not client.is_matched:
+            if time.monotonic() > until:
+                raise SimulationError(f"The action {client.name} is not there.")
+            pump()
+        messages = DdsMessages(client.types)
+        header = messages.header(messages.stamp(0), self.options.map_frame)
+        stamped = [
+            messages.make("geometry_msgs/PoseStamped", header=header, pose=messages.pose(x, y, yaw))
+            for x, y, yaw in poses
+        ]
+        goal = client.new_goal()
+        if client.kind == TO_POSE:
+            goal.pose = stamped[-1]
+        elif isinstance(goal.poses, list):
+            goal.poses = stamped
+        else:
+            goal.poses.goals = stamped
+        client.send_goal(goal)
+        while client.accepted is None:
+            if time.monotonic() > until + self.options.answer_limit_s:
+                raise SimulationError(f"The action {client.name} did not answer the goal.")
+            pump()
+            client.poll()
+        if not client.accepted:
+            raise SimulationError(f"The action {client.name} rejected the goal.")
 
     def commands(self) -> Subscription:
         """Subscribe to the velocity commands, of the type that the system publishes."""
@@ -428,9 +411,6 @@ class Session:
 
     def check(self) -> None:
         """Raise SimulationError where the launched command has ended."""
-        self._check_launched()
-
-    def _check_launched(self) -> None:
         if self.launched is not None and (code := self.launched.ended) is not None:
             tail = self.launched.tail()
             said = f" Its last lines:\n{tail}" if tail else ""

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import atexit
+import cmath
 import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rvsg.core.errors import SimulationError
+from rvsg.core.plugins import ignore
 from rvsg.core.records import text_id
 from rvsg.simulation.stacks.protocol import Command, Ended, Observation, StackError, Task, Twist, WholeStack
 from rvsg.world.world import OCCUPIED, OccupancyMap
 from rvsg_ros2.dds import POLL_S, SUCCEEDED, ActionClient, Subscription
 from rvsg_ros2.options import read_options
-from rvsg_ros2.run_record import RunRecord
+from rvsg_ros2.run_record import RunRecord, composed
 from rvsg_ros2.session import RobotSide, Session
 
 NEAR_M = 0.15
@@ -39,32 +41,15 @@ def share_of_obstacles(message: Any, world_map: OccupancyMap) -> float:
     occupied = cells.reshape(info.height, info.width) >= 50
     steps = max(1, round(NEAR_M / info.resolution))
     occupied = binary_dilation(np.pad(occupied, steps), iterations=steps)
-    x, y = _centres(world_map)
-    turn = info.origin.orientation
-    column, row = _cells(
-        x, y, info.origin.position.x, info.origin.position.y, 2.0 * math.atan2(turn.z, turn.w), info.resolution
-    )
-    column, row = column + steps, row + steps
-    inside = (column >= 0) & (row >= 0) & (column < occupied.shape[1]) & (row < occupied.shape[0])
-    return float(occupied[row[inside], column[inside]].sum() / max(1, x.size))
-
-
-def _centres(world_map: OccupancyMap) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the middles of the occupied cells, m."""
+    # Places in the plane as complex numbers: a turn is a product.
     row, column = np.nonzero(world_map.cells == OCCUPIED)
-    along, up = (column + 0.5) * world_map.resolution, (row + 0.5) * world_map.resolution
-    origin = world_map.origin
-    cos, sin = math.cos(origin.yaw), math.sin(origin.yaw)
-    return origin.x + cos * along - sin * up, origin.y + sin * along + cos * up
-
-
-def _cells(
-    x: NDArray[np.float64], y: NDArray[np.float64], x0: float, y0: float, yaw: float, resolution: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return column and row of points in a map with this origin."""
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    along, up = cos * (x - x0) + sin * (y - y0), -sin * (x - x0) + cos * (y - y0)
-    return np.floor(along / resolution).astype(np.int64), np.floor(up / resolution).astype(np.int64)
+    origin, other = world_map.origin, info.origin
+    places = ((column + 0.5) + 1j * (row + 0.5)) * world_map.resolution * cmath.exp(1j * origin.yaw)
+    places += complex(origin.x, origin.y) - complex(other.position.x, other.position.y)
+    places *= cmath.exp(-2j * math.atan2(other.orientation.z, other.orientation.w)) / info.resolution
+    column, row = (np.floor(part).astype(np.int64) + steps for part in (places.real, places.imag))
+    inside = (column >= 0) & (row >= 0) & (column < occupied.shape[1]) & (row < occupied.shape[0])
+    return float(occupied[row[inside], column[inside]].sum() / max(1, column.size))
 
 
 STEP_S = 0.01
@@ -116,7 +101,7 @@ class Running:
     # Getting ready: simulated time stands still, ROS time goes on at the pace of the run.
 
     def _get_ready(self, seen: Observation) -> None:
-        pump = lambda: self._pump(seen)  # noqa: E731
+        pump = partial(self._pump, seen)
         limit = self.options.start_limit_s
         until = time.monotonic() + limit
         self._mapped = False
@@ -127,11 +112,15 @@ class Running:
         for node, wrong in self.session.parameters(pump).of_another_robot(self.task.robot).items():
             self.record.warn(f"{node}: {wrong}")
         self.actions = {through: self.session.action(through) for through in (False, True)}
-        self._stop_others(pump)
+        for client in self.actions.values():  # goals of others
+            if self.session.bus.graph().servers(f"{client.name}/_action/send_goal"):
+                client.cancel_all(self.options.answer_limit_s, pump)
         self._wait_until_localised(seen, pump, until)
         for service in self.session.clear_costmaps(self.options.answer_limit_s, pump):
             self.record.warn(f"{service} did not answer")
-        self._pump_for(seen, self.options.settle_s)
+        settled = self._now + round(self.options.settle_s * 1e9)
+        while self._now < settled:
+            pump()
         self._commands: Subscription = self.session.commands()
         self.record.listen(self.session, self.options)
         self._send_goal(pump)
@@ -196,11 +185,6 @@ class Running:
             start = self.task.start
             self.robot.publish_initial_pose(self._now, start.x, start.y, start.yaw)
 
-    def _stop_others(self, pump: Callable[[], None]) -> None:
-        for client in self.actions.values():
-            if self.session.bus.graph().servers(f"{client.name}/_action/send_goal"):
-                client.cancel_all(self.options.answer_limit_s, pump)
-
     def _wait_until_localised(self, seen: Observation, pump: Callable[[], None], until: float) -> None:
         if self.robot.gives_transform:
             return
@@ -220,47 +204,22 @@ class Running:
 
     def _off(self, seen: Observation) -> tuple[float, float] | None:
         """Return how far (m, rad) the newest estimate of the robot's place is off its start in the map."""
-        found = None
+        found, start = None, self.task.start
         for message in self._transforms.take():
             for each in message.transforms:
                 if (each.header.frame_id, each.child_frame_id) == (self.options.map_frame, self.options.odom_frame):
-                    turn = each.transform.rotation
-                    yaw = 2.0 * math.atan2(turn.z, turn.w)
-                    x, y, heading = seen.pose
-                    cos, sin = math.cos(yaw), math.sin(yaw)
-                    px = each.transform.translation.x + cos * x - sin * y
-                    py = each.transform.translation.y + sin * x + cos * y
-                    start = self.task.start
-                    aside = math.remainder(heading + yaw - start.yaw, 2.0 * math.pi)
-                    found = (math.hypot(px - start.x, py - start.y), abs(aside))
+                    at, turn = each.transform.translation, each.transform.rotation
+                    x, y, yaw = composed((at.x, at.y, 2.0 * math.atan2(turn.z, turn.w)), seen.pose)
+                    aside = math.remainder(yaw - start.yaw, 2.0 * math.pi)
+                    found = (math.hypot(x - start.x, y - start.y), abs(aside))
         return found
 
     def _send_goal(self, pump: Callable[[], None]) -> None:
         goals = self.task.goals
         through = len(goals) > 1 if self.options.goal == "auto" else self.options.goal == "through_poses"
         self.client: ActionClient = self.actions[through]
-        until = time.monotonic() + self.options.answer_limit_s
-        while not self.client.is_matched:
-            if time.monotonic() > until:
-                raise SimulationError(f"The action {self.client.name} is not there.")
-            pump()
-        goal = self.client.new_goal()
-        poses = [self.robot.pose_stamped(0, pose.x, pose.y, pose.yaw) for pose in goals]
-        if not through:
-            goal.pose = poses[-1]
-        elif isinstance(goal.poses, list):
-            goal.poses = poses
-        else:
-            goal.poses.goals = poses
         self._commands.take()
-        self.client.send_goal(goal)
-        while self.client.accepted is None:
-            if time.monotonic() > until + self.options.answer_limit_s:
-                raise SimulationError(f"The action {self.client.name} did not answer the goal.")
-            pump()
-            self.client.poll()
-        if not self.client.accepted:
-            raise SimulationError(f"The action {self.client.name} rejected the goal.")
+        self.session.send_goal(self.client, [(pose.x, pose.y, pose.yaw) for pose in goals], pump)
 
     def _pump(self, seen: Observation) -> None:
         """Let PERIOD_S of ROS time pass while the robot stands."""
@@ -275,11 +234,6 @@ class Running:
             self._frozen = time.monotonic()
             time.sleep(POLL_S)
 
-    def _pump_for(self, seen: Observation, seconds: float) -> None:
-        until = self._now + round(seconds * 1e9)
-        while self._now < until:
-            self._pump(seen)
-
     # The run itself.
 
     def step(self, seen: Observation) -> Twist | Ended | None:
@@ -289,7 +243,13 @@ class Running:
             self._publish_at += round(PERIOD_S * 1e9)
             self.robot.publish(self._now, seen)
             self.robot.publish_joints(self._now)
-        self._keep_pace()
+        # Wait until the step is due by the wall clock; a step that comes late is caught up by those that follow.
+        self._due += STEP_S / self.session.speed
+        rest = self._due - time.monotonic()
+        if rest > 0.0:
+            time.sleep(rest)
+        elif -rest > LATE_S / self.session.speed:
+            self._due -= rest
         self.client.poll()
         self.record.note(seen, self.client.feedback)
         if self.client.status is not None:
@@ -299,15 +259,6 @@ class Running:
             self._ask_whether_alive()  # the navigator gives up, too, where another node is gone
             return Ended.GAVE_UP
         return self._command(seen)
-
-    def _keep_pace(self) -> None:
-        """Wait until the step is due by the wall clock; a step that comes late is caught up by those that follow."""
-        self._due += STEP_S / self.session.speed
-        rest = self._due - time.monotonic()
-        if rest > 0.0:
-            time.sleep(rest)
-        elif -rest > LATE_S / self.session.speed:
-            self._due -= rest
 
     def _command(self, seen: Observation) -> Twist | None:
         """Return the last command that was sent before the end of this step. Those that are taken late, because this
@@ -410,13 +361,17 @@ class Ros2Stack(WholeStack):
 
     def __init__(self, **options: Any) -> None:
         self._options = read_options(options)
-        self.version = _version(self._options.params)
+        if self._options.params is None:
+            self.version = VERSION
+        else:  # the version covers the content of the parameter file
+            content = text_id("params", Path(self._options.params).read_text())
+            self.version = f"{VERSION}+{content.removeprefix('params-')}"
         self._clear()
 
     def _clear(self) -> None:
         self._speed = self._options.speed
         self._session: Session | None = None
-        self._tell: Callable[[str], None] = _ignore
+        self._tell: Callable[[str], None] = ignore
         self._task: Task | None = None
         self._run: Running | None = None
         self._restart = False
@@ -449,33 +404,25 @@ class Ros2Stack(WholeStack):
         self._tell = tell
         if self._session is not None:
             return
-        self._open()
-        assert self._session is not None
+        session = self._open()
         try:
-            self._session.find(wait)
+            session.find(wait)
         except BaseException:
             self.close()
             raise
-        self._say_what_is_scaled(tell)
-
-    def _open(self) -> Session:
-        self._session = Session(self._options, self._speed, self._tell)
-        atexit.register(self.close)
-        return self._session
-
-    def _say_what_is_scaled(self, tell: Callable[[str], None]) -> None:
-        assert self._session is not None
-        scaled = self._session.scaled
-        if scaled is not None and self._speed != 1.0:
-            for change in scaled.changes:
-                tell(f"speed {self._speed:g}: {change}")
-            for note in scaled.notes:
-                tell(f"speed {self._speed:g}: {note}")
+        if session.scaled is not None and self._speed != 1.0:
+            for each in (*session.scaled.changes, *session.scaled.notes):
+                tell(f"speed {self._speed:g}: {each}")
         elif self._speed != 1.0:
             tell(
                 f"speed {self._speed:g}: the running system keeps its parameters. Start it with those that "
                 "`rvsg ros2 params` prints, or its loops run too slowly."
             )
+
+    def _open(self) -> Session:
+        self._session = Session(self._options, self._speed, self._tell)
+        atexit.register(self.close)
+        return self._session
 
     def reset(self, task: Task) -> None:
         """Keep the task; the system is made ready in the first step, where the robot's sensors are known."""
@@ -532,14 +479,3 @@ class Ros2Stack(WholeStack):
             self._session.close()
             self._session = None
         atexit.unregister(self.close)
-
-
-def _version(params: str | None) -> str:
-    """Return the version of this stack, with the content of the parameter file."""
-    if params is None:
-        return VERSION
-    return f"{VERSION}+{text_id('params', Path(params).read_text()).removeprefix('params-')}"
-
-
-def _ignore(_: str) -> None:
-    pass

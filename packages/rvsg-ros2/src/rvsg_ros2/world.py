@@ -14,23 +14,22 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from rvsg.core.errors import InputError, SimulationError
 from rvsg.core.files import write_whole
+from rvsg.core.plugins import ignore
 from rvsg.scenario.scenario import HumanAgent, PersonKind, Scenario, decode
 from rvsg.simulation.run import Outcome, Run, Trajectory
 from rvsg.simulation.simulators import Simulator
 from rvsg.world.world import Route, World
-from rvsg_exchange.bag import HUNAV_TYPES
+from rvsg_exchange.bag import definitions
 from rvsg_exchange.hunav_agents import Dialect, agents_yaml
 from rvsg_exchange.recordings import SIDEWAYS_M_S
 from rvsg_ros2.dds import SUCCEEDED, ActionClient, Bus, Subscription
 from rvsg_ros2.options import Ros2Options, checked
+from rvsg_ros2.run_record import Pose2D, composed
 from rvsg_ros2.session import Session
-
-Floats = NDArray[np.float64]
 
 ROW_S = 0.05
 LOG_S = 0.5
@@ -54,7 +53,8 @@ class Recorder:
         self._static = bus.subscribe("/tf_static", "tf2_msgs/msg/TFMessage", reliable=True, latched=True)
         self._robot = bus.subscribe(options.robot or options.odom, "nav_msgs/msg/Odometry", depth=QUEUE)
         self._people: Subscription | None = None
-        self._links: dict[str, tuple[str, tuple[float, float, float]]] = {}
+        self._people_kind = ""
+        self._links: dict[str, tuple[str, Pose2D]] = {}
         self._now = 0.0
         self._velocity = (0.0, 0.0, 0.0)
         self._rows: list[tuple[float, ...]] = []
@@ -76,15 +76,14 @@ class Recorder:
 
     def missing(self) -> list[str]:
         """Return what was not heard yet."""
-        lacks = [] if self._rows else [f"no pose of the robot ({self._source()})"]
+        options = self._options
+        source = options.robot or f"transform from {options.map_frame} to {options.base_frame}"
+        lacks = [] if self._rows else [f"no pose of the robot ({source})"]
         silent = [name for name, rows in self._humans.items() if not rows]
         if silent:
             heard = f"; heard {', '.join(sorted(self._others))}" if self._others else ""
-            lacks.append(f"no {', '.join(silent)} on {self._options.people}{heard}")
+            lacks.append(f"no {', '.join(silent)} on {options.people}{heard}")
         return lacks
-
-    def _source(self) -> str:
-        return self._options.robot or f"transform from {self._options.map_frame} to {self._options.base_frame}"
 
     def begin(self) -> None:
         """Let the run begin now: what was recorded before is left out, except for the last pose."""
@@ -92,48 +91,37 @@ class Recorder:
         self._rows = self._rows[-1:]
         self._heard = time.monotonic()
 
-    def feedback(self, feedback: Any) -> None:
-        """Take over the number of recoveries."""
-        if feedback is not None:
-            self.recoveries = max(self.recoveries, int(feedback.number_of_recoveries))
-
     def listen(self) -> None:
         """Take over what arrived."""
+        options = self._options
         for message in self._clock.take():
-            self._now, self._has_clock = message.clock.sec + message.clock.nanosec / 1e9, True
+            self._now, self._has_clock = _seconds(message.clock), True
         if not self._has_clock:
             self._now = time.time()
         for message in (*self._static.take(), *self._tf.take()):
             for each in message.transforms:
-                at = each.transform.translation
+                at, child = each.transform.translation, each.child_frame_id.strip("/")
                 pose = (at.x, at.y, _yaw(each.transform.rotation))
-                self._links[each.child_frame_id.strip("/")] = (each.header.frame_id.strip("/"), pose)
-                if self._options.robot is None and self._moves_robot(each.child_frame_id):
-                    self._from_transforms(each.header.stamp.sec + each.header.stamp.nanosec / 1e9)
+                self._links[child] = (each.header.frame_id.strip("/"), pose)
+                if options.robot is None and child in (options.base_frame, options.footprint_frame):
+                    self._from_transforms(_seconds(each.header.stamp))
         for message in self._robot.take():
             twist = message.twist.twist
             self._velocity = (twist.linear.x, twist.angular.z, twist.linear.y)
-            if self._options.robot is not None:
+            if options.robot is not None:
                 place = message.pose.pose
-                stamp = message.header.stamp.sec + message.header.stamp.nanosec / 1e9
                 pose = (place.position.x, place.position.y, _yaw(place.orientation))
-                self._row(stamp, pose, self._options.robot_frame == "map")
-        self._listen_to_people()
-
-    def _listen_to_people(self) -> None:
-        """Subscribe to the people as soon as somebody publishes them, and take over what arrived."""
-        if self._people is None:
-            kinds = {writer.type_name for writer in self._bus.graph().publishers(self._options.people)}
-            wanted = {"hunav": AGENTS, "people": PEOPLE}.get(self._options.people_type)
-            kind = wanted or next((name for name in (AGENTS, PEOPLE) if name in kinds), None)
-            if kind not in kinds:
+                self._row(_seconds(message.header.stamp), pose, options.robot_frame == "map")
+        if self._people is None:  # subscribe as soon as somebody publishes them
+            kinds = {writer.type_name for writer in self._bus.graph().publishers(options.people)}
+            wanted = {"hunav": (AGENTS,), "people": (PEOPLE,)}.get(options.people_type, (AGENTS, PEOPLE))
+            kind = next((name for name in wanted if name in kinds), None)
+            if kind is None:
                 return
-            self._people = self._bus.subscribe(self._options.people, kind, depth=QUEUE)
+            self._people_kind = kind
+            self._people = self._bus.subscribe(options.people, kind, depth=QUEUE)
         for message in self._people.take():
             self._hear_people(message)
-
-    def _moves_robot(self, child: str) -> bool:
-        return child.strip("/") in (self._options.base_frame, self._options.footprint_frame)
 
     def _from_transforms(self, stamp: float) -> None:
         frame, pose = self._options.base_frame, (0.0, 0.0, 0.0)
@@ -141,12 +129,12 @@ class Recorder:
             if frame not in self._links:
                 return
             frame, link = self._links[frame]
-            pose = _composed(link, pose)
+            pose = composed(link, pose)
             if frame == self._options.map_frame:
                 self._row(stamp, pose, True)
                 return
 
-    def _row(self, stamp: float, pose: tuple[float, float, float], in_map: bool) -> None:
+    def _row(self, stamp: float, pose: Pose2D, in_map: bool) -> None:
         self._heard = time.monotonic()
         if self._rows and stamp < self._rows[-1][0] + 0.9 * ROW_S:
             return
@@ -154,22 +142,21 @@ class Recorder:
         self._rows.append((stamp, pose[0] + dx, pose[1] + dy, pose[2], *self._velocity))
 
     def _hear_people(self, message: Any) -> None:
-        stamp = message.header.stamp.sec + message.header.stamp.nanosec / 1e9 or self._now
+        stamp = _seconds(message.header.stamp) or self._now
         dx, dy = self._offset if self._options.people_frame == "map" else (0.0, 0.0)
-        for each in getattr(message, "agents", None) or getattr(message, "people", []):
-            if getattr(each, "type", 1) == ROBOT:
-                continue
-            if each.name not in self._humans:
-                self._others.add(each.name)
-                continue
-            if hasattr(each, "yaw"):
-                row = (each.position.position.x, each.position.position.y, each.yaw, each.linear_vel)
+        for each in message.agents if self._people_kind == AGENTS else message.people:
+            if self._people_kind == AGENTS:
+                if each.type == ROBOT:
+                    continue
+                place, yaw, speed = each.position.position, each.yaw, each.linear_vel
             else:
-                speed = math.hypot(each.velocity.x, each.velocity.y)
-                row = (each.position.x, each.position.y, math.atan2(each.velocity.y, each.velocity.x), speed)
-            rows = self._humans[each.name]
-            if not rows or stamp > rows[-1][0]:
-                rows.append((stamp, row[0] + dx, row[1] + dy, float(row[2]), float(row[3])))
+                place, vx, vy = each.position, each.velocity.x, each.velocity.y
+                yaw, speed = math.atan2(vy, vx), math.hypot(vx, vy)
+            rows = self._humans.get(each.name)
+            if rows is None:
+                self._others.add(each.name)
+            elif not rows or stamp > rows[-1][0]:
+                rows.append((stamp, place.x + dx, place.y + dy, float(yaw), float(speed)))
 
     def trajectories(self, route: Route) -> tuple[Trajectory, Trajectory]:
         """Return the trajectory and its rows every 0.5 s; times since the goal was accepted, to the time limit."""
@@ -179,81 +166,42 @@ class Recorder:
         rows = rows[rows[:, 0] <= route.time_limit_s + 1.0]
         if not np.isfinite(rows).all():
             raise SimulationError("The world reports a pose of the robot that is not finite.")
-        t, v, w = rows[:, 0], rows[:, 4], rows[:, 5]
+        t, x, y, yaw, v, w, lateral = (column.copy() for column in rows.T)
         change = np.gradient(v, t) if len(t) > 1 else np.zeros(len(t))
-        humans = [self._person(name, t) for name in self._names]
-        parts = [np.stack([each[k] for each in humans], 1) if humans else np.empty((len(t), 0)) for k in range(4)]
+        humans = np.zeros((4, len(t), len(self._names)))
+        for k, name in enumerate(self._names):  # interpolated between messages
+            at, px, py, turned, speed = np.array(self._humans[name], np.float64).T
+            at -= self._begin
+            heading = np.interp(t, at, np.unwrap(turned))
+            humans[0, :, k], humans[1, :, k] = np.interp(t, at, px), np.interp(t, at, py)
+            humans[2, :, k] = np.arctan2(np.sin(heading), np.cos(heading))
+            humans[3, :, k] = np.abs(np.interp(t, at, speed))
         path = Trajectory(
-            t=t, x=rows[:, 1].copy(), y=rows[:, 2].copy(), yaw=rows[:, 3].copy(), v=v.copy(), omega=w.copy(),
-            acceleration=np.hypot(change, v * w), human_x=parts[0], human_y=parts[1], human_yaw=parts[2],
-            human_speed=parts[3],
-            lateral=rows[:, 6].copy() if np.abs(rows[:, 6]).max() > SIDEWAYS_M_S else np.empty(0),
+            t=t, x=x, y=y, yaw=yaw, v=v, omega=w, acceleration=np.hypot(change, v * w),
+            human_x=humans[0], human_y=humans[1], human_yaw=humans[2], human_speed=humans[3],
+            lateral=lateral if np.abs(lateral).max() > SIDEWAYS_M_S else np.empty(0),
         )  # fmt: skip
         marks = np.unique(np.append(np.searchsorted(t, np.arange(0.0, t[-1], LOG_S)), len(t) - 1))
-        log = path.at(marks)
-        return path, log
-
-    def _person(self, name: str, t: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return x, y, yaw and speed of a person at the robot's times, interpolated between messages."""
-        rows = np.array(self._humans[name], np.float64)
-        at = rows[:, 0] - (self._begin or 0.0)
-        x, y, speed = (np.interp(t, at, rows[:, k]) for k in (1, 2, 4))
-        yaw = np.interp(t, at, np.unwrap(rows[:, 3]))
-        return x, y, np.arctan2(np.sin(yaw), np.cos(yaw)), np.abs(speed)
-
-
-def goal_of(client: ActionClient, route: Route, world: World, frame: str) -> Any:
-    """Return the goal of a route, in the map frame."""
-    goal = client.new_goal()
-    dx, dy = world.map_offset
-    poses = []
-    for place in (*route.through, route.goal):
-        pose = client.types["geometry_msgs/msg/PoseStamped"]()
-        pose.header.frame_id = frame
-        pose.pose.position.x, pose.pose.position.y = float(place.x - dx), float(place.y - dy)
-        pose.pose.orientation.z, pose.pose.orientation.w = math.sin(place.yaw / 2), math.cos(place.yaw / 2)
-        poses.append(pose)
-    if hasattr(goal, "pose"):
-        goal.pose = poses[-1]
-    elif isinstance(goal.poses, list):
-        goal.poses = poses
-    else:
-        goal.poses.goals = poses
-    return goal
+        return path, path.at(marks)
 
 
 def _yaw(turn: Any) -> float:
     return math.atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2))
 
 
-def _composed(a: tuple[float, float, float], b: tuple[float, float, float]) -> tuple[float, float, float]:
-    cos, sin = math.cos(a[2]), math.sin(a[2])
-    return a[0] + cos * b[0] - sin * b[1], a[1] + sin * b[0] + cos * b[1], a[2] + b[2]
+def _seconds(stamp: Any) -> float:
+    return float(stamp.sec + stamp.nanosec / 1e9)
 
 
 NAME = "ros2-world"
 VERSION = 1
+HUNAV_TYPES = definitions("hunav_msgs")
 FLAT_HUNAV_TYPES = {
-    "hunav_msgs/msg/Agent": """int32 id
-uint8 type
-uint8 skin
-uint8 behavior
-string name
-uint8 behavior_state
-int8 group_id
-geometry_msgs/Pose position
-float32 yaw
-geometry_msgs/Twist velocity
-float32 desired_velocity
-float32 radius
-float32 linear_vel
-float32 angular_vel
-geometry_msgs/Pose[] goals
-bool cyclic_goals
-float32 goal_radius
-geometry_msgs/Point[] closest_obs
-""",
-    "hunav_msgs/msg/Agents": HUNAV_TYPES["hunav_msgs/msg/Agents"],
+    **HUNAV_TYPES,
+    "hunav_msgs/msg/Agent": HUNAV_TYPES["hunav_msgs/msg/Agent"]
+    .replace("std_msgs/Header header\n", "")
+    .replace("string name\n", "uint8 behavior\nstring name\nuint8 behavior_state\n")
+    .replace("hunav_msgs/AgentBehavior behavior\n", ""),
 }
 """The messages of the first releases of HuNavSim, which go with the `flat` dialect of agents files."""
 TURN_LIMIT_S = 3600.0
@@ -288,7 +236,7 @@ class Ros2World(Simulator):
 
     def __init__(self, **options: Any) -> None:
         self._options = checked(options, WorldOptions, f"simulator {NAME}")
-        self._tell: Callable[[str], None] = lambda _: None
+        self._tell: Callable[[str], None] = ignore
 
     @property
     def any_robot(self) -> bool:
@@ -314,7 +262,7 @@ class Ros2World(Simulator):
         return {"_options": self._options}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self._options, self._tell = state["_options"], lambda _: None
+        self._options, self._tell = state["_options"], ignore
 
     def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
         """Make one run.
@@ -396,23 +344,19 @@ class Ros2World(Simulator):
     ) -> tuple[Outcome, dict[str, Any]]:
         """Send the goal and record until it ends; return how, and the fault where there is one."""
         route, limit = scenario.mission.route, self._options.answer_limit_s
-        until = time.monotonic() + limit
-        while not client.is_matched and time.monotonic() < until:
-            _wait()
-        client.send_goal(goal_of(client, route, world, self._options.map_frame))
-        while client.accepted is None:
+        dx, dy = world.map_offset
+
+        def pump() -> None:
             recorder.listen()
-            client.poll()
-            if time.monotonic() > until + limit:
-                raise SimulationError(f"The action {client.name} did not answer the goal.")
             time.sleep(_STEP_S)
-        if not client.accepted:
-            raise SimulationError(f"The action {client.name} rejected the goal.")
+
+        session.send_goal(client, [(at.x - dx, at.y - dy, at.yaw) for at in (*route.through, route.goal)], pump)
         recorder.begin()
         while True:
             recorder.listen()
             client.poll()
-            recorder.feedback(client.feedback)
+            if client.feedback is not None:
+                recorder.recoveries = max(recorder.recoveries, int(client.feedback.number_of_recoveries))
             if client.status is not None:
                 return (Outcome.REACHED if client.status == SUCCEEDED else Outcome.ABORTED), {}
             if recorder.t > route.time_limit_s:

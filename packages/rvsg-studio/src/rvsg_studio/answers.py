@@ -39,7 +39,7 @@ from rvsg_studio.scenario_editor import (
     try_out,
     with_person,
 )
-from rvsg_studio.workspace import Workspace
+from rvsg_studio.workspace import Workspace, read_json
 from rvsg_studio.world_editor import History, editable_world, remarks_on
 
 Answer = Callable[[Workspace, dict[str, Any]], Any]
@@ -91,8 +91,7 @@ def world(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
 
 def world_check(workspace: Workspace, given: dict[str, Any]) -> list[dict[str, Any]]:
     """Return what the check finds in a world."""
-    place = world_place(workspace, given)
-    return remarks_on(place, trial=trial_of() if given.get("drive") else None)
+    return remarks_on(world_place(workspace, given), trial=trial_of() if given.get("drive") else None)
 
 
 def world_edit(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
@@ -105,25 +104,21 @@ def world_edit(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     return world(workspace, given)
 
 
-def world_undo(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
-    """Undo the last change of a world and return the world as it is then."""
-    with _editing:
-        history_of(workspace, given).undo()
-    return world(workspace, given)
+def _world_step(step: Callable[[History], None]) -> Answer:
+    """Return the answer that undoes or makes again the last change of a world."""
 
+    def answer(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+        with _editing:
+            step(history_of(workspace, given))
+        return world(workspace, given)
 
-def world_redo(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
-    """Make the change again that was undone last, and return the world as it is then."""
-    with _editing:
-        history_of(workspace, given).redo()
-    return world(workspace, given)
+    return answer
 
 
 def world_drive(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     """Drive a route with nobody about and return how it went."""
     loaded = rvsg.load_world(world_place(workspace, given))
-    drive = trial_of().drive(loaded, loaded.route(text_of(given, "route")))
-    return drive.model_dump(mode="json")
+    return trial_of().drive(loaded, loaded.route(text_of(given, "route"))).model_dump(mode="json")
 
 
 def history_of(workspace: Workspace, given: dict[str, Any]) -> History:
@@ -136,8 +131,7 @@ def scenario(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     """Return what the editor of a scenario shows: of an attempt, a case of a suite, a file, or a route of a world."""
     loaded, place, simulator = scenario_place(workspace, given)
     draft = draft_of(workspace, given)
-    kept = json.loads(draft.read_text(encoding="utf-8")) if draft.is_file() else None
-    names = {waypoint.name for waypoint in place.grid.waypoints if waypoint.human}
+    kept = read_json(draft, None)
     return {
         "scenario": kept or loaded.model_dump(mode="json"),
         "original": loaded.model_dump(mode="json"),
@@ -145,7 +139,7 @@ def scenario(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
         "simulator": simulator.name,
         "floor": floor_of(place),
         "title": place.title,
-        "waypoints": [[w.name, w.x, w.y] for w in place.grid.waypoints if w.name in names],
+        "waypoints": [[w.name, w.x, w.y] for w in place.grid.waypoints if w.human],
         "requirements": {name: each.title for name, each in shipped_requirements().items()},
         "behaviours": list(BEHAVIOURS),
     }
@@ -186,13 +180,11 @@ def scenario_try(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     """Simulate the scenario as it stands in the editor."""
     wanted, place, simulator, requirement = _asked(workspace, given)
     if given.get("stops"):
-        stops = [str(stop) for stop in given["stops"]]
-        wanted = with_person(wanted, place, stops)
+        wanted = with_person(wanted, place, [str(stop) for stop in given["stops"]])
     seeds = range(min(MOST_SEEDS, max(1, number_of(given, "seeds"))))
     tried = try_out(wanted, place, requirement, seeds=seeds, simulator=simulator)
-    unit = requirement.unit
-    limit = requirement.threshold
-    return tried.model_dump(mode="json") | {"unit": unit, "limit": limit, "requirement": requirement.name}
+    more = {"unit": requirement.unit, "limit": requirement.threshold, "requirement": requirement.name}
+    return tried.model_dump(mode="json") | more
 
 
 def scenario_keep(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
@@ -306,8 +298,8 @@ ANSWERS: dict[str, Answer] = {
 """Questions by their address below `/data/`: they change nothing."""
 CHANGES: dict[str, Answer] = {
     "world-edit": world_edit,
-    "world-undo": world_undo,
-    "world-redo": world_redo,
+    "world-undo": _world_step(History.undo),
+    "world-redo": _world_step(History.redo),
     "world-drive": world_drive,
     "scenario-try": scenario_try,
     "scenario-keep": scenario_keep,
@@ -330,7 +322,7 @@ def names(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     if job is None:
         return told
     areas = {area.name for area in rvsg.load_world(world_place(workspace, given)).areas}
-    dropped = json.loads((job.folder / DROPPED).read_text(encoding="utf-8")) if (job.folder / DROPPED).exists() else []
+    dropped = read_json(job.folder / DROPPED, [])
     left = [
         each
         for each in job.result.get("names", [])
@@ -363,8 +355,7 @@ def drop(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     job = workspace.jobs.of(_target(text_of(given, "world")))
     if job is not None:
         path = job.folder / DROPPED
-        dropped = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
-        write_whole(path, json.dumps(sorted({*dropped, text_of(given, "area")})))
+        write_whole(path, json.dumps(sorted({*read_json(path, []), text_of(given, "area")})))
     return names(workspace, given)
 
 

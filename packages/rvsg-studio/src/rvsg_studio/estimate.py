@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 from rvsg.app.matrix import Matrix
+from rvsg.app.proposal import propose
 from rvsg.app.settings import LISTED, CampaignConfig, effective
 from rvsg.app.wiring import Wired, jobs_of, wire
 from rvsg.core.errors import InputError
@@ -36,18 +37,15 @@ class Estimate(Record):
 def estimate(
     config: CampaignConfig,
     earlier: Iterable[FoundCampaign] = (),
-    *,
-    paths: Mapping[str, str] | None = None,
-    on_message: Callable[[str], None] = ignore,
 ) -> Estimate:
     """Estimate a campaign by simulating its mission a few times, and by what calls of its model took earlier.
 
     Raises:
         InputError: a setting cannot be used.
     """
-    wired = wire(config, dict(paths or {}))
+    wired = wire(config)
     plan, jobs = wired.plan, jobs_of(config)
-    run_s = _run_s(wired, on_message)
+    run_s = _run_s(wired)
     runs_s = plan.runs * run_s / jobs
     if config.generator_name != "vlm" or config.replay is not None:
         return Estimate(runs=plan.runs, proposals=plan.attempts, minutes=runs_s / 60, usd=0.0, run_s=run_s, jobs=jobs)
@@ -94,14 +92,12 @@ def estimate_all(matrix: Matrix, earlier: Sequence[FoundCampaign] = ()) -> Estim
 _known: dict[str, float] = {}
 
 
-def _run_s(wired: Wired, on_message: Callable[[str], None]) -> float:
+def _run_s(wired: Wired) -> float:
     """Return the seconds that a run of a scenario of this size takes here."""
-    from rvsg.app.proposal import propose
-
     plan, simulator = wired.plan, wired.simulator
     key = canonical_json([plan.mission.id, simulator.name, dict(simulator.options), plan.humans])
     if key not in _known:
-        simulator.prepare(on_message)
+        simulator.prepare(ignore)
         proposal = propose(wired.world, plan.mission.route, plan.requirement, humans=plan.humans, seed=0)
         scenario = proposal.scenario
         if scenario is None:

@@ -7,9 +7,9 @@ where everything in it is escaped.
 from __future__ import annotations
 
 import contextlib
-import html
+import functools
 import json
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterable, Iterator
 from typing import Any
 from urllib.parse import urlencode
 
@@ -56,12 +56,9 @@ def tag(name: str, text: str = "", *, cls: str = "", **attributes: Any) -> Tag:
     return element
 
 
-def svg(markup: str, **attributes: Any) -> Any:
+def svg(markup: str) -> None:
     """Add SVG made by `rvsg.app`, whose words are escaped there."""
-    element = ui.html(markup, sanitize=False)
-    for key, value in attributes.items():
-        element._props[key.replace("_", "-")] = value
-    return element
+    ui.html(markup, sanitize=False)
 
 
 def link(text: str, path: str, *, cls: str = "", **query: Any) -> Tag:
@@ -151,12 +148,55 @@ async def load(work: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
     return await run.io_bound(work, *arguments, **named)
 
 
-def problem(workspace: Workspace, title: str, error: Exception) -> None:
-    """Lay out a page that says why something cannot be shown."""
-    with page(workspace, title):
-        tag("p", str(error), cls="st-message st-wrong")
-        tag("p").classes("soft")
-        link("Back to the overview", "/")
+Built = Callable[..., Awaitable[None]]
+
+
+def route(workspace: Workspace, path: str, title: str, *, patience_s: float = 60.0) -> Callable[[Built], Built]:
+    """Decorate the function that lays out the page at a path.
+
+    An error of RVSG that it raises before anything is laid out becomes a page that says why there is nothing to show.
+    """
+
+    def add(build: Built) -> Built:
+        @ui.page(path, response_timeout=patience_s)
+        @functools.wraps(build)
+        async def shown(**given: Any) -> None:
+            try:
+                await build(**given)
+            except RvsgError as error:
+                with page(workspace, title):
+                    tag("p", str(error), cls="st-message st-wrong")
+                    tag("p", cls="soft")
+                    link("Back to the overview", "/")
+
+        return shown
+
+    return add
+
+
+@contextlib.contextmanager
+def section(title: str, name: str) -> Iterator[None]:
+    """Lay out a part of a page under a heading, whose id is `name`."""
+    with tag("section", aria_labelledby=name):
+        tag("h2", title, id=name)
+        yield
+
+
+@contextlib.contextmanager
+def table(columns: Iterable[str], *, label: str = "", cls: str = "st-plain", **attributes: Any) -> Iterator[None]:
+    """Lay out a table with these headings; its rows are the content. A long one has a label and scrolls."""
+    region = {"tabindex": "0", "role": "region", "aria_label": label} if label else {}
+    with tag("div", cls="scroll", **region), tag("table", cls=cls, **attributes):
+        with tag("thead"), tag("tr"):
+            for column in columns:
+                tag("th", column, scope="col") if column else tag("td", "")
+        with tag("tbody"):
+            yield
+
+
+def actions() -> Tag:
+    """Add a line for buttons; use it as a context."""
+    return tag("p", cls="st-actions")
 
 
 def chip(status: str, *, bad: bool = False, good: bool = False) -> Tag:
@@ -177,33 +217,44 @@ def field(label: str, *, help: str = "") -> Any:
 Changed = Callable[[str], Any]
 
 
-def text_input(value: Any, changed: Changed | None = None, *, kind: str = "text", **attributes: Any) -> Tag:
+def text_input(value: Any, changed: Changed, *, kind: str = "text", **attributes: Any) -> Tag:
     """Add an input; `changed` gets its text with every keystroke."""
     made = tag("input", type=kind, **attributes)
     made._props["^value"] = "" if value is None else str(value)
-    if changed is not None:
-        made.on("input", lambda event: changed(str(event.args)), js_handler="(e) => emit(e.target.value)")
+    made.on("input", lambda event: changed(str(event.args)), js_handler="(e) => emit(e.target.value)")
     return made
 
 
-def select(options: dict[str, str], value: str | None, changed: Changed | None = None, **attributes: Any) -> Tag:
-    """Add a list to choose from: value and text of each option."""
+def number_input(value: Any, changed: Callable[[Any], Any], kind: type = int, **attributes: Any) -> Tag:
+    """Add an input for a number from 0 on; `changed` gets each whole one, and None where it is empty."""
+
+    def typed(text: str) -> None:
+        with contextlib.suppress(ValueError):  # an unfinished number, e.g. "-"
+            changed(kind(text) if text else None)
+
+    return text_input(value, typed, kind="number", min="0", **attributes)
+
+
+def text_area(value: str, changed: Changed, **attributes: Any) -> Tag:
+    """Add an input of several lines; `changed` gets its text with every keystroke."""
+    made = tag("textarea", value, **attributes)
+    made.on("input", lambda event: changed(str(event.args)), js_handler="(e) => emit(e.target.value)")
+    return made
+
+
+def select(options: Iterable[str], value: str | None, changed: Changed, **attributes: Any) -> Tag:
+    """Add a list to choose from: the names of the options, or a dictionary of their names and texts."""
+    texts = options if isinstance(options, dict) else {name: name for name in options}
     made = tag("select", **attributes)
     with made:
-        for key, text in options.items():
+        for key, text in texts.items():
             option = tag("option", text, value=key)
             if key == value:
                 option._props["^selected"] = "selected"
-    if changed is not None:
-        made.on("change", lambda event: changed(str(event.args)), js_handler="(e) => emit(e.target.value)")
+    made.on("change", lambda event: changed(str(event.args)), js_handler="(e) => emit(e.target.value)")
     return made
 
 
 def as_script(text: str) -> str:
     """Return text as a literal of JavaScript that may stand in a page."""
     return json.dumps(text).replace("<", "\\u003c")
-
-
-def escape(text: str) -> str:
-    """Return text that may stand in markup."""
-    return html.escape(text, quote=True)

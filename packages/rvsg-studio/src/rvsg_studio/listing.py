@@ -2,29 +2,32 @@
 
 from __future__ import annotations
 
-import json
+import contextlib
 import os
 import re
 import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Self
+from typing import Literal
 
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 
-from rvsg.app.campaign import campaigns_in
+from rvsg.app.campaign import Campaign, campaigns_in
 from rvsg.app.folder import LEDGER, STORE
 from rvsg.app.suites import HEAD
+from rvsg.campaign.execution import calls_of
+from rvsg.campaign.ranking import confirmations, search_attempts
 from rvsg.core.errors import RvsgError
 from rvsg.core.files import write_whole
 from rvsg.core.records import Record
+from rvsg.evaluation.verdict import violated
+from rvsg.report.summary import summarise, tried_of
 
 DEEPEST = 6
 """Levels of folders below the one that is listed."""
 MOST_FOLDERS = 20_000
 SKIPPED = ("node_modules", "__pycache__")
-FORMAT = 3
 SAVE_EVERY_S = 5.0
 _RESULTS = re.compile(rb'\s*\{\s*"suite"\s*:')
 
@@ -64,15 +67,17 @@ class FoundCampaign(Record):
     """When its ledger changed last, seconds since 1970."""
     findings: tuple[FoundFinding, ...] = ()
     problem: str = ""
-
     unread: bool = False
     """Whether it is still to be read; what is known of it may be old, or its folder alone."""
 
     @property
+    def violations(self) -> int:
+        """How many confirmations violate the requirement."""
+        return sum(finding.violated for finding in self.findings)
+
+    @property
     def tried(self) -> str:
         """How many configurations were tried, of how many."""
-        from rvsg.report.summary import tried_of
-
         return tried_of(self.attempts, self.planned)
 
 
@@ -91,6 +96,20 @@ class Listing(Record):
         return sum(campaign.unread for campaign in self.campaigns)
 
 
+class _Kept(Record):
+    """The campaigns of a store as they were when its files had this stamp (name, change in ns, bytes)."""
+
+    stamp: tuple[tuple[str, int, int], ...]
+    campaigns: tuple[FoundCampaign, ...]
+
+
+class _Index(Record):
+    """What was read of each store, kept between two sessions."""
+
+    format: Literal[4] = 4
+    stores: dict[str, _Kept] = Field(default_factory=dict)
+
+
 class Lister:
     """Lists a folder of work. A campaign is read again only when its ledger has changed.
 
@@ -107,7 +126,10 @@ class Lister:
         self._reading = threading.Lock()
         """Held while stores are read, so that none is read twice."""
         self._background: threading.Thread | None = None
-        self._known: dict[str, _Kept] = _read_cache(cache) if cache is not None else {}
+        self._known: dict[str, _Kept] = {}
+        if cache is not None:
+            with contextlib.suppress(OSError, ValidationError):  # missing, damaged, of another version: only a cache
+                self._known = _Index.model_validate_json(cache.read_bytes()).stores
 
     def listing(self, *, wait: bool = True) -> Listing:
         """Return what lies in the folder now.
@@ -116,24 +138,11 @@ class Lister:
             wait: read every campaign that has changed first. Without it they are read in the background, and what is
                 known of them by then is marked as `unread`.
         """
-        worlds, stores, suites, cut = self._scan()
-        self._forget(stores)
-        if wait:
-            self._read_changed(stores)
-        elif any(self._changed(place) for place in stores):
-            self._begin(stores)
-        campaigns = [each for place in stores for each in self._campaigns(place)]
-        newest_first = sorted(campaigns, key=lambda each: (-each.changed_s, each.folder))
-        return Listing(
-            worlds=tuple(sorted(worlds)), campaigns=tuple(newest_first), suites=tuple(sorted(suites)), cut=cut
-        )
-
-    def _scan(self) -> tuple[list[str], list[str], list[str], bool]:
-        """Return the folders of worlds, stores and suites, and whether there are too many folders."""
         worlds, stores, suites = list[str](), list[str](), list[str]()
+        cut = False
         for count, (path, names) in enumerate(_folders(self.folder)):
-            if count >= MOST_FOLDERS:
-                return worlds, stores, suites, True
+            if cut := count >= MOST_FOLDERS:
+                break
             place = path.relative_to(self.folder).as_posix()
             if "world.yaml" in names:
                 worlds.append(place)
@@ -141,7 +150,24 @@ class Lister:
                 suites.append(place)
             if LEDGER in names or STORE in names:
                 stores.append(place)
-        return worlds, stores, suites, False
+        with self._lock:
+            gone = set(self._known).difference(stores)
+            for place in gone:
+                del self._known[place]
+        if gone:
+            self._save()
+        if wait:
+            self._read_changed(stores)
+        elif any(self._changed(place) for place in stores):
+            with self._lock:
+                if self._background is None or not self._background.is_alive():
+                    self._background = threading.Thread(target=self._read_changed, args=(stores,), daemon=True)
+                    self._background.start()
+        campaigns = [each for place in stores for each in self._campaigns(place)]
+        newest_first = sorted(campaigns, key=lambda each: (-each.changed_s, each.folder))
+        return Listing(
+            worlds=tuple(sorted(worlds)), campaigns=tuple(newest_first), suites=tuple(sorted(suites)), cut=cut
+        )
 
     def _changed(self, place: str) -> bool:
         known = self._known.get(place)
@@ -151,18 +177,10 @@ class Lister:
         """Return what is known of a store, marked where that is old."""
         known = self._known.get(place)
         if known is None:
-            return (FoundCampaign(folder=place, name="", unread=True, changed_s=_changed_s(self.folder / place)),)
-        if known.stamp == _stamp(self.folder / place):
+            return (FoundCampaign(folder=place, unread=True, changed_s=_changed_s(self.folder / place)),)
+        if not self._changed(place):
             return known.campaigns
         return tuple(each.model_copy(update={"unread": True}) for each in known.campaigns)
-
-    def _begin(self, stores: list[str]) -> None:
-        """Read in the background, unless that is under way."""
-        with self._lock:
-            if self._background is not None and self._background.is_alive():
-                return
-            self._background = threading.Thread(target=self._read_changed, args=(stores,), daemon=True)
-            self._background.start()
 
     def _read_changed(self, stores: list[str]) -> None:
         saved = time.monotonic()
@@ -179,43 +197,11 @@ class Lister:
             if changed:
                 self._save()
 
-    def _forget(self, stores: list[str]) -> None:
-        with self._lock:
-            gone = set(self._known).difference(stores)
-            for place in gone:
-                del self._known[place]
-        if gone:
-            self._save()
-
     def _save(self) -> None:
-        if self._cache is None:
-            return
-        with self._lock:
-            kept = {place: each.model_dump(mode="json") for place, each in self._known.items()}
-        self._cache.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(self._cache, json.dumps({"format": FORMAT, "stores": kept}))
-
-
-class _Kept(Record):
-    """The campaigns of a store as they were when its files had this stamp (name, change in ns, bytes)."""
-
-    stamp: tuple[tuple[str, int, int], ...]
-    campaigns: tuple[FoundCampaign, ...]
-
-    @classmethod
-    def of(cls, value: Any) -> Self:
-        return cls.model_validate_json(json.dumps(value))
-
-
-def _read_cache(path: Path) -> dict[str, _Kept]:
-    """Return what was kept; nothing if the file is missing, cut off or of another version: it is only a cache."""
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-        if found["format"] != FORMAT:
-            return {}
-        return {place: _Kept.of(value) for place, value in found["stores"].items()}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, ValidationError):
-        return {}
+        if self._cache is not None:
+            with self._lock:
+                text = _Index(stores=dict(self._known)).model_dump_json()
+            write_whole(self._cache, text)
 
 
 def suite_results_in(folder: Path, *, most: int = 200) -> tuple[str, ...]:
@@ -241,12 +227,9 @@ def _folders(top: Path) -> Iterator[tuple[Path, frozenset[str]]]:
         here = Path(path)
         depth = len(here.relative_to(top).parts)
         inside = LEDGER in files or "world.yaml" in files
-        folders[:] = [] if depth >= DEEPEST or inside else sorted(f for f in folders if _is_listed(f))
+        listed = sorted(each for each in folders if not each.startswith(".") and each not in SKIPPED)
+        folders[:] = [] if depth >= DEEPEST or inside else listed
         yield here, frozenset(files)
-
-
-def _is_listed(name: str) -> bool:
-    return not name.startswith(".") and name not in SKIPPED
 
 
 def _stamp(folder: Path) -> tuple[tuple[str, int, int], ...]:
@@ -277,15 +260,12 @@ def _changed_s(folder: Path) -> float:
     return max((path.stat().st_mtime for path in folder.glob("ledger.*") if path.exists()), default=0.0)
 
 
-def _found(campaign: Any, place: str, changed: float) -> FoundCampaign:
-    from rvsg.campaign.execution import calls_of
-    from rvsg.campaign.ranking import search_attempts
-    from rvsg.report.summary import summarise
-
+def _found(campaign: Campaign, place: str, changed: float) -> FoundCampaign:
     attempts = campaign.attempts()
     summary = summarise(campaign.plan, attempts)
     account = summary.accounting
     calls = calls_of(search_attempts(attempts))
+    confirmed = [(each, each.verdict, each.proposal.scenario) for each in confirmations(attempts)]
     return FoundCampaign(
         folder=place,
         name=campaign.name,
@@ -303,23 +283,16 @@ def _found(campaign: Any, place: str, changed: float) -> FoundCampaign:
         cost_usd=account.cost_usd,
         violated=summary.violated,
         changed_s=changed,
-        findings=tuple(_confirmations(attempts)),
+        findings=tuple(
+            FoundFinding(
+                attempt=attempt.index,
+                status=verdict.status.value,
+                violated=violated(verdict),
+                violations=verdict.violations,
+                runs=verdict.runs,
+                description=scenario.description,
+            )
+            for attempt, verdict, scenario in confirmed
+            if verdict is not None and scenario is not None
+        ),
     )
-
-
-def _confirmations(attempts: list[Any]) -> Iterator[FoundFinding]:
-    from rvsg.campaign.ranking import confirmations
-    from rvsg.evaluation.verdict import violated
-
-    for attempt in confirmations(attempts):
-        verdict, scenario = attempt.verdict, attempt.proposal.scenario
-        if verdict is None or scenario is None:
-            continue
-        yield FoundFinding(
-            attempt=attempt.index,
-            status=verdict.status.value,
-            violated=violated(verdict),
-            violations=verdict.violations,
-            runs=verdict.runs,
-            description=scenario.description,
-        )

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import hashlib
 import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any, Literal
@@ -15,11 +17,11 @@ from pydantic import BaseModel, ValidationError
 
 import rvsg
 from rvsg.app.campaign import Campaign
+from rvsg.campaign.attempt import Attempt
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
-from rvsg.core.records import Record
 from rvsg.generation.environment import description_of
-from rvsg.generation.generator import Proposal
+from rvsg.generation.generator import Call
 from rvsg.generation.vlm.recording import PICTURES, RecordedCall, Recording
 from rvsg.world.areas import unknown_areas
 from rvsg.world.world import Description, World
@@ -216,51 +218,52 @@ def difference(before: str, after: str) -> list[tuple[Literal["same", "removed",
 LONGEST_DIGEST = 128
 
 
-class Turn(Record):
+@dataclass(frozen=True)
+class Turn:
     """One call of a model: what was new in what it was given, and what it answered."""
 
-    key: str
-    purpose: str
-    model: str
+    call: Call
+    answer: str = ""
+    """Empty where the call was not recorded."""
     given: tuple[tuple[str, str], ...] = ()
     """Role and text of each message that the call before did not hold."""
     pictures: tuple[str, ...] = ()
     """The pictures shown in it that are kept, by digest."""
     lost_pictures: int = 0
     """Pictures shown in it that the record does not hold, as in recordings that ship with RVSG."""
-    answer: str = ""
-    error: str = ""
-    input_tokens: int = 0
-    output_tokens: int = 0
-    cost_usd: float | None = None
-    seconds: float = 0.0
 
 
-class Conversation(Record):
+@dataclass(frozen=True)
+class Conversation:
     """How one configuration came to be."""
 
-    attempt: int
-    scenario: int
-    configuration: int
-    generator: str
-    reasoning: str
-    description: str
-    valid: bool
-    findings: tuple[str, ...]
-    """What the checker said of the first answer."""
-    problems: tuple[str, ...]
-    """What was left at the end."""
-    repairs: tuple[str, ...]
-    corrections: int
-    cost_usd: float | None
-    calls: int
+    attempt: Attempt
     turns: tuple[Turn, ...]
-    """Empty where the calls were not recorded."""
+
+    @property
+    def cost_usd(self) -> float | None:
+        """What its calls cost together; None where that is not known."""
+        costs = [call.cost_usd for call in self.attempt.proposal.calls]
+        return None if None in costs else sum(cost for cost in costs if cost is not None)
+
+    @property
+    def sections(self) -> dict[str, tuple[str, ...]]:
+        """What there is to read of it besides its calls, by title."""
+        proposal = self.attempt.proposal
+        return {
+            "Reasoning": (proposal.reasoning,) if proposal.reasoning else (),
+            "The checker said of the first answer": tuple(str(finding) for finding in proposal.first_findings),
+            "Repaired": tuple(f"{repair.human}, {repair.task}: {repair.what}" for repair in proposal.repairs),
+            "Left at the end": tuple(str(finding) for finding in proposal.problems),
+        }
 
     def holds(self, words: str) -> bool:
         """Return whether a text stands anywhere in it, in whatever case."""
-        texts = [self.reasoning, self.description, *self.findings, *self.problems]
-        texts += [text for turn in self.turns for text in (turn.answer, turn.error, *(t for _, t in turn.given))]
+        scenario, sections = self.attempt.proposal.scenario, self.sections
+        texts = [scenario.description if scenario is not None else ""]
+        texts += [text for title, lines in sections.items() if title != "Repaired" for text in lines]
+        for turn in self.turns:
+            texts += [turn.answer, turn.call.error or "", *(text for _, text in turn.given)]
         return any(words.casefold() in text.casefold() for text in texts)
 
 
@@ -268,31 +271,8 @@ def conversations_of(campaign: Campaign) -> tuple[Conversation, ...]:
     """Return how each configuration of the search came to be, in order."""
     recording = recording_of(campaign)
     by_key = {} if recording is None else {call.key: call for call in recording}
-    found = []
-    for attempt in campaign.attempts():
-        if attempt.purpose != "search":
-            continue
-        proposal, brief = attempt.proposal, attempt.brief
-        costs = [call.cost_usd for call in proposal.calls]
-        found.append(
-            Conversation(
-                attempt=attempt.index,
-                scenario=brief.scenario_index,
-                configuration=brief.configuration_index,
-                generator=proposal.generator,
-                reasoning=proposal.reasoning,
-                description=proposal.scenario.description if proposal.scenario else "",
-                valid=proposal.scenario is not None,
-                findings=tuple(str(finding) for finding in proposal.first_findings),
-                problems=tuple(str(finding) for finding in proposal.problems),
-                repairs=tuple(f"{repair.human}, {repair.task}: {repair.what}" for repair in proposal.repairs),
-                corrections=proposal.corrections,
-                cost_usd=None if None in costs else sum(cost for cost in costs if cost is not None),
-                calls=len(proposal.calls),
-                turns=tuple(_turns(proposal, by_key, recording)),
-            )
-        )
-    return tuple(found)
+    found = [attempt for attempt in campaign.attempts() if attempt.purpose == "search"]
+    return tuple(Conversation(each, tuple(_turns(each.proposal.calls, by_key, recording))) for each in found)
 
 
 def recording_of(campaign: Campaign) -> Recording | None:
@@ -322,35 +302,21 @@ def _picture(recording: Recording, digest: str) -> Path:
     return recording.folder / PICTURES / f"{digest}.png"
 
 
-def _turns(proposal: Proposal, by_key: dict[str, RecordedCall], recording: Recording | None) -> list[Turn]:
-    turns: list[Turn] = []
+def _turns(calls: Iterable[Call], by_key: Mapping[str, RecordedCall], recording: Recording | None) -> Iterator[Turn]:
     known: set[str] = set()
-    for call in proposal.calls:
+    for call in calls:
         kept = by_key.get(call.recording or "")
-        given, pictures = [], []
-        if kept is not None and recording is not None:
-            for identity in kept.messages:
-                if identity not in known:
-                    message = recording.message(identity)
-                    given.append((message.role, message.text))
-                    pictures += [picture.digest for picture in message.pictures]
-            known.update(kept.messages)
-        shown = tuple(dict.fromkeys(pictures))
-        stored = tuple(each for each in shown if recording is not None and _picture(recording, each).is_file())
-        turns.append(
-            Turn(
-                key=call.recording or "",
-                purpose=call.purpose,
-                model=call.model,
-                given=tuple(given),
-                pictures=stored,
-                lost_pictures=len(shown) - len(stored),
-                answer=kept.answer.text if kept is not None and kept.answer is not None else "",
-                error=call.error or "",
-                input_tokens=call.input_tokens,
-                output_tokens=call.output_tokens,
-                cost_usd=call.cost_usd,
-                seconds=call.latency_s,
-            )
+        if kept is None or recording is None:
+            yield Turn(call)
+            continue
+        new = [recording.message(identity) for identity in kept.messages if identity not in known]
+        known.update(kept.messages)
+        shown = list(dict.fromkeys(picture.digest for message in new for picture in message.pictures))
+        stored = tuple(each for each in shown if _picture(recording, each).is_file())
+        yield Turn(
+            call,
+            answer=kept.answer.text if kept.answer is not None else "",
+            given=tuple((message.role, message.text) for message in new),
+            pictures=stored,
+            lost_pictures=len(shown) - len(stored),
         )
-    return turns

@@ -12,6 +12,7 @@ import threading
 import webbrowser
 from collections.abc import Awaitable, Callable, MutableMapping
 from http.cookies import CookieError, SimpleCookie
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qsl, urlencode
@@ -80,11 +81,11 @@ def _inner(workspace: Workspace) -> FastAPI:
     from nicegui import ui
 
     from rvsg_studio.data import add_data
-    from rvsg_studio.pages import add_pages
 
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     add_data(app, workspace)
-    add_pages(workspace)
+    for entry in sorted(entry_points(group="rvsg.pages")):
+        entry.load()(workspace)
     ui.run_with(
         app,
         title="RVSG studio",

@@ -12,7 +12,7 @@ from typing import Any
 
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
-from rvsg_studio.workspace import Workspace
+from rvsg_studio.workspace import Workspace, read_json
 
 KINDS = (".yaml", ".yml", ".pgm", ".png", ".bmp", ".sdf", ".world")
 """What a file for a world ends in."""
@@ -67,9 +67,7 @@ class Typed:
     @property
     def fields(self) -> dict[str, Any]:
         """What is kept, by field."""
-        if not self._path.is_file():
-            return {}
-        found: dict[str, Any] = json.loads(self._path.read_text(encoding="utf-8"))
+        found: dict[str, Any] = read_json(self._path, {})
         return found
 
     def keep(self, fields: Mapping[str, Any]) -> None:

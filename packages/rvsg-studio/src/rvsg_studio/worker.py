@@ -9,6 +9,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any, TextIO
@@ -61,10 +62,15 @@ class Work:
 
     def campaign(self) -> rvsg.Campaign:
         """Return the campaign that the job is about."""
-        return rvsg.Campaign.open(self.arguments["folder"], self.arguments.get("name"), **self._machine())
+        machine = {key: value for key, value in self.arguments.get("machine", {}).items() if value is not None}
+        return rvsg.Campaign.open(self.arguments["folder"], self.arguments.get("name"), **machine)
 
-    def _machine(self) -> dict[str, Any]:
-        return {key: value for key, value in self.arguments.get("machine", {}).items() if value is not None}
+    def judged_by(self) -> tuple[Any, Any]:
+        """Return requirement and simulator: those of the scenario's campaign, or the named ones."""
+        if self.arguments.get("folder") is None:
+            return self.arguments["requirement"], "embedded"
+        campaign = self.campaign()
+        return campaign.requirement, campaign.simulator
 
 
 def run_campaign(work: Work) -> dict[str, Any]:
@@ -73,7 +79,7 @@ def run_campaign(work: Work) -> dict[str, Any]:
     work.cancel = campaign.cancel
     if work.pausing:
         campaign.cancel()
-    for _ in campaign.run(observe=lambda event: tell_event(work, event)):
+    for _ in campaign.run(observe=partial(tell_event, work)):
         if work.pausing:
             campaign.cancel()
     summary = campaign.summary()
@@ -92,9 +98,9 @@ def run_matrix(work: Work) -> dict[str, Any]:
             campaign.cancel()
 
     work.cancel = cancel
+    failed = []
     if work.pausing:
         cancel()
-    failed = []
     for campaign, event in matrix.run(campaigns):
         if work.pausing:
             cancel()
@@ -114,27 +120,19 @@ def run_matrix(work: Work) -> dict[str, Any]:
 
 
 def tell_event(work: Work, event: Event, **where: str) -> None:
-    """Append what a page shows of an event of a campaign.
-
-    Args:
-        where: the folder of the campaign, where the job is about several.
-    """
-
-    def tell(kind: str, **facts: Any) -> None:
-        work.tell(kind, **facts, **where)
-
+    """Append what a page shows of an event of a campaign; `where` is its folder, where the job is about several."""
+    tell: Callable[..., None] = partial(work.tell, **where)
     match event:
         case Message():
             tell("message", text=event.text)
-        case Proposing():
-            brief = event.brief
+        case Proposing(brief=brief):
             tell("proposing", scenario=brief.scenario_index, configuration=brief.configuration_index)
         case ModelCall():
             tell_call(work, event.news, **where)
         case RunMade():
             tell("run", attempt=event.index, purpose=event.purpose)
-        case Attempted():
-            tell("attempt", attempt=event.attempt.index, purpose=event.attempt.purpose)
+        case Attempted(attempt=attempt):
+            tell("attempt", attempt=attempt.index, purpose=attempt.purpose)
         case Confirming():
             tell("confirming", number=event.number, of=event.of, runs=event.runs)
         case Explaining():
@@ -145,35 +143,30 @@ def confirm(work: Work) -> dict[str, Any]:
     """Confirm one more candidate of a campaign."""
     campaign = work.campaign()
     work.cancel = campaign.cancel
-    made = campaign.confirm(work.arguments["candidate"], observe=lambda event: tell_event(work, event))
+    made = campaign.confirm(work.arguments["candidate"], observe=partial(tell_event, work))
     campaign.report()
-    verdict = made.verdict
-    status = verdict.status.value if verdict else ""
-    return {"state": "finished", "attempt": made.index, "status": status, "reason": verdict.reason if verdict else ""}
+    return {"state": "finished", "attempt": made.index, "reason": made.verdict.reason if made.verdict else ""}
 
 
 def make_runs(work: Work) -> dict[str, Any]:
     """Simulate a scenario with seeds one after the other, judge the runs and write them to a file."""
     given = work.arguments
     scenario, world = load_scenario_in(given["scenario"])
-    requirement, simulator = _judged_by(work)
+    requirement, simulator = work.judged_by()
     first, count = given["seed"], given["repeats"]
     runs = rvsg.simulate(
         scenario, range(first, first + count), jobs=os.cpu_count() or 1, simulator=simulator, world=world,
         on_run=lambda run: work.tell("run", seed=run.seed), on_message=work.say,
     )  # fmt: skip
     write_whole(Path(given["out"]), runs_text(runs))
-    judged = rvsg.judge(runs, requirement)
-    verdict = judged.verdict
-    counts = {"violations": verdict.violations, "runs": verdict.runs}
-    return {"state": "finished", "out": given["out"], "status": verdict.status.value, "reason": str(judged), **counts}
+    return {"state": "finished", "out": given["out"], "reason": str(rvsg.judge(runs, requirement))}
 
 
 def shrink(work: Work) -> dict[str, Any]:
     """Find the smallest scenario that violates about as often, and write it to a file."""
     given = work.arguments
     scenario, world = load_scenario_in(given["scenario"])
-    requirement, simulator = _judged_by(work)
+    requirement, simulator = work.judged_by()
     shrunk = rvsg.shrink(
         scenario, requirement, jobs=os.cpu_count() or 1, simulator=simulator, world=world, on_message=work.say,
         on_step=lambda step: work.tell("step", what=step.what, kept=step.kept, violations=step.violations,
@@ -194,7 +187,7 @@ def describe(work: Work) -> dict[str, Any]:
     given = work.arguments
     session = open_session(rvsg.load_world(_world(given["world"])), record=None, prompts=None, **given["access"])
     assert session is not None, "a model is named"
-    session.model.tell = lambda news: tell_call(work, news)
+    session.model.tell = partial(tell_call, work)
     start = Description(**given["start"]) if given["start"] is not None else None
     made = revised(session, start, given["reasons"])
     return {"state": "finished", "layout": made.layout, "grid": made.grid, "said": " ".join(session.notes())}
@@ -228,7 +221,7 @@ def make_proposals(work: Work) -> dict[str, Any]:
         if work.pausing:
             return {"state": "paused", "reason": "Paused."}
         wired = wire(effective(None, {}, settings | {"seed": seed, "out": "runs/proposals"}))
-        wired.generator.watch(lambda news: tell_call(work, news))
+        wired.generator.watch(partial(tell_call, work))
         made = propose_as(wired)
         parts = (settings["world"], settings["route"], settings["requirement"], settings["generator"], seed)
         name = safe_name("-".join(Path(str(part)).name for part in parts))
@@ -236,15 +229,6 @@ def make_proposals(work: Work) -> dict[str, Any]:
         valid += made.scenario is not None
         work.tell("proposal", name=name)
     return {"state": "finished", "reason": f"{valid} of {given['count']} proposals are valid."}
-
-
-def _judged_by(work: Work) -> tuple[Any, Any]:
-    """Return requirement and simulator: those of the scenario's campaign, or the named ones."""
-    given = work.arguments
-    if given.get("folder") is None:
-        return given["requirement"], "embedded"
-    campaign = work.campaign()
-    return campaign.requirement, campaign.simulator
 
 
 KINDS: dict[str, Callable[[Work], dict[str, Any]]] = {

@@ -17,6 +17,7 @@ import contextlib
 import json
 import os
 import secrets
+import shutil
 import signal
 import subprocess
 import sys
@@ -87,7 +88,7 @@ class Jobs:
         folder = self.folder / job
         folder.mkdir()
         told = {"kind": kind, "title": title, "command": command, "target": target, "begun_s": time.time()}
-        (folder / JOB).write_text(json.dumps(told | {"arguments": arguments}, indent=2), encoding="utf-8")
+        write_whole(folder / JOB, json.dumps(told | {"arguments": arguments}, indent=2))
         with (folder / LOG).open("wb") as log:
             self._children[job] = subprocess.Popen(  # noqa: S603
                 [sys.executable, "-m", "rvsg_studio.worker", str(folder)],
@@ -97,7 +98,9 @@ class Jobs:
                 stderr=log,
                 start_new_session=True,
             )
-        self._tidy()
+        done = [each for each in self.all() if not each.running]
+        for each in done[KEPT:]:
+            shutil.rmtree(each.folder, ignore_errors=True)
         return self.get(job)
 
     def all(self) -> list[Job]:
@@ -111,19 +114,9 @@ class Jobs:
         if folder.parent != self.folder or not (folder / JOB).is_file():
             raise InputError(f"There is no job {job!r}.")
         told = json.loads((folder / JOB).read_text(encoding="utf-8"))
-        result = _read(folder / RESULT)
-        return Job(
-            id=job,
-            kind=told["kind"],
-            title=told["title"],
-            command=told["command"],
-            target=told["target"],
-            begun_s=told["begun_s"],
-            state=self._state(job, folder, result, told["begun_s"]),
-            arguments=told["arguments"],
-            result=result or {},
-            folder=folder,
-        )
+        result = read_json(folder / RESULT, None)
+        state = self._state(job, folder, result, told["begun_s"])
+        return Job(id=job, state=state, result=result or {}, folder=folder, **told)
 
     def events(self, job: str, after: int = 0) -> tuple[list[dict[str, Any]], int]:
         """Return the events behind a place in the file of events, and the place behind them."""
@@ -158,10 +151,7 @@ class Jobs:
             pid = child.pid  # it has not begun yet
         if pid is not None:
             with contextlib.suppress(ProcessLookupError):
-                if number == signal.SIGKILL:
-                    os.killpg(pid, number)
-                else:
-                    os.kill(pid, number)
+                (os.killpg if number == signal.SIGKILL else os.kill)(pid, number)
 
     def _state(self, job: str, folder: Path, result: dict[str, Any] | None, begun_s: float) -> State:
         child = self._children.get(job)
@@ -176,13 +166,6 @@ class Jobs:
         if child is not None and time.time() - begun_s < STARTING_S:
             return "starting"
         return "ended"
-
-    def _tidy(self) -> None:
-        done = [job for job in self.all() if not job.running]
-        for job in done[KEPT:]:
-            for path in job.folder.iterdir():
-                path.unlink()
-            job.folder.rmdir()
 
 
 @contextlib.contextmanager
@@ -212,12 +195,12 @@ def _holder(path: Path) -> int | None:
     return None
 
 
-def _read(path: Path) -> dict[str, Any] | None:
+def read_json(path: Path, otherwise: Any) -> Any:
+    """Return what a file of JSON holds, or something else where there is none."""
     try:
-        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        return None
-    return found
+        return otherwise
 
 
 OWN = ".rvsg-studio"

@@ -25,6 +25,7 @@ from rvsg.world.space import frame_of, world_map
 from rvsg.world.world import OCCUPIED, Route, World
 from rvsg.world.world_folder import SHIPPED, read_world, shipped_worlds, world_folder
 from rvsg_studio.scenario_editor import floor_of
+from rvsg_studio.workspace import read_json
 
 MOST_EDGES = 4000
 STEPS = 200
@@ -161,9 +162,7 @@ class History:
             raise
 
     def _read(self) -> dict[str, list[dict[str, str]]]:
-        if not self.path.is_file():
-            return {"done": [], "undone": []}
-        found: dict[str, list[dict[str, str]]] = json.loads(self.path.read_text(encoding="utf-8"))
+        found: dict[str, list[dict[str, str]]] = read_json(self.path, {"done": [], "undone": []})
         return found
 
     def _write(self, kept: Steps) -> None:

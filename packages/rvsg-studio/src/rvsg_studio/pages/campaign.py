@@ -15,14 +15,14 @@ from rvsg.app.commands import confirm_command, resume_command, runs_command
 from rvsg.app.matrix import Matrix
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.ranking import best_attempt, confirmations
-from rvsg.core.errors import InputError, RvsgError
+from rvsg.core.errors import InputError
 from rvsg.evaluation.verdict import counted, number
 from rvsg.report.charts import search_chart
 from rvsg.report.summary import Summary, interval, tried_of
 from rvsg.scenario.builder import save_scenario
-from rvsg_studio.frame import Page, address, chip, link, load, page, problem, svg, tag
+from rvsg_studio.frame import Page, actions, address, chip, link, load, page, route, section, svg, table, tag
 from rvsg_studio.listing import FoundCampaign
-from rvsg_studio.pages.finding import FRESH_SEED, MORE
+from rvsg_studio.pages.finding import FRESH_SEED, MORE, job_buttons
 from rvsg_studio.workspace import Job, Workspace
 
 EVERY_S = 1.0
@@ -39,29 +39,22 @@ class State:
     attempts: list[Attempt]
     summary: Summary
 
-    @property
-    def worst(self) -> Attempt | None:
-        """The configuration that is worst for the robot so far."""
-        return best_attempt(self.attempts, self.campaign.requirement)
-
-    @property
-    def latest(self) -> Attempt | None:
-        """The newest attempt with a reasoning."""
-        return next((a for a in reversed(self.attempts) if a.proposal.reasoning and a.purpose == "search"), None)
-
 
 def add(workspace: Workspace) -> None:
     """Add the page."""
 
-    @ui.page("/campaign", response_timeout=60)
+    @route(workspace, "/campaign", "Campaign")
     async def campaign(folder: str = "", name: str = "") -> None:
-        try:
-            state = await load(read, workspace, folder, name)
-        except RvsgError as error:
-            problem(workspace, "Campaign", error)
-            return
+        state = await load(read, workspace, folder, name)
         with page(workspace, folder, wide=True) as made:
             Live(made, workspace.relative(workspace.path(folder)), state)
+
+    @route(workspace, "/matrix", "Campaigns")
+    async def matrix(folder: str = "") -> None:
+        found = await load(Matrix.open, workspace.existing(folder))
+        name = workspace.relative(workspace.path(folder))
+        with page(workspace, f"Campaigns in {name}", wide=True) as made:
+            Cells(made, name, found)
 
 
 def read(workspace: Workspace, folder: str, name: str) -> State:
@@ -97,30 +90,23 @@ class Live:
             self.progress = tag("span", "")
             self.spend = tag("span", "", cls="soft")
         self.bar = tag("progress", max="1", aria_label="Part of the planned runs that is made")
-        self.actions = tag("p", cls="st-actions")
+        self.actions = actions()
         self.news = tag("p", "", cls="soft small st-news")
-        with tag("section", aria_labelledby="course"):
-            tag("h2", "Course of the search", id="course")
-            with tag("div", cls="scroll", tabindex="0", role="region", aria_label="Chart of the search"):
-                self.course = tag("div", cls="chart-box")
+        region = {"tabindex": "0", "role": "region", "aria_label": "Chart of the search"}
+        with section("Course of the search", "course"), tag("div", cls="scroll", **region):
+            self.course = tag("div", cls="chart-box")
         with tag("div", cls="st-two st-unequal"):
-            with tag("section", aria_labelledby="worst"):
-                tag("h2", "Worst so far", id="worst")
+            with section("Worst so far", "worst"):
                 self.about = tag("p", "", cls="small")
                 self.replay = tag("div", data_studio="replay", data_play=True, id="worst-replay")
-            with tag("section", aria_labelledby="thought"):
-                tag("h2", "Latest reasoning", id="thought")
+            with section("Latest reasoning", "thought"):
                 self.reasoning = tag("p", "", cls="reasoning small")
         self.lists = tag("div")
-        self._commands()
+        made.command("Start it again elsewhere", state.campaign.command)
+        made.command("Resume", resume_command(state.campaign.config))
+        made.command("Report", f"rvsg report {folder}")
         self._show(self._job())
         self.timer = ui.timer(EVERY_S, made.guarded(self._follow))
-
-    def _commands(self) -> None:
-        campaign = self.state.campaign
-        self.page.command("Start it again elsewhere", campaign.command)
-        self.page.command("Resume", resume_command(campaign.config))
-        self.page.command("Report", f"rvsg report {self.folder}")
 
     def _job(self) -> Job | None:
         """The newest job on this campaign, or on the folder of campaigns that it stands in."""
@@ -149,33 +135,33 @@ class Live:
             self._status(job)
 
     def _say(self, event: dict[str, Any]) -> None:
-        match event["kind"]:
-            case "message":
-                self.news.set_text(event["text"])
-            case "proposing":
-                place = f"scenario {event['scenario'] + 1}, configuration {event['configuration'] + 1}"
-                self.news.set_text(f"A scenario is being written: {place}.")
-            case "model":
-                why = f" ({event['why']})" if event["why"] else ""
-                self.news.set_text(f"The model {event['model']}, {event['purpose']}: {event['what']}{why}.")
-            case "confirming":
-                self.news.set_text(f"Confirming candidate {event['number']} of {event['of']}.")
-            case "explaining":
-                self.news.set_text(f"Running without {', '.join(event['without']) or 'people'} to find the cause.")
+        match event:
+            case {"kind": "message", "text": text}:
+                said = text
+            case {"kind": "proposing", "scenario": scenario, "configuration": configuration}:
+                said = f"A scenario is being written: scenario {scenario + 1}, configuration {configuration + 1}."
+            case {"kind": "model", "model": model, "purpose": purpose, "what": what, "why": why}:
+                said = f"The model {model}, {purpose}: {what}{f' ({why})' if why else ''}."
+            case {"kind": "confirming", "number": number, "of": of}:
+                said = f"Confirming candidate {number} of {of}."
+            case {"kind": "explaining", "without": without}:
+                said = f"Running without {', '.join(without) or 'people'} to find the cause."
+            case _:
+                return
+        self.news.set_text(said)
 
     def _show(self, job: Job | None) -> None:
         self._status(job)
-        state, campaign = self.state, self.state.campaign
-        chart = search_chart(campaign.plan, state.attempts)
+        attempts = self.state.attempts
+        chart = search_chart(self.state.campaign.plan, attempts)
         self.course.clear()
         with self.course:
             if chart:
                 svg(chart)
             else:
                 tag("p", "No configuration is measured yet.", cls="soft")
-        latest = state.latest
-        said = latest.proposal.reasoning if latest is not None else "No reasoning yet."
-        self.reasoning.set_text(said)
+        texts = [each.proposal.reasoning for each in attempts if each.purpose == "search"]
+        self.reasoning.set_text(next((text for text in reversed(texts) if text), "No reasoning yet."))
         self._worst()
         self._lists()
 
@@ -218,17 +204,12 @@ class Live:
         self.actions.clear()
         with self.actions:
             if running and job is not None:
-                self.page.button("Pause", lambda: self._end(job, now=False), command="Ctrl-C in `rvsg run`")
-                self.page.button("Stop now", lambda: self._end(job, now=True), cls="st-danger")
+                job_buttons(self.page, job, self.news.set_text, command="Ctrl-C in `rvsg run`")
             elif not self.state.summary.complete:
                 self.page.button("Resume", self._resume, cls="st-primary",
                                  command=resume_command(self.state.campaign.config))  # fmt: skip
             if self.state.attempts:
                 self.page.button("Write the report", self._report, command=f"rvsg report {self.folder}")
-
-    def _end(self, job: Job, *, now: bool) -> None:
-        (self.workspace.jobs.stop if now else self.workspace.jobs.pause)(job.id)
-        self.news.set_text("Stopped." if now else "Pausing when the runs in progress end…")
 
     def _resume(self) -> None:
         campaign, before = self.state.campaign, self.workspace.jobs.of(self.folder)
@@ -243,7 +224,7 @@ class Live:
         self.page.say(f"Written: {self.workspace.relative(Path(written))}")
 
     def _worst(self) -> None:
-        worst = self.state.worst
+        worst = best_attempt(self.state.attempts, self.state.campaign.requirement)
         if worst is None:
             self.about.set_text("No run yet.")
             return
@@ -321,24 +302,6 @@ class Live:
         ui.navigate.to(where)
 
 
-MATRIX_EVERY_S = 1.0
-
-
-def add_matrix(workspace: Workspace) -> None:
-    """Add the page."""
-
-    @ui.page("/matrix", response_timeout=60)
-    async def matrix(folder: str = "") -> None:
-        try:
-            found = await load(Matrix.open, workspace.existing(folder))
-        except RvsgError as error:
-            problem(workspace, "Campaigns", error)
-            return
-        name = workspace.relative(workspace.path(folder))
-        with page(workspace, f"Campaigns in {name}", wide=True) as made:
-            Cells(made, name, found)
-
-
 class Cells:
     """The table of routes and requirements, which follows the campaigns."""
 
@@ -348,14 +311,14 @@ class Cells:
         with tag("div", cls="st-status"):
             self.chip = tag("span", "", cls="chip")
             self.news = tag("span", "", cls="soft", role="status")
-        self.actions = tag("p", cls="st-actions")
-        self.table = tag("div", cls="scroll", tabindex="0", role="region", aria_label="Campaigns")
+        self.actions = actions()
+        self.table = tag("div")
         made.command("Run or resume", f"rvsg run --out {shlex.quote(folder)}")
         made.command("Begin elsewhere", matrix.commands())
         self._shown: tuple[object, ...] = ()
         self._buttons: tuple[bool, bool] | None = None
         self._update(self._found(), self._job())
-        self.timer = ui.timer(MATRIX_EVERY_S, made.guarded(self._follow))
+        self.timer = ui.timer(EVERY_S, made.guarded(self._follow))
 
     def _job(self) -> Job | None:
         return self.workspace.jobs.of(self.folder)
@@ -387,8 +350,7 @@ class Cells:
         self.actions.clear()
         with self.actions:
             if job is not None:
-                self.page.button("Pause", lambda: self.workspace.jobs.pause(job.id))
-                self.page.button("Stop now", lambda: self.workspace.jobs.stop(job.id), cls="st-danger")
+                job_buttons(self.page, job)
             elif not finished:
                 self.page.button("Resume", self._resume, cls="st-primary")
 
@@ -401,28 +363,21 @@ class Cells:
         self.table.clear()
         pairs = self.matrix.all_pairs
         requirements = list(dict.fromkeys(requirement for _, requirement in pairs))
-        with self.table, tag("table", cls="st-plain"):
-            with tag("thead"), tag("tr"):
-                tag("td", "")
-                for requirement in requirements:
-                    tag("th", requirement, scope="col")
-            with tag("tbody"):
-                for route in dict.fromkeys(route for route, _ in pairs):
-                    with tag("tr"):
-                        tag("th", route, scope="row")
-                        for requirement in requirements:
-                            with tag("td"):
-                                if (route, requirement) in pairs:
-                                    self._cell(found.get((route, requirement)))
+        with self.table, table(["", *requirements], label="Campaigns"):
+            for name in dict.fromkeys(name for name, _ in pairs):
+                with tag("tr"):
+                    tag("th", name, scope="row")
+                    for requirement in requirements:
+                        with tag("td"):
+                            if (name, requirement) in pairs:
+                                self._cell(found.get((name, requirement)))
 
     def _cell(self, campaign: FoundCampaign | None) -> None:
         if campaign is None:
             tag("span", "not begun", cls="soft")
             return
-        bad = sum(finding.violated for finding in campaign.findings)
-        if bad:
-            chip(f"{bad} violation{'s' if bad > 1 else ''}", bad=True)
+        if bad := campaign.violations:
+            chip(counted(bad, "violation"), bad=True)
         elif campaign.complete:
             chip("not confirmed" if campaign.violated else "nothing found", good=not campaign.violated)
-        link(f"{campaign.tried} tried", "/campaign", folder=campaign.folder,
-             name=campaign.name)  # fmt: skip
+        link(f"{campaign.tried} tried", "/campaign", folder=campaign.folder, name=campaign.name)

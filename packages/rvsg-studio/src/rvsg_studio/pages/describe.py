@@ -2,31 +2,34 @@
 
 from __future__ import annotations
 
-import contextlib
 import datetime
 import getpass
 import shlex
+from functools import partial
 from typing import Any
 
 from nicegui import ui
 
 import rvsg
-from rvsg.core.errors import InputError, RvsgError
+from rvsg.core.errors import InputError
 from rvsg.evaluation.verdict import counted
 from rvsg.generation.environment import store_description
 from rvsg.world.world import Description
 from rvsg_studio.frame import (
     PATIENT_S,
     Page,
+    actions,
     address,
     as_script,
     chip,
     field,
     link,
     load,
+    number_input,
     page,
-    problem,
+    route,
     tag,
+    text_area,
     text_input,
 )
 from rvsg_studio.model_questions import (
@@ -45,17 +48,23 @@ from rvsg_studio.workspace import Job, Workspace
 
 
 def add(workspace: Workspace) -> None:
-    """Add the page."""
+    """Add the pages."""
 
-    @ui.page("/describe", response_timeout=60)
+    @route(workspace, "/describe", "Description")
     async def describe(world: str = "") -> None:
-        try:
-            review = await load(Review, workspace, world)
-        except RvsgError as error:
-            problem(workspace, "Description", error)
-            return
+        review = await load(Review, workspace, world)
         with page(workspace, f"Description of {review.world.title}", wide=True) as made:
             Reviewing(made, review)
+
+    @route(workspace, "/conversations", "Conversations", patience_s=PATIENT_S)
+    async def conversations(folder: str = "", name: str = "") -> None:
+        if not folder:
+            await _list(workspace)
+            return
+        path = workspace.existing(folder)
+        found = await load(_read, workspace, folder, name)
+        with page(workspace, f"Conversations of {workspace.relative(path)}") as made:
+            Search(made, folder, name, found)
 
 
 class Reviewing:
@@ -63,7 +72,6 @@ class Reviewing:
 
     def __init__(self, made: Page, review: Review) -> None:
         self.page, self.review = made, review
-        self.inputs: dict[str, Any] = {}
         name = shlex.quote(review.name)
         model = asked_model(made.workspace).options
         made.command("Let a model write it", f"rvsg world describe {name} {model}")
@@ -87,11 +95,9 @@ class Reviewing:
             tag("h2", "Edit")
             for key, title in PARTS.items():
                 with field(title):
-                    text = tag("textarea", getattr(self.review.draft.texts, key), rows=6, maxlength=6000,
-                               id=f"text-{key}")  # fmt: skip
-                    text.on("input", lambda event, key=key: self._typed(key, str(event.args)),
-                            js_handler="(e) => emit(e.target.value)")  # fmt: skip
-            with tag("p", cls="st-actions"):
+                    text = getattr(self.review.draft.texts, key)
+                    text_area(text, partial(self._typed, key), rows=6, maxlength=6000, id=f"text-{key}")
+            with actions():
                 self.page.button("Accept", lambda: self._store(reviewed=True), cls="st-primary")
                 self.page.button("Save without accepting", lambda: self._store(reviewed=False))
                 self.page.button("Forget what is not saved", self._forget)
@@ -101,10 +107,9 @@ class Reviewing:
             tag("h2", "Reject, or let a model write it")
             model_form(self.page.workspace)
             with field("Reason", help="What is wrong with the text. The model sees it with the text and the pictures."):
-                self.reason = tag("textarea", self.review.draft.reason, rows=2, maxlength=2000, id="reason")
-                self.reason.on("input", lambda event: self.review.change(reason=str(event.args)),
-                               js_handler="(e) => emit(e.target.value)")  # fmt: skip
-            with tag("p", cls="st-actions"):
+                typed = lambda text: self.review.change(reason=text)  # noqa: E731
+                text_area(self.review.draft.reason, typed, rows=2, maxlength=2000, id="reason")
+            with actions():
                 self.page.button("Reject", self._reject, cls="st-danger")
                 self.page.button("Let a model write it", lambda: self._ask(""))
 
@@ -117,19 +122,16 @@ class Reviewing:
                 tag("p", "Nobody has described this world yet. Let a model write it, or write it yourself.")
             for key, title in PARTS.items():
                 tag("h2", title)
-                self._named(getattr(draft.texts, key))
+                with tag("p", cls="reasoning"):
+                    for piece, kind in named_in(getattr(draft.texts, key), self.review.world):
+                        if kind == "text":
+                            tag("span", piece)
+                        elif kind == "unknown":
+                            tag("mark", piece, cls="st-unknown", title="There is nothing of this name in the world")
+                        else:
+                            tag("button", piece, cls="st-named", type="button", data_name=piece)
             if draft.before is not None and draft.before.whole and draft.before != draft.texts:
                 self._difference(draft.before, draft.texts, draft.reasons)
-
-    def _named(self, text: str) -> None:
-        with tag("p", cls="reasoning"):
-            for piece, kind in named_in(text, self.review.world):
-                if kind == "text":
-                    tag("span", piece)
-                elif kind == "unknown":
-                    tag("mark", piece, cls="st-unknown", title="There is nothing of this name in the world")
-                else:
-                    tag("button", piece, cls="st-named", type="button", data_name=piece)
 
     def _difference(self, before: Texts, after: Texts, reasons: tuple[str, ...]) -> None:
         with tag("div", id="difference"):
@@ -220,36 +222,13 @@ LONGEST = 20_000
 def model_form(workspace: Workspace) -> None:
     """Lay out the fields that name a model; what is typed is kept at once."""
     known = asked_model(workspace)
-
-    def budget(text: str) -> None:
-        with contextlib.suppress(ValueError):  # an unfinished number
-            keep_model(workspace, budget_usd=float(text) if text else None)
-
     with tag("div", cls="st-form"):
         with field("Model", help="PROVIDER:NAME; its key is read from the environment."):
             text_input(known.model, lambda text: keep_model(workspace, model=text), autocomplete="off")
         with field("Server", help="Only for an OpenAI-compatible server of your own"):
             text_input(known.base_url, lambda text: keep_model(workspace, base_url=text), autocomplete="off")
         with field("Budget in USD", help="It stops before its calls cost more."):
-            text_input(known.budget_usd, budget, kind="number", min="0", step="any")
-
-
-def add_conversations(workspace: Workspace) -> None:
-    """Add the page."""
-
-    @ui.page("/conversations", response_timeout=PATIENT_S)
-    async def conversations(folder: str = "", name: str = "") -> None:
-        if not folder:
-            await _list(workspace)
-            return
-        try:
-            path = workspace.existing(folder)
-            found = await load(_read, workspace, folder, name)
-        except RvsgError as error:
-            problem(workspace, "Conversations", error)
-            return
-        with page(workspace, f"Conversations of {workspace.relative(path)}") as made:
-            Search(made, folder, name, found)
+            number_input(known.budget_usd, lambda usd: keep_model(workspace, budget_usd=usd), float, step="any")
 
 
 def _read(workspace: Workspace, folder: str, name: str) -> tuple[Conversation, ...]:
@@ -301,27 +280,32 @@ class Search:
                 tag("p", f"and {len(shown) - SHOWN} more: search for what you look for.", cls="soft")
 
     def _show(self, each: Conversation) -> None:
+        attempt, proposal = each.attempt, each.attempt.proposal
+        valid = proposal.scenario is not None
         cost = "cost unknown" if each.cost_usd is None else f"{each.cost_usd:.4f} USD"
-        spent = f"{counted(each.calls, 'call')}, {cost}" if each.calls else each.generator
+        spent = f"{counted(len(proposal.calls), 'call')}, {cost}" if proposal.calls else proposal.generator
         with tag("details", cls="thought"):
             with tag("summary"):
-                tag("strong", f"Scenario {each.scenario + 1}, configuration {each.configuration + 1}")
-                tag("span", f" {spent}, {counted(each.corrections, 'correction')} ", cls="soft small")
-                chip("valid" if each.valid else "invalid", good=each.valid, bad=not each.valid)
-            _section("Reasoning", [each.reasoning] if each.reasoning else [])
-            _section("The checker said of the first answer", each.findings)
-            _section("Repaired", each.repairs)
-            _section("Left at the end", each.problems)
+                place = f"Scenario {attempt.brief.scenario_index + 1}"
+                tag("strong", f"{place}, configuration {attempt.brief.configuration_index + 1}")
+                tag("span", f" {spent}, {counted(proposal.corrections, 'correction')} ", cls="soft small")
+                chip("valid" if valid else "invalid", good=valid, bad=not valid)
+            for title, lines in each.sections.items():
+                if lines:
+                    tag("h2", title, cls="st-minor")
+                for line in lines:
+                    tag("p", line, cls="reasoning small")
             for turn in each.turns:
                 self._turn(turn)
-            if each.valid:
-                link("Open the attempt", "/finding", campaign=self.folder, name=self.name, attempt=each.attempt)
+            if valid:
+                link("Open the attempt", "/finding", campaign=self.folder, name=self.name, attempt=attempt.index)
 
     def _turn(self, turn: Turn) -> None:
+        call = turn.call
         with tag("div", cls="st-turn"):
-            cost = "" if turn.cost_usd is None else f", {turn.cost_usd:.4f} USD"
-            tag("h2", f"{turn.purpose}: {turn.model}", cls="st-minor")
-            tokens = f"{turn.input_tokens} tokens in, {turn.output_tokens} out{cost}, {turn.seconds:.1f} s"
+            cost = "" if call.cost_usd is None else f", {call.cost_usd:.4f} USD"
+            tag("h2", f"{call.purpose}: {call.model}", cls="st-minor")
+            tokens = f"{call.input_tokens} tokens in, {call.output_tokens} out{cost}, {call.latency_s:.1f} s"
             tag("p", tokens, cls="soft small")
             for role, text in turn.given:
                 with tag("details"):
@@ -335,13 +319,5 @@ class Search:
                 tag("p", said, cls="soft small")
             if turn.answer:
                 tag("pre", turn.answer[:LONGEST], tabindex="0")
-            if turn.error:
-                tag("p", turn.error, cls="st-wrong")
-
-
-def _section(title: str, lines: Any) -> None:
-    if not lines:
-        return
-    tag("h2", title, cls="st-minor")
-    for line in lines:
-        tag("p", line, cls="reasoning small")
+            if call.error:
+                tag("p", call.error, cls="st-wrong")

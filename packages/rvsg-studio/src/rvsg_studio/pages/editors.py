@@ -10,42 +10,46 @@ from typing import Any
 from nicegui import ui
 
 import rvsg
-from rvsg.core.errors import InputError, RvsgError
+from rvsg.core.errors import InputError
 from rvsg.world.creation import save_created, world_from
 from rvsg.world.world_folder import shipped_worlds
-from rvsg_studio.answers import scenario_place
-from rvsg_studio.frame import PATIENT_S, Page, address, field, load, page, problem, select, tag, text_input
+from rvsg_studio.answers import scenario_place, world_place
+from rvsg_studio.frame import PATIENT_S, Page, actions, address, field, load, page, route, select, tag, text_input
 from rvsg_studio.unsaved_input import KINDS, Typed, forget, received
 from rvsg_studio.workspace import Workspace
 from rvsg_studio.world_editor import editable_world, folder_of_world
 
 
-def add_world(workspace: Workspace) -> None:
+def add(workspace: Workspace) -> None:
     """Add the pages."""
 
-    @ui.page("/world", response_timeout=60)
+    @route(workspace, "/world", "World")
     async def world(world: str = "") -> None:
-        try:
-            place = world if world in shipped_worlds() else workspace.existing(world)
-            found = await load(editable_world, place)
-        except RvsgError as error:
-            problem(workspace, "World", error)
-            return
+        found = await load(editable_world, world_place(workspace, {"world": world}))
         with page(workspace, found["title"], wide=True) as made:
             _lay_out(made, world, found)
 
-    @ui.page("/world/new", response_timeout=60)
+    @route(workspace, "/world/new", "New world")
     async def new_world() -> None:
         with page(workspace, "New world") as made:
             NewWorld(made)
 
+    _add_scenario(workspace)
+
 
 def _lay_out(made: Page, name: str, found: dict[str, Any]) -> None:
-    with tag("p", cls="st-actions"):
+    async def copy() -> None:
+        target = made.workspace.path(name)
+        if target.exists():
+            raise InputError(f"{name}: this folder exists already.")
+        await load(shutil.copytree, folder_of_world(name), target)
+        ui.navigate.to(address("/world", world=f"./{name}"))
+
+    with actions():
         where = "shipped with RVSG" if not found["editable"] else name
         tag("span", where, cls="soft")
         if not found["editable"]:
-            made.button("Copy into this folder to edit it", lambda: _copy(made, name), cls="st-primary")
+            made.button("Copy into this folder to edit it", copy, cls="st-primary")
         tag("a", "Review its description", cls="st-button", href=address("/describe", world=name))
         tag("a", "New scenario here", cls="st-button", href=address("/scenario", world=name))
     tag("div", data_studio="world", data_world=name, id="world-editor")
@@ -53,14 +57,6 @@ def _lay_out(made: Page, name: str, found: dict[str, Any]) -> None:
     made.command("Draw", f"rvsg world draw {name}")
     made.command("Let a model propose names of areas", f"rvsg world name {name} --model PROVIDER:NAME")
     made.command("Edit", "edit labels.yaml, routes.yaml and world.yaml in the folder")
-
-
-async def _copy(made: Page, name: str) -> None:
-    target = made.workspace.path(name)
-    if target.exists():
-        raise InputError(f"{name}: this folder exists already.")
-    await load(shutil.copytree, folder_of_world(name), target)
-    ui.navigate.to(address("/world", world=f"./{name}"))
 
 
 class NewWorld:
@@ -75,7 +71,7 @@ class NewWorld:
         with field("Folder", help="Where the world is made, in the folder of the studio"):
             text_input(self.name, self._named, autocomplete="off", required=True)
         tag("div", data_studio="drop", data_accept=",".join(KINDS), id="files")
-        with tag("p", cls="st-actions"):
+        with actions():
             made.button("Make the world", self._make, cls="st-primary")
         made.command("From a Nav2 map", "rvsg world new DIR --map map.yaml")
         made.command("From a Gazebo world", "rvsg world new DIR --sdf FILE")
@@ -108,10 +104,8 @@ def make_world(files: list[Path], folder: Path) -> None:
     save_created(created, folder)
 
 
-def add_scenario(workspace: Workspace) -> None:
-    """Add the pages."""
-
-    @ui.page("/scenario", response_timeout=PATIENT_S)
+def _add_scenario(workspace: Workspace) -> None:
+    @route(workspace, "/scenario", "Scenario", patience_s=PATIENT_S)
     async def scenario(
         campaign: str = "",
         name: str = "",
@@ -124,11 +118,7 @@ def add_scenario(workspace: Workspace) -> None:
     ) -> None:
         source = {"campaign": campaign, "name": name, "attempt": attempt, "file": file, "world": world, "route": route}
         source = {key: value for key, value in {**source, "suite": suite, "case": case}.items() if value}
-        try:
-            found, place, _ = await load(scenario_place, workspace, source)
-        except RvsgError as error:
-            problem(workspace, "Scenario", error)
-            return
+        found, place, _ = await load(scenario_place, workspace, source)
         requirement = "R1"
         if campaign:
             opened = await load(rvsg.Campaign.open, workspace.path(campaign), name or None)
@@ -146,7 +136,7 @@ def add_scenario(workspace: Workspace) -> None:
             made.command("Judge", "rvsg evaluate runs.jsonl --scenario scenarios/edited.json")
             made.command("Add to a suite", "rvsg suite add scenarios/edited.json --suite suite")
 
-    @ui.page("/runs", response_timeout=PATIENT_S)
+    @route(workspace, "/runs", "Runs", patience_s=PATIENT_S)
     async def runs(file: str = "", scenario: str = "", campaign: str = "") -> None:
         with page(workspace, file or "Runs", wide=True) as made:
             where = address("/data/runs", file=file, scenario=scenario, campaign=campaign or None)
@@ -163,9 +153,8 @@ def _choose(made: Page, names: tuple[str, ...], world: str, found: rvsg.Scenario
     chosen: dict[str, str] = {"world": world, "route": found.mission.route.name}
     with tag("div", cls="st-form"):
         with field("World"):
-            select({each: each for each in names}, world, lambda v: chosen.update(world=v, route=""))
+            select(names, world, lambda name: chosen.update(world=name, route=""))
         with field("Route"):
-            routes = {each.name: each.name for each in place.routes}
-            select(routes, chosen["route"], lambda v: chosen.update(route=v))
-    with tag("p", cls="st-actions"):
+            select([each.name for each in place.routes], chosen["route"], lambda name: chosen.update(route=name))
+    with actions():
         made.button("Open", lambda: ui.navigate.to(address("/scenario", **chosen)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,11 +15,26 @@ import rvsg
 from rvsg.app.commands import confirm_command, runs_command, shrink_command
 from rvsg.campaign.attempt import Attempt
 from rvsg.core.errors import InputError, RvsgError
+from rvsg.core.plugins import ignore
 from rvsg.evaluation.verdict import counted, how_sure, status_in_words
 from rvsg.report.terminal import describe_finding
 from rvsg.scenario.builder import save_scenario, without_people
 from rvsg_exchange import formats as exchange
-from rvsg_studio.frame import Page, address, chip, field, link, load, page, problem, select, tag
+from rvsg_studio.frame import (
+    Page,
+    actions,
+    address,
+    chip,
+    field,
+    link,
+    load,
+    page,
+    route,
+    section,
+    select,
+    tag,
+    text_area,
+)
 from rvsg_studio.workspace import STATES, Job, Note, Workspace, note, notes_of
 
 MORE = 30
@@ -33,8 +49,6 @@ FORMATS = {
     "sdf": "Gazebo world (.sdf)",
     "osc": "OpenSCENARIO DSL (.osc)",
 }
-SUFFIX = {"mcap": ".mcap", "csv": ".csv", "hunav": ".yaml", "nav2-goals": ".py", "initial-pose": ".yaml",
-          "sdf": ".sdf", "osc": ".osc"}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -62,22 +76,22 @@ class Shown:
         return f"{self.folder}/attempt-{self.attempt.index}.json"
 
     @property
-    def typed_requirement(self) -> str:
-        """The requirement as the campaign names it."""
-        return str(self.campaign.record.config["requirement"])
+    def query(self) -> dict[str, Any]:
+        """What names it in an address."""
+        return {"campaign": self.folder, "name": self.campaign.name, "attempt": self.attempt.index}
 
 
 def add(workspace: Workspace) -> None:
     """Add the page."""
 
-    @ui.page("/finding", response_timeout=60)
+    @route(workspace, "/finding", "Finding")
     async def finding(campaign: str = "", name: str = "", attempt: int = -1) -> None:
-        try:
-            shown = await load(read, workspace, campaign, name, attempt)
-        except RvsgError as error:
-            problem(workspace, "Finding", error)
-            return
-        with page(workspace, _title(shown), wide=True) as made:
+        shown = await load(read, workspace, campaign, name, attempt)
+        plan = shown.campaign.plan
+        what = "confirmed" if shown.attempt.purpose == "confirmation" else shown.attempt.purpose
+        number = shown.attempt.brief.scenario_index + 1
+        where = f"{plan.requirement.name} on {plan.mission.world}, {plan.mission.route.name}"
+        with page(workspace, f"{where}: scenario {number}, {what}", wide=True) as made:
             lay_out(made, shown)
 
 
@@ -103,13 +117,6 @@ def read(workspace: Workspace, folder: str, name: str, index: int) -> Shown:
     )
 
 
-def _title(shown: Shown) -> str:
-    plan = shown.campaign.plan
-    what = "confirmed" if shown.attempt.purpose == "confirmation" else shown.attempt.purpose
-    number = shown.attempt.brief.scenario_index + 1
-    return f"{plan.requirement.name} on {plan.mission.world}, {plan.mission.route.name}: scenario {number}, {what}"
-
-
 def lay_out(made: Page, shown: Shown) -> None:
     """Lay out the page."""
     with tag("p", cls="small"):
@@ -119,9 +126,8 @@ def lay_out(made: Page, shown: Shown) -> None:
     tag("p", shown.scenario.description or "This scenario has no description.")
     _actions(made, shown)
     _jobs(made, shown)
-    with tag("section", aria_labelledby="replay-title"):
-        tag("h2", "Replay", id="replay-title")
-        where = address("/data/replay", campaign=shown.folder, name=shown.campaign.name, attempt=shown.attempt.index)
+    with section("Replay", "replay-title"):
+        where = address("/data/replay", **shown.query)
         traced = json.dumps({"campaign": shown.folder, "name": shown.campaign.name})
         tag("div", data_studio="replay", data_url=where, data_keys="page", data_trace=traced, id="replay")
         made.command("Trace a run", f"rvsg replay {shlex.quote(shown.folder)} --trace --run RUN")
@@ -152,59 +158,49 @@ def _verdict(shown: Shown) -> None:
 
 def _actions(made: Page, shown: Shown) -> None:
     workspace, config, file = made.workspace, shown.campaign.config, shown.file
-    requirement = shown.typed_requirement
+    told = {"folder": shown.folder, "name": shown.campaign.name}
 
-    def start(kind: str, title: str, command: str, scenario: rvsg.Scenario, path: str, **more: Any) -> None:
-        save_scenario(scenario, workspace.path(path))
-        told = {"folder": shown.folder, "name": shown.campaign.name, "scenario": path, **more}
-        workspace.jobs.start(kind, title=title, command=command, target=path, **told)
+    def offer(kind: str, text: str, title: str, scenario: rvsg.Scenario, path: str, command: str, **more: Any) -> None:
+        """Add a button for a job on a scenario, which is written to a file first."""
+
+        def start() -> None:
+            save_scenario(scenario, workspace.path(path))
+            given = {**told, "scenario": path, **more}
+            workspace.jobs.start(kind, title=title, command=command, target=path, **given)
+            ui.navigate.reload()
+
+        made.button(text, start, command=command)
+
+    def confirm() -> None:
+        given = {**told, "candidate": shown.attempt.index}
+        workspace.jobs.start("confirm", title="Confirm", command=confirming, target=shown.folder, **given)
         ui.navigate.reload()
 
-    with tag("p", cls="st-actions"):
-        small = file.replace(".json", "-smallest.json")
-        command = shrink_command(file, config, requirement=requirement, out=small)
-        made.button(
-            "Shrink", lambda: start("shrink", "Shrink", command, shown.scenario, file, out=small), command=command
-        )
-        out = file.replace(".json", "-runs.jsonl")
-        more = runs_command(file, config, seed=FRESH_SEED, repeats=MORE, out=out)
-        given = {"seed": FRESH_SEED, "repeats": MORE}
-        made.button(
-            f"{MORE} more runs",
-            lambda: start("runs", f"{MORE} more runs", more, shown.scenario, file, out=out, **given),
-            command=more,
-        )
-        alone, alone_out = file.replace(".json", "-alone.json"), file.replace(".json", "-alone-runs.jsonl")
-        without = runs_command(alone, config, seed=FRESH_SEED, repeats=MORE, out=alone_out)
-        empty = without_people(shown.scenario)
-        made.button(
-            "Without people",
-            lambda: start("runs", "Runs without people", without, empty, alone, out=alone_out, **given),
-            command=without,
-        )
+    small = file.replace(".json", "-smallest.json")
+    requirement = str(shown.campaign.record.config["requirement"])
+    shrinking = shrink_command(file, config, requirement=requirement, out=small)
+    confirming = confirm_command(Path(shown.folder), shown.attempt.index)
+    with actions():
+        offer("shrink", "Shrink", "Shrink", shown.scenario, file, shrinking, out=small)
+        alone = file.replace(".json", "-alone.json")
+        for text, title, scenario, path in (
+            (f"{MORE} more runs", f"{MORE} more runs", shown.scenario, file),
+            ("Without people", "Runs without people", without_people(shown.scenario), alone),
+        ):
+            seeds: dict[str, Any] = {"seed": FRESH_SEED, "repeats": MORE, "out": path.replace(".json", "-runs.jsonl")}
+            offer("runs", text, title, scenario, path, runs_command(path, config, **seeds), **seeds)
         if shown.attempt.purpose == "search" and not shown.confirmed:
-            _confirm(made, shown)
-        where = address("/scenario", campaign=shown.folder, name=shown.campaign.name, attempt=shown.attempt.index)
-        tag("a", "Edit the scenario", cls="st-button", href=where)
+            made.button("Confirm now", confirm, command=confirming, cls="st-primary")
+        tag("a", "Edit the scenario", cls="st-button", href=address("/scenario", **shown.query))
         _export(made, shown)
-
-
-def _confirm(made: Page, shown: Shown) -> None:
-    command = confirm_command(Path(shown.folder), shown.attempt.index)
-
-    def confirming() -> None:
-        given = {"folder": shown.folder, "name": shown.campaign.name, "candidate": shown.attempt.index}
-        made.workspace.jobs.start("confirm", title="Confirm", command=command, target=shown.folder, **given)
-        ui.navigate.reload()
-
-    made.button("Confirm now", confirming, command=command, cls="st-primary")
 
 
 def _export(made: Page, shown: Shown) -> None:
     chosen = {"format": "mcap"}
 
     def out() -> str:
-        return shown.file.replace(".json", f"-{chosen['format']}{SUFFIX[chosen['format']]}")
+        suffix = FORMATS[chosen["format"]].rpartition("(")[2].rstrip(")")
+        return shown.file.replace(".json", f"-{chosen['format']}{suffix}")
 
     async def export() -> None:
         path = made.workspace.path(out())
@@ -216,8 +212,7 @@ def _export(made: Page, shown: Shown) -> None:
         choose = select(FORMATS, "mcap", lambda value: chosen.update(format=value), aria_label="Format of the export")
         choose.classes("st-inline")
         made.button("Export", export)
-    command = f"rvsg export {shown.file} --to {chosen['format']} --out {out()}"
-    made.command("Export", command)
+    made.command("Export", f"rvsg export {shown.file} --to {chosen['format']} --out {out()}")
 
 
 def _jobs(made: Page, shown: Shown) -> None:
@@ -272,18 +267,31 @@ class JobLine:
         self._links.clear()
         with self._links:
             out = job.result.get("out", "")
-            if job.kind == "shrink" and job.state == "finished":
+            if job.state != "finished":
+                return
+            if job.kind == "shrink":
                 link("Open the smallest scenario", "/scenario", file=out)
-            elif job.kind == "runs" and job.state == "finished":
+            elif job.kind == "runs":
                 link("Replay these runs", "/runs", file=out, scenario=job.arguments["scenario"],
                      campaign=job.arguments.get("folder"))  # fmt: skip
-            elif job.kind == "confirm" and job.state == "finished":
+            elif job.kind == "confirm":
                 link("Open the finding", "/finding", campaign=job.target, attempt=job.result["attempt"])
 
 
+def job_buttons(made: Page, job: Job, said: Callable[[str], object] = ignore, *, command: str = "") -> None:
+    """Add the buttons that pause and stop a job; `said` gets what comes of it."""
+
+    def end(stop: Callable[[str], None], text: str) -> None:
+        stop(job.id)
+        said(text)
+
+    jobs = made.workspace.jobs
+    made.button("Pause", lambda: end(jobs.pause, "Pausing when the runs in progress end…"), command=command)
+    made.button("Stop now", lambda: end(jobs.stop, "Stopped."), cls="st-danger")
+
+
 def _happened(shown: Shown) -> None:
-    with tag("section", aria_labelledby="story"):
-        tag("h2", "What happens in the worst run", id="story")
+    with section("What happens in the worst run", "story"):
         story = shown.finding.story if shown.finding is not None else ()
         if not story:
             tag("p", "The replay lists the moments of each run.", cls="soft")
@@ -302,29 +310,25 @@ def _note(made: Page, shown: Shown) -> None:
         except RvsgError as error:
             made.say(str(error), wrong=True)
 
-    with tag("section", aria_labelledby="note"):
-        tag("h2", "Note", id="note")
+    with section("Note", "note"):
         with field("Status"):
-            select({each: each for each in STATES}, shown.note.status, lambda value: kept(status=value))
+            select(STATES, shown.note.status, lambda value: kept(status=value))
         with field("Comment"):
-            text = tag("textarea", shown.note.comment, rows=4, maxlength=20_000)
-            text.on("input", lambda event: kept(comment=str(event.args)), js_handler="(e) => emit(e.target.value)")
+            text_area(shown.note.comment, lambda text: kept(comment=text), rows=4, maxlength=20_000)
         state = tag("p", "", cls="soft small", role="status")
 
 
 def _people(shown: Shown) -> None:
-    with tag("section", aria_labelledby="people"):
-        tag("h2", "What the people are asked to do", id="people")
-        with tag("div", cls="people"):
-            for human in shown.scenario.people.humans:
-                with tag("div"):
-                    tag("h3", human.name)
-                    delay = f", starts after {human.start_delay_s:g} s" if human.start_delay_s else ""
-                    tag("p", f"{human.behaviour.value}, {human.speed_m_s:g} m/s{delay}", cls="soft small")
-                    with tag("ul", cls="tasks"):
-                        for task in human.tasks[:8]:
-                            with tag("li"):
-                                tag("span", task.name)
-                                tag("div", " ".join(task.path), cls="path")
-                        if len(human.tasks) > 8:
-                            tag("li", f"and {len(human.tasks) - 8} more", cls="soft")
+    with section("What the people are asked to do", "people"), tag("div", cls="people"):
+        for human in shown.scenario.people.humans:
+            with tag("div"):
+                tag("h3", human.name)
+                delay = f", starts after {human.start_delay_s:g} s" if human.start_delay_s else ""
+                tag("p", f"{human.behaviour.value}, {human.speed_m_s:g} m/s{delay}", cls="soft small")
+                with tag("ul", cls="tasks"):
+                    for task in human.tasks[:8]:
+                        with tag("li"):
+                            tag("span", task.name)
+                            tag("div", " ".join(task.path), cls="path")
+                    if len(human.tasks) > 8:
+                        tag("li", f"and {len(human.tasks) - 8} more", cls="soft")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import shlex
 from dataclasses import dataclass
 from functools import partial
@@ -19,10 +18,10 @@ from rvsg.generation.generator import Proposal
 from rvsg.scenario.builder import load_scenario_in, save_scenario
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.world.world_folder import shipped_worlds
-from rvsg_studio.frame import Page, chip, field, link, load, page, select, tag, text_input
+from rvsg_studio.frame import Page, actions, chip, field, link, load, number_input, page, route, select, tag
 from rvsg_studio.model_questions import asked_model
 from rvsg_studio.pages.describe import model_form
-from rvsg_studio.pages.new_campaign import GENERATORS
+from rvsg_studio.pages.new_campaign import GENERATORS, routes_of
 from rvsg_studio.unsaved_input import Typed
 from rvsg_studio.workspace import Job, Workspace
 
@@ -53,7 +52,7 @@ class Found:
 def add(workspace: Workspace) -> None:
     """Add the page."""
 
-    @ui.page("/inbox", response_timeout=60)
+    @route(workspace, "/inbox", "Proposals")
     async def inbox() -> None:
         found = await load(proposals, workspace)
         listing = await load(workspace.listing)
@@ -94,7 +93,7 @@ class Inbox:
             self._fields(worlds)
             tag("p", "For a vision language model:", cls="soft small")
             model_form(made.workspace)
-            with tag("p", cls="st-actions"):
+            with actions():
                 made.button("Ask", self._ask, cls="st-primary")
         self.news = tag("p", "", cls="st-news soft small", role="status")
         self.list = tag("div")
@@ -108,9 +107,9 @@ class Inbox:
         asked = self.asked
         with self.fields:
             with field("World"):
-                select({name: name for name in worlds}, asked["world"], lambda v: self._choose_world(v, worlds))
+                select(worlds, asked["world"], lambda name: self._choose_world(name, worlds))
             with field("Route"):
-                select({name: name for name in self._routes()}, asked["route"], partial(self._set, "route"))
+                select(routes_of(asked["world"]), asked["route"], partial(self._set, "route"))
             with field("Requirement"):
                 options = {name: f"{name}: {each.title}" for name, each in shipped_requirements().items()}
                 select(options, asked["requirement"], partial(self._set, "requirement"))
@@ -118,29 +117,17 @@ class Inbox:
                 select(GENERATORS, asked["generator"], partial(self._set, "generator"))
             for key, label in (("humans", "People"), ("seed", "First seed"), ("count", "How many")):
                 with field(label):
-                    text_input(asked[key], self._number(key), kind="number", min="0", inputmode="numeric")
+                    number_input(asked[key], partial(self._set, key), inputmode="numeric")
 
     def _set(self, key: str, value: Any) -> None:
+        value = 0 if value is None else value  # an empty number
         self.asked[key] = value
         self.kept.keep({key: value})
 
     def _choose_world(self, name: str, worlds: tuple[str, ...]) -> None:
         self._set("world", name)
-        self._set("route", next(iter(self._routes()), ""))
+        self._set("route", next(iter(routes_of(name)), ""))
         self._fields(worlds)
-
-    def _routes(self) -> list[str]:
-        try:
-            return [route.name for route in rvsg.load_world(self.asked["world"]).routes]
-        except RvsgError:  # the world that is chosen may be broken; asking says why
-            return []
-
-    def _number(self, key: str) -> Any:
-        def changed(text: str) -> None:
-            with contextlib.suppress(ValueError):  # an unfinished number
-                self._set(key, int(text) if text else 0)
-
-        return changed
 
     def _ask(self) -> None:
         asked = dict(self.asked)
@@ -188,14 +175,14 @@ class Inbox:
             if proposal is not None and proposal.scenario is not None:
                 tag("p", proposal.scenario.description or "Without a description", cls="st-clip")
             _verdict(each)
-            with tag("p", cls="st-actions"):
+            with actions():
                 if each.valid:
                     link("Open in the editor", "/scenario", cls="st-button", file=file)
                     self.page.button("Accept", lambda: self._accept(each), aria_label=f"Accept {name}")
                 self.page.button("Drop", lambda: self._drop(each), cls="st-danger", aria_label=f"Drop {name}")
 
     def _accept(self, each: Found) -> None:
-        """Keep the scenario of a proposal with the others, and take it out of the inbox."""
+        """Save the scenario of a proposal with the others, and take it out of the inbox."""
         target = self.workspace.path(f"scenarios/{each.path.name}")
         if target.exists():
             where = self.workspace.relative(target)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,6 @@ from rvsg.app.settings import (
     LISTED,
     MACHINE,
     CampaignConfig,
-    Setting,
     default_of,
     effective,
     parse_campaign_file,
@@ -32,7 +31,22 @@ from rvsg.robots.robot import shipped_robots
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.estimate import Estimate, estimate, estimate_all
-from rvsg_studio.frame import PATIENT_S, Page, address, as_script, field, load, page, select, tag, text_input
+from rvsg_studio.frame import (
+    PATIENT_S,
+    Page,
+    actions,
+    address,
+    as_script,
+    field,
+    load,
+    number_input,
+    page,
+    route,
+    select,
+    tag,
+    text_area,
+    text_input,
+)
 from rvsg_studio.workspace import Workspace
 
 DRAFT = "new-campaign.yaml"
@@ -113,7 +127,7 @@ class Draft:
 def add(workspace: Workspace) -> None:
     """Add the page."""
 
-    @ui.page("/campaign/new", response_timeout=PATIENT_S)
+    @route(workspace, "/campaign/new", "New campaign", patience_s=PATIENT_S)
     async def new_campaign() -> None:
         listing = await load(workspace.listing)
         draft = Draft(workspace)
@@ -131,24 +145,23 @@ class Form:
                 self.fields = tag("div")
             with tag("section", aria_label="Campaign file"):
                 with field("campaign.yaml", help="Edit here or in the form. Every option of `rvsg run` is a key."):
-                    self.text = tag("textarea", draft.text, rows=16, spellcheck="false", cls="st-code", id="yaml")
-                self.text.on("input", self._typed, js_handler="(e) => emit(e.target.value)")
+                    text_area(draft.text, self._typed, rows=16, spellcheck="false", cls="st-code", id="yaml")
                 self.problem = tag("p", draft.problem, cls="st-message st-wrong", role="alert")
                 self.estimate = tag("p", "", cls="soft", role="status")
-                with tag("p", cls="st-actions"):
+                with actions():
                     made.button("Start", self._start, cls="st-primary")
                     made.button("Estimate time and cost", self._estimate)
                 self.command = tag("p", cls="small")
         made.command("Start", "rvsg run campaign.yaml --out runs/NAME")
         self._show()
 
-    def _typed(self, event: Any) -> None:
-        if str(event.args) == self.draft.text:  # a browser reports a pasted text once per line
-            return
-        self.draft.write(str(event.args))
-        self._show(written=False)
+    def _typed(self, text: str) -> None:
+        if text != self.draft.text:  # a browser reports a pasted text once per line
+            self.draft.write(text)
+            self._show(written=False)
 
     def _set(self, key: str, value: Any) -> None:
+        value = None if value == "" else value
         self.draft.set(key, value)
         self._show(fields=key in ("world", "generator"))
 
@@ -179,14 +192,15 @@ class Form:
         """Add a field for every setting that has a label."""
         values = CampaignConfig().model_dump() | self.draft.settings
         values["generator"] = values["generator"] or ("vlm" if values["model"] or values["replay"] else "heuristic")
-        choices = {
-            "world": {name: name for name in self.worlds},
-            "route": {name: name for name in _routes(str(values["world"]))},
-            "requirement": {name: f"{name}: {each.title}" for name, each in shipped_requirements().items()},
-            "robot": {name: name for name in shipped_robots()},
-            "generator": GENERATORS,
-            "strategy": {name: name for name in plugins.names("strategy")},
+        named = {
+            "world": self.worlds,
+            "route": routes_of(str(values["world"])),
+            "robot": shipped_robots(),
+            "strategy": plugins.names("strategy"),
         }
+        choices = {key: {name: name for name in names} for key, names in named.items()}
+        choices["requirement"] = {name: f"{name}: {each.title}" for name, each in shipped_requirements().items()}
+        choices["generator"] = GENERATORS
         shown = {
             key: setting
             for key, setting in settings().items()
@@ -196,26 +210,16 @@ class Form:
             self._several(key, shown.pop(key).label, choices[key], values)
         with tag("div", cls="st-form"):
             for key, setting in shown.items():
-                if key in choices:
-                    self._choice(key, setting.label, choices[key], values)
-                else:
-                    self._input(key, setting, values[key])
-
-    def _input(self, key: str, setting: Setting, value: Any) -> None:
-        kind = value_type(key)
-        numeric = {int: {"inputmode": "numeric"}, float: {"step": "any"}}.get(kind)
-        with field(setting.label, help=setting.help):
-            if numeric is None:
-                text_input(value, lambda text: self._set(key, text or None), autocomplete="off")
-            else:
-                text_input(value, self._number(key, kind), kind="number", min="0", **numeric)
-
-    def _choice(self, key: str, label: str, options: dict[str, str], values: dict[str, Any]) -> None:
-        value = str(values[key])
-        if value not in options:
-            options = {value: value, **options}
-        with field(label):
-            select(options, value, lambda chosen: self._set(key, chosen))
+                value, changed = values[key], partial(self._set, key)
+                with field(setting.label, help="" if key in choices else setting.help):
+                    if key in choices:
+                        known = choices[key]
+                        select(known if str(value) in known else {str(value): str(value)} | known, str(value), changed)
+                    elif (kind := value_type(key)) in (int, float):
+                        attributes = {"inputmode": "numeric"} if kind is int else {"step": "any"}
+                        number_input(value, changed, kind, **attributes)
+                    else:
+                        text_input(value, changed, autocomplete="off")
 
     def _several(self, key: str, label: str, options: dict[str, str], values: dict[str, Any]) -> None:
         """Boxes to tick; more than one route or requirement makes a campaign for each pair."""
@@ -241,13 +245,6 @@ class Form:
                 box.on("change", lambda event, name=name: ticked(name, bool(event.args)),
                        js_handler="(e) => emit(e.target.checked)")  # fmt: skip
 
-    def _number(self, key: str, kind: type) -> Any:
-        def changed(text: str) -> None:
-            with contextlib.suppress(ValueError):  # an unfinished number, e.g. "-"
-                self._set(key, kind(text) if text else None)
-
-        return changed
-
     async def _estimate(self) -> None:
         self.estimate.set_text("Simulating the mission a few times…")
         listing = await load(self.page.workspace.whole_listing)
@@ -259,11 +256,16 @@ class Form:
         self.estimate.set_text(in_words(found))
 
     async def _start(self) -> None:
-        if self.draft.matrix is not None:
-            await self._start_matrix()
+        workspace, matrix = self.page.workspace, self.draft.matrix
+        if matrix is not None:  # a campaign for each route and requirement, as one job
+            name = workspace.relative(workspace.path(str(matrix.folder)))
+            matrix = Matrix.of(self.draft.settings | {"out": name}, {})
+            assert matrix is not None
+            await load(matrix.create)
+            workspace.jobs.start("matrix", title="Campaigns", command=matrix.commands(), target=name, folder=name)
+            ui.navigate.to(address("/matrix", folder=name))
             return
         config = self.draft.config
-        workspace = self.page.workspace
         folder = workspace.path(str(config.folder))
         name = workspace.relative(folder)
         settings = {key: value for key, value in config.model_dump().items() if key not in ("out", *MACHINE)}
@@ -275,21 +277,9 @@ class Form:
         campaign = await load(rvsg.Campaign.create, name, file=changed, begun_in=str(workspace.folder))
         machine = {key: getattr(config, key) for key in NOT_STORED if getattr(config, key) is not None}
         told = {"folder": name, "name": campaign.name, "machine": machine}
-        workspace.jobs.start(
-            "campaign", title="Campaign", command=command_for(config, out=Path(name)), target=name, **told
-        )
+        command = command_for(config, out=Path(name))
+        workspace.jobs.start("campaign", title="Campaign", command=command, target=name, **told)
         ui.navigate.to(address("/campaign", folder=name, name=campaign.name))
-
-    async def _start_matrix(self) -> None:
-        """Start a campaign for each route and requirement, as one job."""
-        matrix, workspace = self.draft.matrix, self.page.workspace
-        assert matrix is not None
-        name = workspace.relative(workspace.path(str(matrix.folder)))
-        matrix = Matrix.of(self.draft.settings | {"out": name}, {})
-        assert matrix is not None
-        await load(matrix.create)
-        workspace.jobs.start("matrix", title="Campaigns", command=matrix.commands(), target=name, folder=name)
-        ui.navigate.to(address("/matrix", folder=name))
 
 
 def in_words(found: Estimate) -> str:
@@ -307,8 +297,9 @@ def in_words(found: Estimate) -> str:
     return f"{said} The calls of {found.calls_of}: {cost}, by {found.known_calls} earlier calls."
 
 
-def _routes(world: str) -> list[str]:
+def routes_of(world: str) -> list[str]:
+    """Return the names of the routes of a world; none of one that cannot be read: using it says why."""
     try:
-        return [route.name for route in rvsg.load_world(world).routes]
-    except RvsgError:  # the world that is chosen may be broken; starting says why
+        return [each.name for each in rvsg.load_world(world).routes]
+    except RvsgError:
         return []
