@@ -11,10 +11,14 @@ from tests.coded import coded
 import rvsg
 from rvsg.app.campaign import campaigns_in
 from rvsg.app.record import CampaignRecord
+from rvsg.app.stored_campaign import check_same_route
 from rvsg.campaign import execution
 from rvsg.core.errors import InputError
+from rvsg.robots.robot import shipped_robots
+from rvsg.scenario.builder import check_mission, mission_of
 from rvsg.store.sqlite import SqliteLedger
 from rvsg.testing import WalkingGenerator
+from rvsg.world.world_folder import shipped_worlds
 
 SMALL: dict[str, Any] = {
     "world": "warehouse",
@@ -161,3 +165,35 @@ def test_a_report_of_a_world_whose_routes_changed_is_refused(tmp_path: Path, mon
     monkeypatch.setattr(world_lookup, "_worlds", {})
     with pytest.raises(InputError, check=coded("world-changed")):
         rvsg.Campaign.open(tmp_path / "one").report()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("world", shipped_worlds())
+@pytest.mark.parametrize("robot", shipped_robots())
+def test_every_robot_runs_a_campaign_with_its_report_in_every_world(tmp_path: Path, robot: str, world: str) -> None:
+    place = rvsg.load_world(world)
+    for route in place.routes:
+        try:
+            check_mission(mission_of(place, route, robot)[0], place)
+        except InputError:  # the robot does not fit there
+            continue
+        break
+    else:
+        pytest.skip(f"{robot} fits on no route of {world}")
+    few = {"scenarios": 1, "repeats": 1, "confirmations": 0, "simulator": "embedded"}
+    campaign = create(tmp_path / "one", robot=robot, world=world, route=route.name, **few)
+    list(campaign.run(jobs=1))
+    assert campaign.report().exists()
+
+
+@pytest.mark.parametrize("robot", shipped_robots())
+def test_a_report_knows_the_route_that_was_fitted_to_its_robot(robot: str) -> None:
+    world = rvsg.load_world("warehouse")
+    for route in world.routes:
+        try:
+            mission, _ = mission_of(world, route, robot)
+        except InputError:  # the robot does not fit
+            continue
+        check_same_route(mission, world)
+        with pytest.raises(InputError, check=coded("world-changed")):
+            check_same_route(mission.replace(route=mission.route.replace(time_limit_s=7.0)), world)

@@ -33,6 +33,7 @@ from rvsg.scenario.scenario import Mission
 from rvsg.scenario.world_lookup import world_of
 from rvsg.simulation.run import Run
 from rvsg.simulation.simulators import described, with_stack
+from rvsg.world.routes import fitted
 from rvsg.world.world import World
 
 
@@ -252,9 +253,12 @@ class StoredCampaign:
 
 
 def check_same_route(mission: Mission, world: World) -> None:
-    """Refuse a world whose route is not that of the mission any more."""
+    """Refuse a world whose route, fitted to the mission's robot, is not that of the mission any more."""
     route = mission.route
-    if any(each.name == route.name and each == route for each in world.routes):
+    same = next((each for each in world.routes if each.name == route.name), None)
+    if same is not None and not isinstance(mission.robot, str):
+        same = fitted(same, mission.robot, world).route
+    if same == route:
         return
     raise InputError(
         f"{world.name}: {route.name} has changed since the campaign was run. Run the campaign again with another "
