@@ -21,11 +21,11 @@ from rvsg.app.settings import CampaignConfig
 from rvsg.app.wiring import Wired, jobs_of, wire
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.execution import Parts, calls_of
-from rvsg.campaign.feedback import failure_map, filled
+from rvsg.campaign.feedback import failure_map
 from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.loop import run_campaign
-from rvsg.campaign.observation import FailureMode, candidates, usual_mode
-from rvsg.campaign.ranking import best_attempt, measured, search_attempts
+from rvsg.campaign.observation import FailureMode, mode_of, usual
+from rvsg.campaign.ranking import best_attempt, in_full, measured, search_attempts, standing
 from rvsg.campaign.runner import FinishedRun
 from rvsg.core.errors import BudgetSpent, InputError
 from rvsg.core.files import write_whole
@@ -35,6 +35,7 @@ from rvsg.evaluation.diversity import available, description_diversity, position
 from rvsg.evaluation.statistics import Comparison, compare, holm
 from rvsg.evaluation.verdict import Verdict, violated
 from rvsg.report.charts import COLOURS, Scale, span, ticks
+from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run
 from rvsg.store.memory import MemoryLedger
@@ -180,7 +181,7 @@ def _row(key: tuple[str, str, str, int], wired: Wired) -> Row:
         best = best_attempt(attempts, wired.plan.requirement)
         verdict = confirmed.best(best) if best else None
         modes = confirmed.failure_modes()
-    cells, broken = filled(failure_map(attempts, wired.plan.requirement, run_of=ledger.run, world=wired.world))
+    cells = failure_map(attempts, wired.plan.requirement, run_of=ledger.run, world=wired.world)
     calls = calls_of(search_attempts(attempts))
     found = [a.proposal.scenario for a in measured(attempts) if a.verdict and a.verdict.violations]
     scenarios = [scenario for scenario in found if scenario is not None]
@@ -205,8 +206,8 @@ def _row(key: tuple[str, str, str, int], wired: Wired) -> Row:
         sdd=description_diversity([s.description for s in scenarios[:30] if s.description]) if available() else None,
         htd=task_diversity([[[t.name for t in h.tasks] for h in s.people.humans] for s in scenarios[:30]]),
         ssd=simulation_diversity([positions(run) for run in confirmed.shown[:30]]),
-        cells=cells,
-        broken_cells=broken,
+        cells=len(cells),
+        broken_cells=sum(cell.violations > 0 for cell in cells),
         curve=curve(attempts, wired),
     )
 
@@ -216,6 +217,32 @@ def _searched(wired: Wired, ledger: CachedLedger, parts: Parts) -> list[Attempt]
     with contextlib.suppress(BudgetSpent):
         run_campaign(wired.plan, wired.strategy(ledger), parts)
     return list(ledger.attempts(wired.plan.name))
+
+
+def candidates(
+    attempts: Sequence[Attempt], requirement: Requirement, kind_of: Callable[[Attempt], FailureMode | None]
+) -> list[Attempt]:
+    """Return the attempts worth confirming: those that violated the requirement, one of every kind of failure first.
+
+    Within a kind, and among the first of each kind, those measured in full come first, then those that violate surely
+    (2 of 2 runs say more than 1 of 1), then the worst for the robot.
+    """
+    full = {attempt.index for attempt in in_full(attempts)}
+    violating = [a for a in measured(attempts) if a.verdict is not None and a.verdict.violations]
+    violating.sort(key=lambda a: (a.index not in full, -_surely(a), -standing(a, requirement)[1], a.index))
+    kinds: dict[FailureMode | None, int] = {}
+    rank = []
+    for attempt in violating:
+        kind = kind_of(attempt)
+        rank.append((kinds.get(kind, 0), attempt))
+        kinds[kind] = kinds.get(kind, 0) + 1
+    return [attempt for _, attempt in sorted(rank, key=lambda pair: pair[0])]
+
+
+def _surely(attempt: Attempt) -> float:
+    """The share of violations, pulled towards one half by one run of each kind."""
+    assert attempt.verdict is not None
+    return (attempt.verdict.violations + 1.0) / (attempt.verdict.runs + 2.0)
 
 
 class _Confirmed:
@@ -267,14 +294,14 @@ class _Confirmed:
 
     def _kind(self, attempt: Attempt) -> FailureMode | None:
         runs = [self.ledger.run(m.run_id) for m in attempt.measurements if self._violates(m)]
-        return usual_mode(runs, self.wired.world)
+        return usual(mode_of(run, self.wired.world) for run in runs)
 
     def _mode(self, runs: Sequence[Run], measurements: Sequence[Measurement]) -> FailureMode | None:
         """Return the mode that most of the violating runs show."""
         bad = {m.run_id for m in measurements if self._violates(m)}
         shown = [run for run in runs if run.id in bad]
         self.shown += shown[:1]
-        return usual_mode(shown, self.wired.world)
+        return usual(mode_of(run, self.wired.world) for run in shown)
 
     def _run(self, scenario: Scenario, seeds: Sequence[int]) -> tuple[list[Run], list[Measurement]]:
         submitted = [self.parts.runner.submit(scenario, seed) for seed in seeds]

@@ -20,8 +20,7 @@ from pathlib import Path
 
 from rvsg.app.comparison import compare_stacks
 from rvsg.app.suites import Suite
-from rvsg.campaign.comparison import Comparison, compare
-from rvsg.campaign.suite import CaseResult, SuiteResult
+from rvsg.campaign.suite import CaseResult, Comparison, SuiteResult, compare
 from rvsg.evaluation.statistics import wilson
 from rvsg.report.charts import COLOURS
 from rvsg.report.comparison_page import percent, ranking_markdown, shares_figure

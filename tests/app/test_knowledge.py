@@ -14,8 +14,7 @@ from rvsg.cli import main
 from rvsg.core.errors import FileError
 from rvsg.generation.generator import Generator, Proposal
 from rvsg.scenario.brief import Brief
-from rvsg.store.knowledge_base import KnowledgeBase
-from rvsg.store.knowledge_search import open_knowledge, search, tell
+from rvsg.store.knowledge_base import KnowledgeBase, open_knowledge, search, tell
 from rvsg.testing import WalkingGenerator
 from rvsg.world.world import World
 

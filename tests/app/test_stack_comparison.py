@@ -9,8 +9,7 @@ import pytest
 
 import rvsg
 from rvsg.app.comparison import compare_stacks, write_comparison
-from rvsg.campaign.comparison import compare
-from rvsg.campaign.suite import CaseResult, SuiteResult, state_of
+from rvsg.campaign.suite import CaseResult, SuiteResult, compare, state_of
 from rvsg.cli import main
 from rvsg.core.errors import InputError
 from rvsg.evaluation.verdict import judge

@@ -9,8 +9,7 @@ import pytest
 
 import rvsg
 from rvsg.app.comparison import compare_versions
-from rvsg.campaign.comparison import Change
-from rvsg.campaign.suite import State
+from rvsg.campaign.suite import Change, State
 from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.report.comparison_page import changes_markdown
 from rvsg.report.summary import suite_junit

@@ -12,7 +12,7 @@ import pytest
 
 import rvsg
 from rvsg.app.comparison import compare_versions
-from rvsg.campaign.comparison import Change, compare
+from rvsg.campaign.suite import Change, compare
 from rvsg.cli import main
 from rvsg.core.errors import InputError
 

@@ -172,9 +172,9 @@ def test_a_changed_stack_runs_the_cases_again_and_the_way_back_too(suite: rvsg.S
     symptoms = []
     for now in ("A", "A", "B", "A"):
         version[0] = now
-        for sign in analyser.analyse([]):
-            symptoms.append(sign.symptom)
-            known.append(sign.symptom.version)
+        for symptom, _ in analyser.analyse([]):
+            symptoms.append(symptom)
+            known.append(symptom.version)
     assert [each.version for each in symptoms] == ["A", "B", "A"]
     assert len({each.id for each in symptoms}) == 3
 

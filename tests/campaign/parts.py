@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import signal
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rvsg.campaign.attempt import Failure, Measurement, Plan
+from rvsg.campaign.attempt import Attempt, Failure, Measurement, Plan
 from rvsg.campaign.execution import Parts
+from rvsg.campaign.feedback import StoredFeedback
 from rvsg.campaign.ledger import CachedLedger, Ledger
+from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.runner import FinishedRun, Measuring, PendingRun, Runner
+from rvsg.campaign.strategies import Strategy, StudyStrategy
+from rvsg.core.errors import GenerationError
 from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.generation.generator import Proposal
+from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.simulation.kinematic import KinematicSimulator
@@ -154,6 +161,49 @@ def parts(
         judge=judge,
         ledger=cached,
     )
+
+
+def searched(
+    strategy: Callable[..., Strategy] = StudyStrategy,
+    the_plan: Plan | None = None,
+    ledger: Ledger | None = None,
+    *,
+    options: Mapping[str, object] | None = None,
+    changes: Mapping[str, object] | None = None,
+    **how: Any,
+) -> list[Attempt]:
+    """Run a campaign and return its attempts.
+
+    Args:
+        options: Of the strategy.
+        changes: Of the parts.
+        how: The rest of what `parts` takes.
+    """
+    the_plan = plan() if the_plan is None else the_plan
+    made = dataclasses.replace(parts(MemoryLedger() if ledger is None else ledger, **how), **(changes or {}))
+    feedback = StoredFeedback(made.ledger, the_plan, warehouse())
+    with made.runner:
+        return run_campaign(the_plan, strategy(the_plan, feedback, warehouse(), **(options or {})), made)
+
+
+def a_scenario() -> Scenario:
+    """A scenario that the walking generator proposes."""
+    proposal = WalkGenerator().propose(Brief(mission=plan().mission, requirement=REQUIREMENT, seed=0), warehouse())
+    assert proposal.scenario is not None
+    return proposal.scenario
+
+
+class Stops(WalkGenerator):
+    """A service that fails from some proposal on."""
+
+    def __init__(self, after: int) -> None:
+        super().__init__()
+        self.after = after
+
+    def propose(self, brief: Brief, world: World) -> Proposal:
+        if len(self.briefs) >= self.after:
+            raise GenerationError("the service does not answer")
+        return super().propose(brief, world)
 
 
 class Noted(Runner):

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from tests.campaign.parts import MemoryLedger, WalkGenerator, parts, plan, warehouse
+from tests.campaign.parts import MemoryLedger, WalkGenerator, plan, searched
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.execution import Limits, account
-from rvsg.campaign.feedback import StoredFeedback
 from rvsg.campaign.hybrid import HybridStrategy
-from rvsg.campaign.ledger import CachedLedger
-from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.core.errors import BudgetSpent
 from rvsg.generation.generator import Call, Proposal
@@ -30,15 +27,11 @@ class Paid(WalkGenerator):
         return super().propose(brief, world).replace(calls=(call, call))
 
 
-def searched(
+def paid(
     ledger: MemoryLedger, strategy: type = StudyStrategy, price: float | None = 0.02, **limits: float
 ) -> list[Attempt]:
     the_plan = plan(scenarios=3, refinements=1, repeats=2, confirmations=0)
-    made = parts(ledger, generator=Paid(price))
-    object.__setattr__(made, "limits", Limits(**limits))  # type: ignore[arg-type]
-    with made.runner:
-        chosen = strategy(the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse()), warehouse())
-        return run_campaign(the_plan, chosen, made)
+    return searched(strategy, the_plan, ledger, generator=Paid(price), changes={"limits": Limits(**limits)})
 
 
 @pytest.mark.parametrize(
@@ -47,7 +40,7 @@ def searched(
 def test_a_limit_of_any_kind_ends_the_search_of_any_generator(limits: dict[str, float], attempts: int) -> None:
     ledger = MemoryLedger()
     with pytest.raises(BudgetSpent):
-        searched(ledger, **limits)
+        paid(ledger, **limits)
     spent = account(ledger.kept)
     assert (spent.search_attempts, spent.calls, spent.input_tokens) == (attempts, 2 * attempts, 1800 * attempts)
     assert spent.cost_usd == pytest.approx(0.04 * attempts)
@@ -55,20 +48,20 @@ def test_a_limit_of_any_kind_ends_the_search_of_any_generator(limits: dict[str, 
 
 def test_a_search_with_a_larger_limit_goes_on_to_the_same_records() -> None:
     whole, ledger = MemoryLedger(), MemoryLedger()
-    searched(whole)
+    paid(whole)
     with pytest.raises(BudgetSpent):
-        searched(ledger, calls=3)
-    searched(ledger, calls=50)
+        paid(ledger, calls=3)
+    paid(ledger, calls=50)
     assert ledger.kept == whole.kept
 
 
 def test_a_limit_of_money_cannot_be_kept_where_the_price_is_unknown() -> None:
     with pytest.raises(BudgetSpent):
-        searched(MemoryLedger(), price=None, usd=1.0)
+        searched(generator=Paid(None), changes={"limits": Limits(usd=1.0)})
 
 
 def test_a_configuration_that_is_run_again_pays_its_calls_once() -> None:
-    attempts = searched(MemoryLedger(), HybridStrategy)
+    attempts = paid(MemoryLedger(), HybridStrategy)
     asked = [a for a in attempts if a.proposal.generator != "hybrid"]
     briefs = {(a.brief.scenario_index, a.brief.configuration_index) for a in asked}
     assert len(asked) > len(briefs)

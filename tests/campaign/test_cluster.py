@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import itertools
 import os
 import signal
@@ -17,13 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.campaign.parts import Deadly, Distance, MemoryLedger, measure, parts, plan, warehouse
+from tests.campaign.parts import Deadly, Distance, MemoryLedger, a_scenario, measure, plan, searched, warehouse
 from tests.coded import coded
 
 from rvsg.campaign.attempt import Attempt, Plan
-from rvsg.campaign.feedback import StoredFeedback
 from rvsg.campaign.ledger import CachedLedger
-from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.runner import FinishedRun, RunMaker, Runner
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.core.errors import InputError, SimulationError
@@ -68,24 +65,19 @@ def campaign(
     ledger = ledger or MemoryLedger()
     executor = Cluster(address=address, **how)  # type: ignore[arg-type]
     executor._now = now
-    with Runner(
+    runner = Runner(
         simulator or KinematicSimulator(),  # type: ignore[arg-type]
         warehouse(),
         measuring=Distance(measure),
         ledger=CachedLedger(ledger),
         executor=executor,
         notify=told.append,
-    ) as runner:
-        made = dataclasses.replace(parts(ledger), runner=runner)
-        return run_campaign(
-            the_plan, StudyStrategy(the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse())), made
-        )  # type: ignore[arg-type]
+    )
+    return searched(StudyStrategy, the_plan, ledger, changes={"runner": runner})
 
 
 def alone(the_plan: Plan) -> list[Attempt]:
-    ledger = MemoryLedger()
-    strategy = StudyStrategy(the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse()))  # type: ignore[arg-type]
-    return run_campaign(the_plan, strategy, parts(ledger))
+    return searched(StudyStrategy, the_plan)
 
 
 def test_a_campaign_on_a_cluster_keeps_what_it_keeps_in_one_process(cluster) -> None:
@@ -117,13 +109,12 @@ def test_a_run_is_made_again_when_what_is_under_way_beside_it_is_done(cluster) -
             time.sleep(0.3)
             return super().run(scenario, world, seed=seed)
 
-    scenario = alone(plan(scenarios=1, refinements=0, repeats=1, confirmations=0))[0].proposal.scenario
-    assert scenario is not None
+    scenario = a_scenario()
     executor = Cluster(address=cluster.scheduler_address)
     executor.start(RunMaker(Slow(), warehouse()), lambda _: None)
     beside = [executor.submit(scenario, seed) for seed in range(4)]
     executor._wait_for_others()
-    assert all(submitted.future.status == "finished" for submitted in beside)
+    assert all(submitted.status == "finished" for submitted in beside)
     executor.stop(kill=True)
 
 
@@ -194,8 +185,7 @@ def test_a_cluster_that_is_gone_stops_the_campaign_and_the_same_call_resumes_it(
 def test_a_scheduler_that_ends_stops_the_campaign_with_one_message() -> None:
     local = distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0", host="127.0.0.1")
     with Runner(KinematicSimulator(), warehouse(), executor=Cluster(address=local.scheduler_address)) as runner:
-        scenario = alone(plan(scenarios=1, refinements=0, repeats=1, confirmations=0))[0].proposal.scenario
-        assert scenario is not None
+        scenario = a_scenario()
         assert isinstance(runner.submit(scenario, 1).result(), FinishedRun)
         local.close()
         with pytest.raises(SimulationError, check=coded("cluster-lost")):
@@ -226,8 +216,7 @@ def test_a_scheduler_whose_machine_is_lost_stops_the_campaign(
 ) -> None:
     assert frozen.stdout is not None
     executor = Cluster(address=frozen.stdout.readline().strip(), patience_s=300.0)
-    scenario = alone(plan(scenarios=1, refinements=0, repeats=1, confirmations=0))[0].proposal.scenario
-    assert scenario is not None
+    scenario = a_scenario()
     with Runner(KinematicSimulator(), warehouse(), executor=executor) as runner:
         assert isinstance(runner.submit(scenario, 1).result(), FinishedRun)
         os.kill(frozen.pid, signal.SIGSTOP)
@@ -260,8 +249,7 @@ class Closes(KinematicSimulator):
 
 
 def test_a_worker_closes_its_copy_of_the_simulator(cluster, tmp_path: Path) -> None:
-    scenario = alone(plan(scenarios=1, refinements=0, repeats=1, confirmations=0))[0].proposal.scenario
-    assert scenario is not None
+    scenario = a_scenario()
     closes = Closes(tmp_path / "closed")
     with Runner(closes, warehouse(), executor=Cluster(address=cluster.scheduler_address)) as runner:
         assert isinstance(runner.submit(scenario, 1).result(), FinishedRun)

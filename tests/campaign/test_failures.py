@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.campaign.parts import REQUIREMENT, MemoryLedger, WalkGenerator, parts, plan, warehouse
+from tests.campaign.parts import REQUIREMENT, MemoryLedger, WalkGenerator, parts, plan, searched, warehouse
+from tests.evaluation.runs import run_of as measured_run
+from tests.evaluation.runs import trajectory
 
-from rvsg.campaign import confirmation as confirming
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.feedback import StoredFeedback
+from rvsg.campaign.confirmation import Confirmations
 from rvsg.campaign.findings import Finding, distinct_failures, worst_confirmation
 from rvsg.campaign.ledger import CachedLedger
-from rvsg.campaign.loop import run_campaign
-from rvsg.campaign.observation import FailureMode, candidates, encounter_of, met, mode_of, observe, usual_mode
-from rvsg.campaign.runner import FinishedRun, Runner
+from rvsg.campaign.observation import FailureMode, encounter_of, met, mode_of, observe, usual
+from rvsg.campaign.runner import FinishedRun, Measuring, Runner
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.evaluation.statistics import clopper_pearson
 from rvsg.evaluation.verdict import Status, Verdict
@@ -69,27 +69,9 @@ def test_a_run_is_told_by_its_closest_approach(run: Run, person: str, robot: str
 
 
 def test_the_usual_mode_is_that_of_most_runs() -> None:
-    stands, comes = run_of((0.0, 1.0), (0.0, 0.0)), run_of((0.0, 1.0), (-0.7, 0.0))
-    assert usual_mode([comes, stands, stands], warehouse()) == mode_of(stands, warehouse())
-    assert usual_mode([], warehouse()) is None
-
-
-def test_one_candidate_of_every_kind_comes_first() -> None:
-    ledger, the_plan = MemoryLedger(), plan(scenarios=6, refinements=0, confirmations=0)
-    strategy = StudyStrategy(the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse()))  # type: ignore[arg-type]
-    attempts = run_campaign(the_plan, strategy, parts(ledger))
-    requirement = the_plan.requirement.replace(limit=50.0)
-    attempts = [
-        a.replace(verdict=a.verdict.replace(violations=a.verdict.runs)) for a in attempts if a.verdict is not None
-    ]
-    kinds = {a.index: FailureMode(place=f"place {a.index % 2}", person="stands", robot="stops") for a in attempts}
-    found = candidates(attempts, requirement, lambda a: kinds[a.index])
-    assert len(found) == 6
-    assert {kinds[a.index].place for a in found[:2]} == {"place 0", "place 1"}
-    assert (
-        candidates([a.replace(verdict=a.verdict.replace(violations=0)) for a in attempts], requirement, lambda a: None)
-        == []
-    )
+    stands, comes = (mode_of(run_of((0.0, 1.0), (speed, 0.0)), warehouse()) for speed in (0.0, -0.7))
+    assert usual([comes, stands, None, stands]) == stands
+    assert usual([]) is None
 
 
 def finding(attempt: int, violated: bool, share: float, mode: FailureMode | None) -> Finding:
@@ -158,7 +140,7 @@ def test_what_was_observed_of_a_run_when_it_was_made_is_what_the_stored_run_show
     stored = ledger.run(made.id)
     ledger.runs.clear()
     observed = cached.observation(made.id, warehouse())
-    assert observed == observe(stored, warehouse().grid, warehouse())
+    assert observed == observe(stored, warehouse())
     assert (observed.mode, observed.encounter) == (mode_of(stored, warehouse()), encounter_of(stored, warehouse()))
     assert cached.failure_mode(made.id, warehouse()) == mode_of(stored, warehouse())
 
@@ -167,11 +149,18 @@ def test_one_of_every_kind_of_failure_is_confirmed_before_the_second_of_one(monk
     the_plan, ledger = plan(scenarios=4, refinements=0, repeats=1, confirmations=0), MemoryLedger()
     made = parts(ledger)
     with made.runner:
-        found = run_campaign(
-            the_plan, StudyStrategy(the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse())), made
-        )
+        found = searched(StudyStrategy, the_plan, ledger, changes={"runner": made.runner})
         kinds = {m.run_id: "same" if a.index != 2 else "other" for a in found for m in a.measurements}
         monkeypatch.setattr(CachedLedger, "failure_mode", lambda self, run_id, world: kinds[run_id])
         always = the_plan.replace(requirement=the_plan.requirement.replace(limit=99.0))
-        ordered = confirming._one_of_each_kind(always, found, made)
+        ordered = Confirmations(always, [], made)._one_of_each_kind([made.ledger.summary(a) for a in found])
     assert [a.index for a in ordered] == [0, 2, 1, 3]
+
+
+def test_a_run_in_which_the_stack_failed_is_measured_and_not_judged() -> None:
+    path = trajectory([0, 1], 0, humans=[(2, 0)])
+    failed, made = measured_run(path, outcome=Outcome.STACK_FAILED), measured_run(path)
+    measuring = Measuring(REQUIREMENT)
+    assert measuring.measure(failed).values["dto"] == measuring.measure(made).values["dto"] == 2.0
+    assert measuring.measure(failed).objective is None and measuring.judged(failed).objective is None
+    assert measuring.measure(made).objective == measuring.judged(made).objective == 2.0

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from tests.campaign.parts import Counted, MemoryLedger, WalkGenerator, parts, plan, warehouse
+from tests.campaign.parts import Counted, MemoryLedger, Stops, WalkGenerator, plan, searched
 
 from rvsg.campaign.attempt import Attempt, Plan
-from rvsg.campaign.feedback import StoredFeedback
 from rvsg.campaign.hybrid import HybridStrategy, MapElitesStrategy
-from rvsg.campaign.ledger import CachedLedger
-from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.core.errors import GenerationError
 from rvsg.generation.generator import Proposal
@@ -25,13 +22,10 @@ def the_plan() -> Plan:
     return plan(scenarios=3, refinements=1, repeats=2, confirmations=0)
 
 
-def run(ledger: MemoryLedger, strategy: type, generator: WalkGenerator, jobs: int = 1) -> tuple[list[Attempt], int]:
+def run(ledger: MemoryLedger, strategy: type, generator: WalkGenerator) -> tuple[list[Attempt], int]:
     """Run a campaign; return its attempts and how many runs were simulated."""
     simulator = Counted()
-    made = parts(ledger, generator=generator, simulator=simulator, jobs=jobs)
-    with made.runner:
-        chosen = strategy(the_plan(), StoredFeedback(CachedLedger(ledger), the_plan(), warehouse()), warehouse())
-        return run_campaign(the_plan(), chosen, made), simulator.runs
+    return searched(strategy, the_plan(), ledger, generator=generator, simulator=simulator), simulator.runs
 
 
 class Unusable(WalkGenerator):
@@ -41,19 +35,6 @@ class Unusable(WalkGenerator):
         self.briefs.append(brief)
         problem = Finding(rule="unreadable", reason="The answer is no configuration.", suggestion="Answer with JSON.")
         return Proposal(generator="walk", scenario=None, problems=(problem,))
-
-
-class Failing(WalkGenerator):
-    """A service that fails from some proposal on."""
-
-    def __init__(self, after: int) -> None:
-        super().__init__()
-        self.after = after
-
-    def propose(self, brief: Brief, world: World) -> Proposal:
-        if len(self.briefs) >= self.after:
-            raise GenerationError("the service does not answer")
-        return super().propose(brief, world)
 
 
 class Stubborn(WalkGenerator):
@@ -79,7 +60,7 @@ def test_a_service_that_fails_leaves_a_campaign_that_resumes_to_the_same_records
     whole, _ = run(MemoryLedger(), strategy, WalkGenerator())
     ledger = MemoryLedger()
     with pytest.raises(GenerationError):
-        run(ledger, strategy, Failing(after))
+        run(ledger, strategy, Stops(after))
     assert len(ledger.kept) == after
     assert run(ledger, strategy, WalkGenerator())[0] == whole
 

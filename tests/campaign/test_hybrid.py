@@ -1,14 +1,25 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import pytest
-from tests.campaign.parts import Distance, MemoryLedger, Noted, WalkGenerator, measure, parts, plan, warehouse
+from tests.campaign.parts import (
+    Distance,
+    MemoryLedger,
+    Noted,
+    Stops,
+    WalkGenerator,
+    measure,
+    parts,
+    plan,
+    searched,
+    warehouse,
+)
 
-from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.execution import Limits, account
 from rvsg.campaign.feedback import StoredFeedback
 from rvsg.campaign.hybrid import HybridStrategy
@@ -27,34 +38,20 @@ from rvsg.simulation.kinematic import KinematicSimulator
 PLAN = {"scenarios": 5, "refinements": 3, "repeats": 3, "confirmations": 0, "budget_runs": 60}
 
 
-def searched(
-    ledger: MemoryLedger,
-    generator: object = None,
-    jobs: int = 1,
-    *,
-    limits: Limits | None = None,
-    cancelled: Callable[[], bool] = lambda: False,
-    **changes: object,
-) -> list[Attempt]:
-    the_plan = plan(**{**PLAN, **changes})
-    strategy = HybridStrategy(the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse()), warehouse())  # type: ignore[arg-type]
-    made = replace(parts(ledger, generator=generator, jobs=jobs), limits=limits or Limits(), cancelled=cancelled)
-    with made.runner:
-        return run_campaign(the_plan, strategy, made)
+def hybrid(ledger: MemoryLedger | None = None, changes: dict[str, object] | None = None, **how: Any) -> list[Attempt]:
+    wanted = {key: how.pop(key) for key in list(how) if key in Plan.model_fields}
+    return searched(HybridStrategy, plan(**{**PLAN, **wanted}), ledger, changes=changes, **how)
 
 
 @pytest.fixture(scope="module")
 def whole() -> list[Attempt]:
-    return searched(MemoryLedger())
+    return hybrid()
 
 
-def test_its_briefs_say_what_the_people_should_bring_about(whole: list[Attempt]) -> None:
-    assert {a.brief.aim for a in whole} == {Aim.SHARE}
-
-
-def test_it_spends_its_runs_and_no_more(whole: list[Attempt]) -> None:
+def test_it_spends_its_runs_and_tells_what_the_people_should_bring_about(whole: list[Attempt]) -> None:
     runs = {m.run_id for a in whole for m in a.measurements}
     assert 55 <= len(runs) <= 60
+    assert {a.brief.aim for a in whole} == {Aim.SHARE}
 
 
 def test_configurations_share_the_seeds_of_the_race(whole: list[Attempt]) -> None:
@@ -99,21 +96,12 @@ def test_a_configuration_that_has_lost_gets_no_further_run(whole: list[Attempt])
     assert len(seeds_of(best)) >= runs[-1] / 2
 
 
-def test_most_configurations_are_tuned_and_some_refined(whole: list[Attempt]) -> None:
-    kinds = {a.brief.kind for a in whole}
-    assert kinds == {"new", "refine", "tune"}
-    for attempt in whole:
-        if attempt.brief.kind == "tune":
-            assert attempt.proposal.generator == "hybrid"
-            assert attempt.proposal.scenario is not None
-
-
-def test_it_finds_a_worse_configuration_than_its_drafts(whole: list[Attempt]) -> None:
-    requirement = plan().requirement
-    drafts = [a for a in whole if a.brief.kind == "new"]
-    best = best_attempt(whole, requirement)
-    assert best is not None
-    assert best.mean is not None
+def test_it_tunes_and_refines_to_a_worse_configuration_than_its_drafts(whole: list[Attempt]) -> None:
+    assert {a.brief.kind for a in whole} == {"new", "refine", "tune"}
+    tuned = [a.proposal for a in whole if a.brief.kind == "tune"]
+    assert all(proposal.generator == "hybrid" and proposal.scenario is not None for proposal in tuned)
+    best, drafts = best_attempt(whole, plan().requirement), [a for a in whole if a.brief.kind == "new"]
+    assert best is not None and best.mean is not None
     assert best.mean < min(a.mean for a in measured(drafts) if a.mean is not None)
 
 
@@ -121,22 +109,16 @@ def test_it_finds_a_worse_configuration_than_its_drafts(whole: list[Attempt]) ->
     "cut", [pytest.param(1, marks=pytest.mark.exhaustive), 9, pytest.param(23, marks=pytest.mark.exhaustive), 40]
 )
 def test_it_resumes_to_the_same_records(whole: list[Attempt], cut: int) -> None:
-    class Stops(WalkGenerator):
-        def propose(self, brief: Brief, world: object) -> Proposal:
-            if len(self.briefs) >= max(1, cut // 4):
-                raise GenerationError("stopped")
-            return super().propose(brief, world)  # type: ignore[arg-type]
-
     ledger = MemoryLedger()
     with pytest.raises(GenerationError):
-        searched(ledger, Stops())
+        hybrid(ledger, generator=Stops(max(1, cut // 4)))
     assert len(ledger.kept) < len(whole)
-    assert searched(ledger) == whole
+    assert hybrid(ledger) == whole
 
 
 @pytest.mark.exhaustive
 def test_it_is_the_same_for_any_number_of_workers(whole: list[Attempt]) -> None:
-    assert searched(MemoryLedger(), jobs=3) == whole
+    assert hybrid(jobs=3) == whole
 
 
 def test_the_runs_of_a_batch_begin_before_their_turn_and_no_others() -> None:
@@ -151,24 +133,12 @@ def test_the_runs_of_a_batch_begin_before_their_turn_and_no_others() -> None:
     assert max(ahead) >= strategy.batch / 2
 
 
-def test_a_generator_that_never_answers_well_ends_the_search() -> None:
-    class Fails(WalkGenerator):
-        def propose(self, brief: Brief, world: object) -> Proposal:
-            self.briefs.append(brief)
-            return Proposal(generator="walk", scenario=None)
-
-    generator = Fails()
-    attempts = searched(MemoryLedger(), generator)
-    assert 1 < len(generator.briefs) <= 60
-    assert best_attempt(attempts, plan().requirement) is None
-
-
 def test_a_generator_that_repeats_itself_costs_no_runs() -> None:
     class Repeats(WalkGenerator):
         def propose(self, brief: Brief, world: object) -> Proposal:
             return super().propose(brief.replace(seed=3, scenario_index=0), world)  # type: ignore[arg-type]
 
-    attempts = searched(MemoryLedger(), Repeats())
+    attempts = hybrid(generator=Repeats())
     by_scenario = defaultdict(set)
     for attempt in attempts:
         assert attempt.proposal.scenario is not None
@@ -239,7 +209,7 @@ TURNS = {"scenarios": 2, "refinements": 1, "proposals": 4, "budget_runs": 32}
 @pytest.fixture(scope="module")
 def turns() -> tuple[list[Attempt], Dear]:
     generator = Dear()
-    return searched(MemoryLedger(), generator, **TURNS), generator
+    return hybrid(generator=generator, **TURNS), generator
 
 
 def test_with_few_proposals_each_is_tuned_before_the_next(turns: tuple[list[Attempt], Dear]) -> None:
@@ -271,7 +241,7 @@ def test_the_generator_is_told_its_ideas_at_their_best(turns: tuple[list[Attempt
 @pytest.mark.parametrize("calls", [1, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_spent_budget_of_calls_leaves_the_rest_of_the_runs_to_the_optimiser(calls: int) -> None:
     generator = Dear()
-    attempts = searched(MemoryLedger(), generator, **TURNS, limits=Limits(calls=calls))
+    attempts = hybrid(generator=generator, **TURNS, changes={"limits": Limits(calls=calls)})
     assert len(generator.briefs) == calls
     runs = {m.run_id for a in attempts for m in a.measurements}
     assert 28 <= len(runs) <= 32
@@ -284,7 +254,7 @@ def test_a_spent_budget_of_calls_leaves_the_rest_of_the_runs_to_the_optimiser(ca
 
 def test_a_budget_without_a_single_call_ends_the_search() -> None:
     with pytest.raises(BudgetSpent):
-        searched(MemoryLedger(), Dear(), **TURNS, limits=Limits(calls=0))
+        hybrid(generator=Dear(), **TURNS, changes={"limits": Limits(calls=0)})
 
 
 @pytest.mark.slow
@@ -292,8 +262,8 @@ def test_a_budget_without_a_single_call_ends_the_search() -> None:
     "cut", [pytest.param(3, marks=pytest.mark.exhaustive), 9, pytest.param(20, marks=pytest.mark.exhaustive)]
 )
 def test_turns_resume_to_the_same_records_after_the_budget_was_spent(cut: int) -> None:
-    limits = Limits(calls=2)
-    whole = searched(MemoryLedger(), Dear(), **TURNS, limits=limits)
+    limits = {"limits": Limits(calls=2)}
+    whole = hybrid(generator=Dear(), **TURNS, changes=limits)
     ledger = MemoryLedger()
     seen = []
 
@@ -301,9 +271,9 @@ def test_turns_resume_to_the_same_records_after_the_budget_was_spent(cut: int) -
         seen.append(None)
         return len(seen) > cut * 3
 
-    searched(ledger, Dear(), **TURNS, limits=limits, cancelled=cancelled)
+    hybrid(ledger, generator=Dear(), **TURNS, changes={**limits, "cancelled": cancelled})
     assert len(ledger.kept) < len(whole)
-    assert searched(ledger, Dear(), **TURNS, limits=limits) == whole
+    assert hybrid(ledger, generator=Dear(), **TURNS, changes=limits) == whole
 
 
 def test_a_model_that_never_answers_well_costs_its_proposals_and_no_more() -> None:
@@ -312,7 +282,7 @@ def test_a_model_that_never_answers_well_costs_its_proposals_and_no_more() -> No
             return super().propose(brief, world).replace(scenario=None)
 
     generator = Fails()
-    attempts = searched(MemoryLedger(), generator, **TURNS)
+    attempts = hybrid(generator=generator, **TURNS)
     assert len(generator.briefs) == len(attempts) == 4
 
 
@@ -322,7 +292,7 @@ def test_a_model_that_repeats_itself_is_tuned_all_the_same() -> None:
             return super().propose(brief.replace(seed=3, scenario_index=0), world)
 
     generator = Repeats()
-    attempts = searched(MemoryLedger(), generator, **TURNS)
+    attempts = hybrid(generator=generator, **TURNS)
     assert len(generator.briefs) == 4
     assert len({m.run_id for a in attempts for m in a.measurements}) >= 28
 
@@ -334,8 +304,8 @@ def test_a_record_that_ends_leaves_the_rest_to_the_optimiser_as_the_budget_did()
                 raise NotRecorded("the record ends")
             return super().propose(brief, world)
 
-    told = searched(MemoryLedger(), Dear(), **TURNS, limits=Limits(calls=2))
-    assert searched(MemoryLedger(), Ends(), **TURNS) == told
+    told = hybrid(generator=Dear(), **TURNS, changes={"limits": Limits(calls=2)})
+    assert hybrid(generator=Ends(), **TURNS) == told
 
 
 def test_a_refinement_is_told_what_the_optimiser_changed(turns: tuple[list[Attempt], Dear]) -> None:
@@ -358,7 +328,7 @@ def test_a_refinement_is_told_what_the_optimiser_changed(turns: tuple[list[Attem
 def test_a_refinement_is_told_why_the_last_answer_was_weaker() -> None:
     """Where the model goes on from an earlier configuration, the table of its last answer stands beside that one's."""
     generator = Dear()
-    searched(MemoryLedger(), generator, scenarios=1, refinements=4, proposals=5, budget_runs=50)
+    hybrid(generator=generator, scenarios=1, refinements=4, proposals=5, budget_runs=50)
     first, *refining = (brief.feedback for brief in generator.briefs)
     assert first is None
     told = []

@@ -1,85 +1,75 @@
-"""What attempts take in memory, and that nothing they say changes by it."""
+"""Attempts that a campaign holds as summaries only: the records are the same, and few are in memory."""
 
 from __future__ import annotations
 
-import math
-import pickle
+import gc
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from pydantic import ValidationError
-from tests.campaign.parts import WalkGenerator, plan, warehouse
+from tests.campaign.parts import parts, plan, warehouse
 
-from rvsg.campaign.attempt import Attempt, Measurement, Values
-from rvsg.campaign.ledger import Sharing
-from rvsg.core.records import canonical_json
-from rvsg.scenario.brief import Brief, Remembered
+from rvsg.campaign import ledger, runner
+from rvsg.campaign.attempt import Attempt, AttemptSummary, Measurement
+from rvsg.campaign.execution import Attempted
+from rvsg.campaign.feedback import StoredFeedback
+from rvsg.campaign.hybrid import HybridStrategy, MapElitesStrategy
+from rvsg.campaign.ledger import CachedLedger, Ledger
+from rvsg.campaign.loop import run_campaign, stream_campaign
+from rvsg.campaign.strategies import StudyStrategy
+from rvsg.core.errors import StoreError
+from rvsg.generation.heuristic import HeuristicGenerator
+from rvsg.store.memory import MemoryLedger
+from rvsg.store.sqlite import SqliteLedger
 
-metrics = st.dictionaries(st.text(max_size=5), st.none() | st.floats(allow_nan=False, allow_infinity=False))
-
-
-@given(metrics)
-def test_values_are_a_mapping_that_survives_records_and_pickles(given_values: dict[str, float | None]) -> None:
-    measured = Measurement(run_id="run-1", seed=1, outcome="x", values=given_values)
-    values = measured.values
-    assert isinstance(values, Values) and values == given_values and list(values) == list(given_values)
-    assert measured.model_dump(mode="json")["values"] == given_values
-    again = Measurement.from_json(measured.to_json())
-    assert again == measured == pickle.loads(pickle.dumps(measured))
-    assert again.id == measured.id == measured.replace(values=dict(values)).id
+STRATEGIES = [StudyStrategy, HybridStrategy, MapElitesStrategy]
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf, "much", [1.0]])
-def test_a_value_that_is_no_number_is_refused(bad: object) -> None:
-    with pytest.raises(ValidationError):
-        Measurement(run_id="run-1", seed=1, outcome="x", values={"dto": bad})
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keep so few attempts that nearly everything is read from the store."""
+    monkeypatch.setattr(ledger, "ATTEMPTS", 2)
+    monkeypatch.setattr(runner, "RECENT", 3)
 
 
-def test_runs_share_the_names_of_metrics_and_how_they_ended() -> None:
-    def received(seed: int) -> Measurement:
-        given = Measurement(run_id=f"run-{seed}", seed=seed, outcome=f"the goal{' '}was reached", values={"dto": 1.0})
-        return pickle.loads(pickle.dumps(given))
-
-    first, second = received(1), received(2)
-    assert next(iter(first.values)) is next(iter(second.values))
-    assert first.outcome is second.outcome
+def made(ledger: Ledger, strategy: Any) -> list[Attempt]:
+    wanted = plan(scenarios=3, refinements=2, repeats=2)
+    asking = strategy(wanted, StoredFeedback(CachedLedger(ledger), wanted, warehouse()), warehouse())
+    return run_campaign(wanted, asking, parts(ledger, generator=HeuristicGenerator()))
 
 
-def attempts() -> list[Attempt]:
-    """Attempts that each remember those before, as many objects as if each were read from a file."""
-    found: list[Attempt] = []
-    for index in range(4):
-        brief = Brief(mission=plan().mission, requirement=plan().requirement, seed=index)
-        proposal = WalkGenerator().propose(brief, warehouse())
-        memory = tuple(
-            Remembered(
-                description=a.proposal.scenario.description,
-                tasks={},
-                mean=1.0,
-                interval=(0.0, 1.0),
-                scenario=a.proposal.scenario,
+@pytest.mark.usefixtures("few")
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_a_search_that_reads_its_attempts_from_the_store_makes_the_same_records(strategy: Any, tmp_path: Path) -> None:
+    kept = made(MemoryLedger(), strategy)
+    with SqliteLedger(tmp_path / "ledger.sqlite") as ledger:
+        assert [a.to_json() for a in made(ledger, strategy)] == [a.to_json() for a in kept]
+        cached = CachedLedger(ledger)
+        for attempt in kept:
+            summary = cached.summary(attempt)
+            assert all(
+                getattr(summary, f.name) == getattr(attempt, f.name) for f in fields(summary) if f.name != "read"
             )
-            for a in found
-            if a.proposal.scenario is not None
-        )
-        attempt = Attempt(
-            campaign="c", index=index, strategy="s", brief=brief.replace(memory=memory), proposal=proposal
-        )
-        found.append(Attempt.from_json(attempt.to_json()))
-    return found
+            assert summary.runs == attempt.runs and summary.record == attempt == attempt.record
+        with pytest.raises(StoreError) as caught:
+            ledger.attempt("test", len(kept))
+        assert caught.value.code == "store-damaged"
 
 
-def test_attempts_share_equal_parts_and_say_the_same() -> None:
-    given_attempts = attempts()
-    before = [canonical_json(attempt.model_dump(mode="json")) for attempt in given_attempts]
-    shared = Sharing()
-    for attempt in given_attempts:
-        assert shared(attempt) is attempt
-    assert [canonical_json(attempt.model_dump(mode="json")) for attempt in given_attempts] == before
-    first, *_, last = given_attempts
-    assert last.brief.mission is first.brief.mission and last.brief.requirement is first.brief.requirement
-    assert last.brief.memory[0].scenario is first.proposal.scenario
-    assert last.brief.memory[0] is given_attempts[1].brief.memory[0]
-    assert last.brief.memory[0].scenario.people.humans[0].tasks[0] is first.proposal.scenario.people.humans[0].tasks[0]
-    assert first.replace(index=7).index == 7 and first.model_copy(update={"index": 8}).index == 8
+@pytest.mark.usefixtures("few")
+def test_a_campaign_holds_few_measurements_at_a_time(tmp_path: Path) -> None:
+    wanted = plan(scenarios=6, refinements=1, repeats=3, confirmations=0)
+    with SqliteLedger(tmp_path / "ledger.sqlite") as ledger:
+        made = parts(ledger)
+        strategy = StudyStrategy(wanted, StoredFeedback(made.ledger, wanted, warehouse()), warehouse())
+        before = _measurements()
+        running = stream_campaign(wanted, strategy, made)
+        most = max(_measurements() - before for event in running if isinstance(event, Attempted))
+    assert len(strategy.attempts) == 12 and all(type(each) is AttemptSummary for each in strategy.attempts)
+    assert most <= 3 * (2 + 1), "two attempts in the cache, and the last runs"
+
+
+def _measurements() -> int:
+    gc.collect()
+    return sum(type(each) is Measurement for each in gc.get_objects())

@@ -40,7 +40,7 @@ def test_our_own_text_is_written_anew_for_people_of_another_scenario(operators: 
     made = next(m for _ in range(200) if (m := operators._crossed(parent, [parent, other], rng)) is not None)
     lent = {human.tasks for human in other.scenario.people.humans}
     assert any(human.tasks in lent for human in made.people.humans)
-    described = operators._described(parent.scenario, made)
+    described = operators.describe(parent.scenario, made)
     after = parent.scenario.replace(people=made.people, description=described.description, idea=described.idea)
     assert tells_of(after, goods=True)
     assert described.description != parent.scenario.description
@@ -64,7 +64,7 @@ def test_a_models_person_is_exchanged_for_the_same_one_of_another_configuration(
     assert any(0.4 in [human.speed_m_s for human in each.people.humans] for each in made)
     for each in made:
         assert [[task.name for task in human.tasks] for human in each.people.humans] == names
-        assert operators._described(parent.scenario, each).description == f"{TOLD} {TUNED}"
+        assert operators.describe(parent.scenario, each).description == f"{TOLD} {TUNED}"
 
 
 def test_tuned_numbers_are_told_in_either_text(operators: Operators) -> None:
@@ -72,9 +72,9 @@ def test_tuned_numbers_are_told_in_either_text(operators: Operators) -> None:
     model, ours = candidate(0, 0, told=TOLD, seed=1), candidate(1, 1, told=None, seed=2)
     tuned = operators._tuned(model, rng)
     assert tuned is not None
-    assert operators._described(model.scenario, tuned).description == f"{TOLD} {TUNED}"
+    assert operators.describe(model.scenario, tuned).description == f"{TOLD} {TUNED}"
     tuned = operators._tuned(ours, rng)
     assert tuned is not None
-    described = operators._described(ours.scenario, tuned)
+    described = operators.describe(ours.scenario, tuned)
     after = ours.scenario.replace(people=tuned.people, description=described.description, idea=described.idea)
     assert tells_of(after, goods=True)

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.campaign.parts import REQUIREMENT, MemoryLedger, parts, plan, warehouse
+from tests.campaign.parts import REQUIREMENT, distance, plan, searched
 
 from rvsg.campaign.attempt import Attempt, Measurement, Plan
-from rvsg.campaign.feedback import StoredFeedback
 from rvsg.campaign.hybrid import MultiStrategy
-from rvsg.campaign.ledger import CachedLedger
-from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.ranking import front_of, hypervolume, share_of, undominated
 from rvsg.evaluation.metrics.registry import measure as measure_all
 from rvsg.scenario.requirement import Requirement
@@ -22,27 +19,16 @@ NEAR = REQUIREMENT.replace(limit=10.0)
 
 def measured(run: Run, _place: object = None) -> Measurement:
     values = measure_all(run, ["trg"])
-    away = np.hypot(
-        run.trajectory.human_x - run.trajectory.x[:, None], run.trajectory.human_y - run.trajectory.y[:, None]
-    )
-    near = float(away.min(axis=1).mean())
-    return Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values=values, objective=near)
+    return Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values=values, objective=distance(run))
 
 
 def the_plan() -> Plan:
     return plan(requirement=NEAR, also=(LATE,), scenarios=5, refinements=3, repeats=2, confirmations=0, budget_runs=40)
 
 
-def searched(ledger: MemoryLedger) -> list[Attempt]:
-    made = parts(ledger, measure=measured)
-    with made.runner:
-        strategy = MultiStrategy(the_plan(), StoredFeedback(CachedLedger(ledger), the_plan(), warehouse()), warehouse())
-        return run_campaign(the_plan(), strategy, made)
-
-
 @pytest.fixture(scope="module")
 def whole() -> list[Attempt]:
-    return searched(MemoryLedger())
+    return searched(MultiStrategy, the_plan(), measure=measured)
 
 
 @pytest.mark.parametrize(
@@ -85,4 +71,4 @@ def test_multi_spends_its_runs_and_repeats_its_front(whole: list[Attempt]) -> No
 
 
 def test_multi_is_the_same_again(whole: list[Attempt]) -> None:
-    assert searched(MemoryLedger()) == whole
+    assert searched(MultiStrategy, the_plan(), measure=measured) == whole

@@ -10,13 +10,12 @@ import time
 from pathlib import Path
 
 import pytest
-from tests.campaign.parts import MemoryLedger, parts, plan, warehouse
-from tests.campaign.test_loop import run
+from tests.campaign.parts import MemoryLedger, a_scenario, parts, plan, searched, warehouse
 from tests.coded import coded
 
 from rvsg.campaign.attempt import Attempt, Failure
-from rvsg.campaign.feedback import StoredFeedback
 from rvsg.campaign.runner import FinishedRun, RunMaker
+from rvsg.campaign.strategies import StudyStrategy
 from rvsg.campaign.worker_pool import ATTEMPTS, Processes
 from rvsg.core.errors import FileError, SimulationError
 from rvsg.scenario.scenario import Scenario
@@ -27,12 +26,6 @@ from rvsg.world.world import World
 pytestmark = pytest.mark.slow
 STUCK_S = 300.0
 """A campaign that takes longer hangs; it takes a few seconds."""
-
-
-def scenario() -> Scenario:
-    (attempt,) = run(MemoryLedger(), plan(scenarios=1, refinements=0, repeats=1, confirmations=0))
-    assert attempt.proposal.scenario is not None
-    return attempt.proposal.scenario
 
 
 def started(simulator: object, jobs: int = 2) -> Processes:
@@ -56,15 +49,10 @@ def killed_while_it_runs(kills: int, seed: int) -> list[Attempt]:
     """A campaign with two workers, of which one is killed now and then at a moment of chance."""
     the_plan = plan(scenarios=2, refinements=1, repeats=4)
     chance, result = random.Random(seed), []
-    made = parts(MemoryLedger(), simulator=Slow(), jobs=2)
+    made = parts(ledger := MemoryLedger(), simulator=Slow(), jobs=2)
 
     def campaign() -> None:
-        from rvsg.campaign.loop import run_campaign
-        from rvsg.campaign.strategies import StudyStrategy
-
-        with made.runner:
-            strategy = StudyStrategy(the_plan, StoredFeedback(made.ledger, the_plan, warehouse()))
-            result.extend(run_campaign(the_plan, strategy, made))
+        result.extend(searched(StudyStrategy, the_plan, ledger, changes={"runner": made.runner}))
 
     thread = threading.Thread(target=campaign, daemon=True)
     thread.start()
@@ -83,16 +71,16 @@ def killed_while_it_runs(kills: int, seed: int) -> list[Attempt]:
 
 
 def test_a_campaign_whose_workers_are_killed_has_the_same_records() -> None:
-    calm = run(MemoryLedger(), plan(scenarios=2, refinements=1, repeats=4))
+    calm = searched(StudyStrategy, plan(scenarios=2, refinements=1, repeats=4))
     for seed in range(2):
         assert killed_while_it_runs(2, seed) == calm
 
 
 def test_the_death_of_an_idle_worker_is_not_noticed() -> None:
     processes = started(KinematicSimulator(), jobs=1)
-    first = processes.result(processes.submit(scenario(), 1))
+    first = processes.result(processes.submit(a_scenario(), 1))
     os.kill(worker_ids(processes)[0], signal.SIGKILL)
-    again = processes.result(processes.submit(scenario(), 1))
+    again = processes.result(processes.submit(a_scenario(), 1))
     processes.stop(kill=False)
     assert again == first
 
@@ -116,7 +104,7 @@ class Forks(KinematicSimulator):
 
 def test_a_worker_that_dies_is_noticed_though_its_child_holds_the_pipe(tmp_path: Path) -> None:
     processes = started(Forks(tmp_path / "end"), jobs=1)
-    pending = [processes.submit(scenario(), seed) for seed in (1, 2, 3)]
+    pending = [processes.submit(a_scenario(), seed) for seed in (1, 2, 3)]
     done = []
     waiting = threading.Thread(target=lambda: done.extend(map(processes.result, pending)), daemon=True)
     waiting.start()
@@ -152,11 +140,11 @@ class Halves(KinematicSimulator):
 
 def test_a_result_that_is_half_written_is_made_again(tmp_path: Path) -> None:
     processes = started(Halves(tmp_path / "mark"))
-    submitted = [processes.submit(scenario(), seed) for seed in range(4)]
+    submitted = [processes.submit(a_scenario(), seed) for seed in range(4)]
     found = [processes.result(each) for each in submitted]
     processes.stop(kill=False)
     expected = RunMaker(KinematicSimulator(), warehouse())
-    assert found == [expected(scenario(), seed) for seed in range(4)]
+    assert found == [expected(a_scenario(), seed) for seed in range(4)]
 
 
 def test_a_run_that_always_kills_is_tried_alone_and_blamed_alone(tmp_path: Path) -> None:
@@ -168,7 +156,7 @@ def test_a_run_that_always_kills_is_tried_alone_and_blamed_alone(tmp_path: Path)
             return super().run(scenario, world, seed=seed)
 
     processes = started(Killer())
-    submitted = [processes.submit(scenario(), seed) for seed in range(6)]
+    submitted = [processes.submit(a_scenario(), seed) for seed in range(6)]
     found = [processes.result(each) for each in submitted]
     processes.stop(kill=False)
     assert [isinstance(each, Failure) for each in found] == [False, False, True, False, False, False]
@@ -184,9 +172,9 @@ def test_an_error_of_the_simulator_comes_back_as_it_is(capfd: pytest.CaptureFixt
             return super().run(scenario, world, seed=seed)
 
     processes = started(Broken(), jobs=1)
-    assert isinstance(processes.result(processes.submit(scenario(), 0)), FinishedRun)
+    assert isinstance(processes.result(processes.submit(a_scenario(), 0)), FinishedRun)
     with pytest.raises(FileError) as caught:
-        processes.result(processes.submit(scenario(), 1))
+        processes.result(processes.submit(a_scenario(), 1))
     assert (caught.value.path, caught.value.reason) == (Path("mesh.dae"), "the file does not exist")
     processes.stop(kill=False)
     assert capfd.readouterr() == ("", "a simulator may print\n" * 2)
@@ -200,27 +188,22 @@ class Unloadable(KinematicSimulator):
         return {"kept": 1}
 
 
-def test_workers_that_cannot_load_the_simulator_are_one_message() -> None:
-    processes = started(Unloadable())
-    with pytest.raises(SimulationError, check=coded("worker-start")):
-        processes.result(processes.submit(scenario(), 0))
-    processes.stop(kill=True)
-
-
-def test_workers_that_never_begin_to_work_are_one_message(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rvsg.campaign.worker_pool.command", lambda: ["sleep", "1000"])
-    monkeypatch.setattr("rvsg.campaign.worker_pool.START_S", 0.1)
-    processes = started(KinematicSimulator())
-    with pytest.raises(SimulationError, check=coded("worker-start")):
-        processes.result(processes.submit(scenario(), 0))
-    processes.stop(kill=True)
-
-
-def test_workers_that_die_at_their_start_again_and_again_are_one_message(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rvsg.campaign.worker_pool.command", lambda: ["false"])
-    processes = started(KinematicSimulator())
-    with pytest.raises(SimulationError, check=coded("worker-start")):
-        processes.result(processes.submit(scenario(), 0))
-    with pytest.raises(SimulationError, check=coded("worker-start")):
-        processes.result(processes.submit(scenario(), 1))
+@pytest.mark.parametrize(
+    ("simulator", "command", "start_s"),
+    [
+        (Unloadable(), None, 600.0),  # it cannot load the simulator
+        (KinematicSimulator(), ["sleep", "1000"], 0.1),  # it never begins to work
+        (KinematicSimulator(), ["false"], 600.0),  # it dies at its start again and again
+    ],
+)
+def test_workers_that_cannot_begin_to_work_are_one_message(
+    simulator: KinematicSimulator, command: list[str] | None, start_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if command is not None:
+        monkeypatch.setattr("rvsg.campaign.worker_pool.command", lambda: command)
+    monkeypatch.setattr("rvsg.campaign.worker_pool.START_S", start_s)
+    processes = started(simulator)
+    for seed in (0, 1):
+        with pytest.raises(SimulationError, check=coded("worker-start")):
+            processes.result(processes.submit(a_scenario(), seed))
     processes.stop(kill=True)

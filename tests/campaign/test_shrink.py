@@ -1,17 +1,33 @@
+"""Shrinking of one scenario, and of every distinct failure at the end of a campaign."""
+
 import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.campaign.parts import REQUIREMENT, Counted, Distance, Noted, measure, warehouse
+from tests.campaign.parts import (
+    REQUIREMENT,
+    Counted,
+    Distance,
+    MemoryLedger,
+    Noted,
+    measure,
+    plan,
+    searched,
+    warehouse,
+)
 from tests.coded import coded
 
-from rvsg.campaign.attempt import Measurement
+from rvsg.campaign.attempt import Attempt, Measurement, Plan
+from rvsg.campaign.execution import account
+from rvsg.campaign.findings import DistinctFailure, Smallest, distinct_failures, findings
 from rvsg.campaign.runner import Measuring, Runner
 from rvsg.campaign.smallest_scenario import Shrinking, simpler, size
+from rvsg.campaign.strategies import RandomStrategy
 from rvsg.cli import main
 from rvsg.core.errors import InputError
+from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task
 from rvsg.scenario.validity import check
 from rvsg.simulation.run import Run
@@ -158,3 +174,82 @@ def test_the_command_writes_the_smallest_scenario(scenario_file: Path, tmp_path:
     assert main(["scenario", "shrink", str(scenario_file), "--requirement", f"{requirement}#near", *options]) == 0
     written = json.loads(out.read_text(encoding="utf-8"))
     assert [human["name"] for human in written["people"]["humans"]] == ["near"]
+
+
+EASY = REQUIREMENT.replace(limit=20.0)
+"""A limit that every run with people violates."""
+
+
+def the_plan(requirement: Requirement = EASY) -> Plan:
+    return plan(scenarios=3, refinements=0, repeats=1, confirmations=30, requirement=requirement)
+
+
+def campaign(ledger: MemoryLedger, requirement: Requirement = EASY, **changes: object) -> list[Attempt]:
+    given = {"shrink_runs": 300, "judge": Measuring(requirement).judge, **changes}
+    return searched(RandomStrategy, the_plan(requirement), ledger, changes=given)
+
+
+def failures(ledger: MemoryLedger, attempts: list[Attempt]) -> tuple[DistinctFailure, ...]:
+    return distinct_failures(findings(the_plan(), attempts, run_of=ledger.run, world=warehouse()))
+
+
+@pytest.fixture(scope="module")
+def ended() -> tuple[MemoryLedger, list[Attempt]]:
+    ledger = MemoryLedger()
+    return ledger, campaign(ledger)
+
+
+def shrunk(attempts: list[Attempt]) -> list[Attempt]:
+    return [a for a in attempts if a.purpose == "shrinking"]
+
+
+def test_every_distinct_failure_is_shrunk_and_keeps_its_causes(ended: tuple[MemoryLedger, list[Attempt]]) -> None:
+    ledger, attempts = ended
+    found = failures(ledger, attempts)
+    assert found
+    for failure in found:
+        smallest = failure.smallest
+        assert smallest is not None
+        assert smallest.taken_away
+        assert smallest.violated == smallest.of > 0
+        assert failure.cause
+        assert failure.without_people is not None
+
+
+def test_what_is_left_is_smaller_and_meets_seeds_of_the_confirmation(
+    ended: tuple[MemoryLedger, list[Attempt]],
+) -> None:
+    _, attempts = ended
+    for attempt in shrunk(attempts):
+        confirmation = next(a for a in attempts if a.index == attempt.confirms)
+        assert attempt.proposal.scenario is not None
+        assert confirmation.proposal.scenario is not None
+        assert size(attempt.proposal.scenario.people) < size(confirmation.proposal.scenario.people)
+        assert {m.seed for m in attempt.measurements} <= {m.seed for m in confirmation.measurements}
+
+
+def test_all_of_it_stays_within_the_budget(ended: tuple[MemoryLedger, list[Attempt]]) -> None:
+    assert 0 < account(ended[1]).shrinking_runs <= 300
+    few = campaign(MemoryLedger(), shrink_runs=40)
+    assert account(few).shrinking_runs <= 40
+
+
+def test_nothing_is_shrunk_without_a_budget_or_a_violation() -> None:
+    assert not shrunk(campaign(MemoryLedger(), shrink_runs=0))
+    assert not shrunk(campaign(MemoryLedger(), REQUIREMENT.replace(limit=0.001)))
+
+
+def test_an_interrupted_end_resumes_to_the_same_records(ended: tuple[MemoryLedger, list[Attempt]]) -> None:
+    attempts = ended[1]
+    assert shrunk(attempts)
+    ledger = MemoryLedger()
+    before = len(attempts) - len(shrunk(attempts))
+    campaign(ledger, cancelled=lambda: len(ledger.kept) >= before)
+    assert not shrunk(ledger.kept)
+    assert campaign(ledger) == attempts
+
+
+@pytest.mark.parametrize(("violated", "before", "holds"), [(0, 2, False), (0, 0, False), (4, 10, False), (5, 10, True)])
+def test_what_no_longer_fails_is_not_told_as_the_failure_shrunk(violated: int, before: int, holds: bool) -> None:
+    smallest = Smallest(attempt=7, scenario_id="x", taken_away=("Human 1",), violated=violated, of=10, before=before)
+    assert smallest.holds is holds

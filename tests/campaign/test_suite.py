@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rvsg.campaign.comparison import Change, changes_of, counts
 from rvsg.campaign.suite import (
     CaseResult,
+    Change,
     State,
     SuiteResult,
+    changes_of,
+    counts,
     state_of,
 )
 from rvsg.evaluation.verdict import Verdict, judge

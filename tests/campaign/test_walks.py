@@ -5,12 +5,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from tests.campaign.parts import MemoryLedger, parts, plan, warehouse
+from tests.campaign.parts import MemoryLedger, plan, searched, warehouse
 
-from rvsg.campaign.feedback import StoredFeedback
-from rvsg.campaign.ledger import CachedLedger
-from rvsg.campaign.loop import run_campaign
-from rvsg.campaign.observation import arrivals, walk_of
+from rvsg.campaign.observation import Walk, walks_of
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.core import plugins
 from rvsg.scenario.scenario import Human, HumanConfiguration, Pause, Scenario, Task, begin_at
@@ -36,16 +33,20 @@ def scenario(human: Human) -> Scenario:
     return Scenario(mission=plan().mission, people=HumanConfiguration(humans=(human,)))
 
 
+def walk_of(run: Run, human: Human) -> Walk:
+    (walk,) = walks_of(run, HumanConfiguration(humans=(human,)), warehouse().grid)
+    return walk
+
+
 def test_a_walk_is_followed_from_leg_to_leg_with_its_delay_and_pause() -> None:
     human = paused(walker(start_delay_s=2.0), 2, 3.0)
     run = KinematicSimulator().run(scenario(human), warehouse(), seed=1)
-    walk = walk_of(run, 0, human, warehouse().grid)
+    walk = walk_of(run, human)
     t = run.trajectory.t
     assert walk.doing[0] == "waiting to start"
     assert "pausing" in walk.doing
     assert walk.stuck_at is None
-    assert all(b >= a for a, b in zip(walk.leg, walk.leg[1:], strict=False))
-    arrived = arrivals(walk, human, warehouse().grid)
+    arrived = walk.arrivals
     assert [arrival.at for arrival in arrived[:3]] == list(human.tasks[0].path[1:4])
     for arrival in arrived[:4]:
         assert arrival.time_s == pytest.approx(arrival.unhindered_s, abs=0.8)
@@ -74,7 +75,7 @@ def along(at: np.ndarray) -> tuple[Run, Human]:
 
 def test_who_stands_still_and_walks_on_is_not_stuck() -> None:
     run, human = along(np.concatenate([np.arange(25) / 10, np.full(60, 2.5), 2.5 + np.arange(25) / 10]))
-    walk = walk_of(run, 0, human, warehouse().grid)
+    walk = walk_of(run, human)
     assert walk.stuck_at is None
     ((start, end, place),) = walk.stood
     assert (start, end) == pytest.approx((2.5, 8.5), abs=0.4)
@@ -85,7 +86,7 @@ def test_who_stands_still_and_walks_on_is_not_stuck() -> None:
 
 def test_who_does_not_walk_further_until_the_end_is_stuck() -> None:
     run, human = along(np.concatenate([np.arange(25) / 10, np.full(60, 2.5)]))
-    walk = walk_of(run, 0, human, warehouse().grid)
+    walk = walk_of(run, human)
     assert walk.stuck_at is not None and walk.stuck_at[0] == pytest.approx(2.5, abs=0.4)
     assert walk.stood == () and walk.doing[-1] == "stuck"
 
@@ -99,7 +100,7 @@ def test_a_pause_where_people_turn_back_is_a_pause_in_every_round(simulator: str
     )
     human = paused(walker(tasks=tasks), 2, 3.0)
     run = plugins.make("simulator", simulator, {}).run(scenario(human), warehouse(), seed=1)
-    walk = walk_of(run, 0, human, warehouse().grid)
+    walk = walk_of(run, human)
     assert walk.stuck_at is None and walk.stood == ()
     assert sum(b == "pausing" != a for a, b in pairwise(walk.doing)) >= 2
 
@@ -125,8 +126,7 @@ def test_a_pause_is_held_at_the_start_only_where_the_first_task_asks_for_it(simu
 
 def test_a_refinement_reads_a_table_the_best_and_all_that_was_tried() -> None:
     ledger, the_plan = MemoryLedger(), plan(scenarios=1, refinements=3, confirmations=0)
-    strategy = StudyStrategy(the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse()))  # type: ignore[arg-type]
-    attempts = [a for a in run_campaign(the_plan, strategy, parts(ledger)) if a.purpose == "search"]
+    attempts = [a for a in searched(StudyStrategy, the_plan, ledger) if a.purpose == "search"]
     feedback = attempts[-1].brief.feedback
     assert feedback is not None
     assert [row.time_s for row in feedback.rows[:3]] == pytest.approx([0.0, 2.0, 4.0], abs=0.1)

@@ -18,7 +18,6 @@ from rvsg.campaign.self_adaptation import (
     Note,
     Planned,
     RuleSet,
-    Sign,
     Symptom,
     Watched,
 )
@@ -55,20 +54,16 @@ class Scripted:
     def troubles(self) -> Sequence[str]:
         return ()
 
-    def analyse(self, watched: Sequence[Watched]) -> list[Sign]:
+    def analyse(self, watched: Sequence[Watched]) -> list[tuple[Symptom, str]]:
         return [
-            Sign(
-                symptom=Symptom(kind="violated", route="route_1", requirement="R1", version=each.source),
-                source=each.source,
-                text=each.source,
-            )
+            (Symptom(kind="violated", route="route_1", requirement="R1", version=each.source), each.source)
             for each in watched
         ]
 
     def entries(self, watched: Sequence[Watched]) -> list[Entry]:
         return []
 
-    def plan(self, symptom: Symptom, *, index: int) -> list[Planned]:
+    def plan(self, symptom: Symptom, index: int) -> list[Planned]:
         name = f"plan {symptom.version}"
         return [Planned(why=symptom, name=name, scenario=self.scenario, requirements=("R1",), runs=4)]
 
@@ -99,7 +94,7 @@ class Scripted:
     def keep(self, change: Change) -> None:
         self.written.append(change.case)
 
-    def add(self, entries: Iterable[Entry], *, origin: str = "") -> int:
+    def learn(self, entries: Iterable[Entry]) -> int:
         before = len(self.kept)
         self.kept |= {entry.id: entry for entry in entries}
         return len(self.kept) - before
@@ -115,10 +110,10 @@ def loop(folder: Path, parts: Scripted, rules: RuleSet | None = None, **how: obj
     given = {
         "monitor": parts,
         "analyser": parts,
-        "planner": parts,
+        "plan": parts.plan,
         "legitimator": DeclaredRules(rules or RuleSet(), world, read),
-        "executor": parts,
-        "knowledge": parts,
+        "execute": parts.execute,
+        "learn": parts.learn,
         "keeper": parts,
         "journal": Journal(folder / "watch.jsonl"),
         "plans": folder / "plans",
@@ -148,7 +143,7 @@ def test_the_same_symptom_is_acted_on_once(tmp_path: Path, crossing: Scenario) -
     parts = Scripted(crossing, ["a"])
     loop(tmp_path, parts).cycle()
     parts.analyse = lambda watched: [  # type: ignore[method-assign]
-        Sign(symptom=Symptom(kind="violated", route="route_1", requirement="R1", version="a"), source="c", text="c")
+        (Symptom(kind="violated", route="route_1", requirement="R1", version="a"), "c")
     ]
     parts.sources.append("c")
     loop(tmp_path, parts).cycle()

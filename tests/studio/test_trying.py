@@ -9,7 +9,7 @@ import pytest
 import rvsg
 from rvsg.app.comparison import compare_campaigns
 from rvsg.app.settings import CampaignConfig
-from rvsg.campaign.comparison import Change
+from rvsg.campaign.suite import Change
 from rvsg.core.errors import InputError
 from rvsg.evaluation.verdict import load_requirement
 from rvsg_studio.estimate import estimate

@@ -6,6 +6,7 @@ import contextlib
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +15,8 @@ from rvsg.app.record import CampaignRecord, as_stored, check_same, no_campaign, 
 from rvsg.app.settings import VLM_OPTIONS, CampaignConfig, effective, option_of
 from rvsg.app.stored_campaign import StoredCampaign
 from rvsg.app.wiring import COPY, Wired, jobs_of, remembered_file, wire
-from rvsg.campaign import confirmation
 from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.confirmation import Confirmations
 from rvsg.campaign.execution import Event, Message, ModelCall
 from rvsg.campaign.findings import entries_of_campaign
 from rvsg.campaign.ledger import CachedLedger, Ledger
@@ -290,9 +291,9 @@ class Campaign(StoredCampaign):
         wired, plan = self._wired, self.plan
         with alone_in(self.folder), self._ledger() as store:
             ledger = CachedLedger(store)
-            attempts: list[Attempt] = list(ledger.attempts(plan.name))
+            attempts = [ledger.summary(attempt) for attempt in ledger.attempts(plan.name)]
             chosen = next((a for a in search_attempts(attempts) if a.index == candidate), None)
-            if chosen is None or chosen.proposal.scenario is None:
+            if chosen is None or chosen.scenario_id is None:
                 raise InputError(f"Attempt {candidate} is no candidate of this campaign.")
             if any(a.confirms == candidate and a.purpose == "confirmation" for a in attempts):
                 raise InputError(f"Attempt {candidate} is confirmed already.")
@@ -300,12 +301,10 @@ class Campaign(StoredCampaign):
             budget = runs or self.record.judging.max_runs
             with wired.runner(ledger, ignore, jobs=jobs or jobs_of(self.config), executor=None) as runner:
                 parts = wired.parts(plan, self.record.judging, ledger, runner, self._cancelled.is_set)
-                for event in confirmation.confirm(plan, chosen, attempts, parts, budget=budget):
+                made = Confirmations(plan, attempts, parts)
+                for event in chain(made.confirm(chosen.record, budget=budget), made.explain()):
                     observe(event)
-                attempts = list(ledger.attempts(plan.name))
-                for event in confirmation.explain(plan, attempts, parts):
-                    observe(event)
-            return next(a for a in attempts if a.purpose == "confirmation" and a.confirms == candidate)
+            return next(a for a in made.attempts if a.purpose == "confirmation" and a.confirms == candidate).record
 
     @property
     def notes(self) -> tuple[str, ...]:

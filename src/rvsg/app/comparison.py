@@ -17,10 +17,19 @@ from rvsg.app.matrix import folders_in
 from rvsg.app.runs import simulate
 from rvsg.app.suites import HEAD, Suite, SuiteCase, read_results, run_cases
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.comparison import CaseChange, Change, Comparison, compare
 from rvsg.campaign.ranking import candidates, search_attempts
 from rvsg.campaign.runner import Measuring
-from rvsg.campaign.suite import Case, CaseResult, Expectation, SuiteResult, state_of
+from rvsg.campaign.suite import (
+    Case,
+    CaseChange,
+    CaseResult,
+    Change,
+    Comparison,
+    Expectation,
+    SuiteResult,
+    compare,
+    state_of,
+)
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec, ignore

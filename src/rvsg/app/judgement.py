@@ -214,8 +214,7 @@ def feedback(judged: Judgement, runs: RunSet | Iterable[Run], scenario: Scenario
         measurements=judged.measurements,
         verdict=judged.verdict,
     )
-    world = world_of(scenario.mission)
-    return feedback_of(attempt, given.runs, requirement=judged.requirement, grid=world.grid, world=world)
+    return feedback_of(attempt, given.runs, requirement=judged.requirement, world=world_of(scenario.mission))
 
 
 def describe_judgement(judged: Judgement) -> Iterator[str]:

@@ -46,8 +46,7 @@ from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
 from rvsg.scenario.variation import waypoints_used
 from rvsg.simulation.simulators import Simulator, make_simulator
 from rvsg.simulation.stacks.registry import StackChoice
-from rvsg.store.knowledge_base import KnowledgeBase
-from rvsg.store.knowledge_search import open_knowledge
+from rvsg.store.knowledge_base import KnowledgeBase, open_knowledge
 from rvsg.world.world import World
 
 Stamp = tuple[tuple[str, int, int], ...]
@@ -354,14 +353,12 @@ class SuiteAnalyser:
     def _new_version(self, watched: Sequence[Watched]) -> Iterator[Sign]:
         """Yield the version of the stack under test, or if it has none, that of the recordings."""
         seen = next((each for each in reversed(watched) if each.version), None)
-        version, source = self.subject(), "the stack under test"
-        if not version and seen is not None:
-            version, source = seen.version, seen.source
+        version = self.subject() or (seen.version if seen is not None else "")
         known = self.versions()
         if version and version != (known[-1] if known else ""):
             text = f"the stack's version is {version}, it was {known[-1] if known else 'unknown'}"
             symptom = Symptom(kind="new version", version=version, change=len(known))
-            yield Sign(symptom=symptom, source=source, text=text)
+            yield symptom, text
 
     def entries(self, watched: Sequence[Watched]) -> list[Entry]:
         """Return what each run shows by each requirement."""
@@ -407,7 +404,7 @@ class SuiteAnalyser:
             kind = "violated" if requirement.violated_by(value) else "near its limit"
             symptom = Symptom(kind=kind, route=each.route, requirement=name, version=each.version or self.subject())
             text = f"{each.source} on {each.route}: {name} {kind}, {value:.3g} {requirement.unit} (limit {limit:.3g})"
-            yield Sign(symptom=symptom, source=each.source, text=text)
+            yield symptom, text
 
     def _places(self, watched: Sequence[Watched]) -> list[Sign]:
         """Return a sign for each route on which people were where no scenario has anybody."""
@@ -418,19 +415,18 @@ class SuiteAnalyser:
             tested[case.scenario.mission.route.name].update(waypoints_used(case.scenario.people))
         for entry in self.learned():
             tested[entry.route].update(entry.waypoints)
-        visited: dict[str, dict[str, str]] = defaultdict(dict)
+        visited: dict[str, set[str]] = defaultdict(set)
         for each in watched:
             path = each.run.trajectory
             for person in range(path.human_x.shape[1]):
                 near = names.nearest(path.human_x[:, person], path.human_y[:, person])
                 for name, count in zip(*np.unique(np.asarray(near), return_counts=True), strict=True):
                     if count >= STAYED_SAMPLES and str(name) in walkable - tested[each.route]:
-                        visited[each.route].setdefault(str(name), each.source)
+                        visited[each.route].add(str(name))
         return [
-            Sign(
-                symptom=Symptom(kind="never tested", route=route, places=tuple(sorted(found))),
-                source=next(iter(found.values())),
-                text=f"people on {route} where no scenario has anybody: {', '.join(sorted(found))}",
+            (
+                Symptom(kind="never tested", route=route, places=tuple(sorted(found))),
+                f"people on {route} where no scenario has anybody: {', '.join(sorted(found))}",
             )
             for route, found in sorted(visited.items())
             if found
@@ -449,7 +445,7 @@ class SuitePlanner:
     seed: int = 0
     variants: int = 1
 
-    def plan(self, symptom: Symptom, *, index: int) -> list[Planned]:
+    def plan(self, symptom: Symptom, index: int) -> list[Planned]:
         """Return scenarios for a symptom."""
         if symptom.kind == "new version":
             return [self._case(symptom, case) for case in self.suite.cases]
@@ -639,10 +635,10 @@ def watch(
                 lambda: subject.version,
                 lambda: known.entries(world=world.name),
             ),
-            planner=SuitePlanner(cases, world, chosen, writer, known, seed),
+            plan=SuitePlanner(cases, world, chosen, writer, known, seed).plan,
             legitimator=DeclaredRules(chosen, world, lambda: approved(folder)),
-            executor=SimulationExecutor(cases, world, subject, jobs),
-            knowledge=known,
+            execute=SimulationExecutor(cases, world, subject, jobs).execute,
+            learn=lambda entries: known.add(entries, origin="watch"),
             keeper=cases,
             journal=journal,
             plans=folder / PLANS,

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-import sys
-from array import array
-from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from typing import Annotated, Literal, TypeVar
 
-from pydantic import AliasChoices, ConfigDict, Field, GetCoreSchemaHandler
-from pydantic_core import core_schema
+from pydantic import AliasChoices, ConfigDict, Field
 
 from rvsg.core.records import Record
 from rvsg.evaluation.verdict import Verdict
@@ -18,57 +16,7 @@ from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 
-_PLACES: dict[tuple[str, ...], dict[str, int]] = {}
-"""Where each metric stands, for every list of metrics; all runs of a campaign have the same."""
-
-
-class Values(Mapping[str, float | None]):
-    """Metrics by id; None where a metric has no value. It never changes, and takes 8 bytes a metric."""
-
-    __slots__ = ("_numbers", "_places")
-
-    def __init__(self, given: Mapping[str, float | None]) -> None:
-        names = tuple(given)
-        places = _PLACES.get(names)
-        if places is None:
-            places = _PLACES[names] = {name: place for place, name in enumerate(names)}
-        self._places = places
-        self._numbers = array("d", (math.nan if value is None else value for value in given.values()))
-
-    def __getitem__(self, name: str) -> float | None:
-        value = self._numbers[self._places[name]]
-        return None if math.isnan(value) else value
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._places)
-
-    def __len__(self) -> int:
-        return len(self._places)
-
-    def __repr__(self) -> str:
-        return repr(dict(self))
-
-    def __reduce__(self) -> tuple[type[Values], tuple[dict[str, float | None]]]:
-        return Values, (dict(self),)
-
-
-class _Kept:
-    """Has a field of a record kept as `Values`, whatever mapping it is given."""
-
-    @staticmethod
-    def __get_pydantic_core_schema__(_: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
-        def made(given: Any, validated: core_schema.ValidatorFunctionWrapHandler) -> Values:
-            return given if isinstance(given, Values) else Values(validated(given))
-
-        return core_schema.no_info_wrap_validator_function(
-            made,
-            handler.generate_schema(dict[str, float | None]),
-            serialization=core_schema.plain_serializer_function_ser_schema(dict),
-        )
-
-
-Metrics = Annotated[Mapping[str, float | None], _Kept]
-"""Metrics of a run by id; None where a metric has no value for it."""
+Purpose = Literal["search", "confirmation", "baseline", "removal", "shrinking"]
 
 
 class Measurement(Record):
@@ -77,14 +25,9 @@ class Measurement(Record):
     run_id: str
     seed: int
     outcome: str
-    values: Metrics
+    values: dict[str, float | None]
     objective: float | None = None
     """The value of the requirement's metric, or the robustness of its formula."""
-
-    def __setstate__(self, state: dict[Any, Any]) -> None:
-        """Receive one from a worker: the words that say how a run ended are those of all other runs."""
-        super().__setstate__(state)
-        self.__dict__["outcome"] = sys.intern(self.outcome)
 
 
 class Failure(Record):
@@ -106,7 +49,7 @@ class Attempt(Record):
     campaign: str
     index: int
     """Position among the attempts of the campaign, from 0, in the order they were asked for."""
-    purpose: Literal["search", "confirmation", "baseline", "removal", "shrinking"] = "search"
+    purpose: Purpose = "search"
     strategy: str
     brief: Brief
     proposal: Proposal
@@ -124,20 +67,25 @@ class Attempt(Record):
     trial_runs: int = 0
     """Runs of simpler scenarios on the way to this one, which are not stored."""
 
+    def violating(self, requirement: Requirement) -> list[Measurement]:
+        """Return the measurements that violate a requirement by their objective."""
+        return [m for m in self.measurements if m.objective is not None and requirement.violated_by(m.objective)]
+
+    def worst(self, requirement: Requirement) -> Measurement:
+        """Return the measurement whose objective is worst for the robot; the first of equals."""
+        return max(
+            self.measurements, key=lambda m: -math.inf if m.objective is None else requirement.badness(m.objective)
+        )
+
+    @property
+    def record(self) -> Attempt:
+        """The attempt itself, as `AttemptSummary.record` reads it from the ledger."""
+        return self
+
     @property
     def mean(self) -> float | None:
         """The mean objective over the runs; None if there is none."""
         return self.verdict.mean if self.verdict else None
-
-    @property
-    def runs(self) -> int:
-        """Return how many runs were asked for, those that could not be made included."""
-        return len(self.measurements) + len(self.failures)
-
-    @property
-    def measured_runs(self) -> int:
-        """Return how many runs were measured."""
-        return len(self.measurements)
 
     @property
     def seeds(self) -> tuple[int, ...]:
@@ -145,13 +93,23 @@ class Attempt(Record):
         return (*(m.seed for m in self.measurements), *(f.seed for f in self.failures))
 
     @property
+    def runs(self) -> int:
+        """How many runs were asked for, those that could not be made included."""
+        return len(self.seeds)
+
+    @property
+    def measured_runs(self) -> int:
+        """How many runs were measured."""
+        return len(self.measurements)
+
+    @property
     def violations(self) -> int:
-        """Return how many runs violate the requirement."""
+        """How many runs violate the requirement."""
         return self.verdict.violations if self.verdict else 0
 
     @property
     def valued_runs(self) -> int:
-        """Return how many runs have an objective."""
+        """How many runs have an objective."""
         return self.verdict.runs if self.verdict else 0
 
     @property
@@ -165,6 +123,11 @@ class Attempt(Record):
         return self.proposal.scenario.id if self.proposal.scenario else None
 
     @property
+    def feedback_id(self) -> str | None:
+        """The content id of the configuration whose feedback its brief holds."""
+        return self.brief.feedback.scenario.id if self.brief.feedback else None
+
+    @property
     def untold_id(self) -> str | None:
         """The content id of the configuration that its brief tells of before a new scenario begins."""
         return self.brief.untold.scenario.id if self.brief.untold else None
@@ -173,6 +136,46 @@ class Attempt(Record):
     def lesson(self) -> str:
         """What the generator learnt from the measurements before it."""
         return self.proposal.lesson
+
+
+@dataclass(frozen=True, slots=True)
+class AttemptSummary:
+    """What a search asks of all its attempts, about 1 kB of some 100 kB; the fields are those of Attempt."""
+
+    index: int
+    purpose: Purpose
+    confirms: int | None
+    scenario_index: int
+    scenario_id: str | None
+    feedback_id: str | None
+    untold_id: str | None
+    lesson: str
+    mean: float | None
+    violations: int
+    valued_runs: int
+    measured_runs: int
+    seeds: tuple[int, ...]
+    read: Callable[[int], Attempt] = field(compare=False, repr=False)
+    """Reads the attempt of an index."""
+
+    @classmethod
+    def of(cls, attempt: Attempt, read: Callable[[int], Attempt]) -> AttemptSummary:
+        """Return the summary of an attempt that `read` finds by its index."""
+        values = {each.name: getattr(attempt, each.name) for each in fields(cls) if each.name != "read"}
+        return cls(**values, read=read)
+
+    @property
+    def runs(self) -> int:
+        """How many runs were asked for, those that could not be made included."""
+        return len(self.seeds)
+
+    @property
+    def record(self) -> Attempt:
+        """The attempt, from the ledger."""
+        return self.read(self.index)
+
+
+AnyAttempt = TypeVar("AnyAttempt", Attempt, AttemptSummary)
 
 
 Count = Annotated[int, Field(ge=1, le=100_000)]

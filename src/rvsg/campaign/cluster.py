@@ -18,7 +18,6 @@ import time
 import uuid
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -48,16 +47,6 @@ def _check_scheduler_file(path: Path) -> None:
         raise ValueError(f"scheduler_file {path} holds no scheduler's address: it is not what `dask scheduler` writes")
 
 
-@dataclass(frozen=True)
-class Submitted:
-    """A run that was submitted, and Dask's future for it."""
-
-    scenario: Scenario
-    seed: int
-    trial: bool
-    future: Any
-
-
 class Cluster:
     """An Executor over the workers of a Dask cluster.
 
@@ -84,7 +73,7 @@ class Cluster:
         self.patience_s = patience_s
         self._client: Any = None
         self._workers: frozenset[str] = frozenset()
-        self._under_way: set[Any] = set()
+        self._under_way: dict[Any, tuple[Scenario, int, bool]] = {}
         self._now: Callable[[], float] = time.monotonic
 
     @property
@@ -145,28 +134,28 @@ class Cluster:
             ) from None
         notify(f"{len(self._workers)} workers of the cluster at {where} make the runs.")
 
-    def submit(self, scenario: Scenario, seed: int, *, trial: bool = False) -> Submitted:
-        """Start a run."""
+    def submit(self, scenario: Scenario, seed: int, *, trial: bool = False) -> Any:
+        """Start a run; return Dask's future for it."""
         future = self._client.submit(_work, self._token, scenario, seed, trial, pure=False, retries=0)
-        self._under_way.add(future)
-        return Submitted(scenario, seed, trial, future)
+        self._under_way[future] = (scenario, seed, trial)
+        return future
 
-    def result(self, submitted: Submitted) -> FinishedRun | Measurement | Failure:
+    def result(self, submitted: Any) -> FinishedRun | Measurement | Failure:
         """Wait for a run; SimulationError if the whole cluster is gone."""
         killed = _distributed().KilledWorker
+        scenario, seed, trial = self._under_way[submitted]
         try:
-            return self._wait(submitted.future)
+            return self._wait(submitted)
         except killed:
-            self._under_way.discard(submitted.future)
+            del self._under_way[submitted]
         self._notify("Several workers of the cluster died under one run; it is repeated alone.")
         self._wait_for_others()
-        again = self.submit(submitted.scenario, submitted.seed, trial=submitted.trial)
+        again = self.submit(scenario, seed, trial=trial)
         try:
-            return self._wait(again.future)
+            return self._wait(again)
         except killed:
-            self._under_way.discard(again.future)
-        reason = "workers of the cluster died again and again while they ran this scenario"
-        return Failure(seed=submitted.seed, reason=reason)
+            del self._under_way[again]
+        return Failure(seed=seed, reason="workers of the cluster died again and again while they ran this scenario")
 
     def _wait(self, future: Any) -> FinishedRun | Measurement | Failure:
         """Wait for one future, and look at the cluster from time to time."""
@@ -184,7 +173,7 @@ class Cluster:
                 if future.status != "error":
                     seen = self._last_seen(seen, error)
             else:
-                self._under_way.discard(future)
+                del self._under_way[future]
                 future.release()
                 return found
 

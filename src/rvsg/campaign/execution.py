@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
 
-from rvsg.campaign.attempt import Attempt, Failure, Measurement, Plan
+from rvsg.campaign.attempt import Attempt, Failure, Plan, Purpose
 from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.ranking import confirmations, search_attempts
 from rvsg.campaign.runner import FinishedRun, PendingRun, Runner
@@ -20,9 +19,6 @@ from rvsg.evaluation.verdict import DEFAULT, Procedure, Verdict
 from rvsg.generation.generator import Call, Generator
 from rvsg.generation.vlm.access import CallNews
 from rvsg.scenario.brief import Brief
-from rvsg.simulation.archive import PackedRun
-
-Purpose = Literal["search", "confirmation", "baseline", "removal", "shrinking"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,15 +144,21 @@ class Limits(Record):
             BudgetSpent: Says which limit is reached. Where a call has no known price, no limit of money can be kept.
         """
         tokens = sum(call.input_tokens + call.output_tokens for call in calls)
-        costs = [call.cost_usd for call in calls]
-        spent = sum(cost for cost in costs if cost is not None)
+        costs = [call.cost_usd for call in calls if call.cost_usd is not None]
+        unknown = len(calls) - len(costs)
+        reached = ""
         if self.calls is not None and len(calls) >= self.calls:
-            raise _spent(f"{len(calls)} of {self.calls} calls", "--budget-calls")
-        if self.tokens is not None and tokens >= self.tokens:
-            raise _spent(f"{tokens} of {self.tokens} tokens", "--budget-tokens")
-        if self.usd is not None and (spent >= self.usd or None in costs):
-            unknown = f" ({costs.count(None)} calls of unknown price)" if None in costs else ""
-            raise _spent(f"{spent:.4f} of {self.usd:.4f} USD{unknown}", "--budget-usd")
+            reached, option = f"{len(calls)} of {self.calls} calls", "--budget-calls"
+        elif self.tokens is not None and tokens >= self.tokens:
+            reached, option = f"{tokens} of {self.tokens} tokens", "--budget-tokens"
+        elif self.usd is not None and (sum(costs) >= self.usd or unknown):
+            reached, option = f"{sum(costs):.4f} of {self.usd:.4f} USD", "--budget-usd"
+            reached += f" ({unknown} calls of unknown price)" if unknown else ""
+        if reached:
+            raise BudgetSpent(
+                f"The budget is spent: {reached}. Finished work is kept. To resume, run the same command with a larger "
+                f"{option}."
+            )
 
 
 def account(attempts: Iterable[Attempt]) -> Accounting:
@@ -193,20 +195,6 @@ def runs_of(attempts: Iterable[Attempt]) -> int:
     return len({m.run_id for attempt in attempts for m in attempt.measurements})
 
 
-def _spent(spent: str, option: str) -> BudgetSpent:
-    return BudgetSpent(
-        f"The budget is spent: {spent}. Finished work is kept. To resume, run the same command with a larger {option}."
-    )
-
-
-class Judge(Protocol):
-    """Makes the verdict on measurements; `budget` is how many runs there may be at most (None: as usual)."""
-
-    def __call__(self, measurements: Sequence[Measurement], *, budget: int | None = None) -> Verdict:
-        """Return the verdict."""
-        ...
-
-
 class Cancelled(Exception):
     """The campaign was cancelled; everything finished is stored."""
 
@@ -217,7 +205,8 @@ class Parts:
 
     generator: Generator
     runner: Runner
-    judge: Judge
+    judge: Callable[..., Verdict]
+    """Makes the verdict on measurements; `budget` is how many runs there may be at most (None: as usual)."""
     ledger: CachedLedger
     procedure: Procedure = DEFAULT
     """The error rates of a confirmation."""
@@ -234,21 +223,8 @@ class Parts:
             raise Cancelled
 
 
-@dataclass
-class Made:
-    """The runs of an attempt as they come in, with their measurements, and those that could not be made.
-
-    Of an attempt that continues another one, `runs` holds the new runs only.
-    """
-
-    runs: list[PackedRun] = field(default_factory=list)
-    measurements: list[Measurement] = field(default_factory=list)
-    failures: list[Failure] = field(default_factory=list)
-
-    @property
-    def count(self) -> int:
-        """Return how many runs were asked for."""
-        return len(self.measurements) + len(self.failures)
+Results = list[FinishedRun | Failure]
+"""The runs of an attempt as they come in, and those that could not be made."""
 
 
 def submit(attempt: Attempt, seeds: Sequence[int], parts: Parts) -> list[PendingRun]:
@@ -257,36 +233,39 @@ def submit(attempt: Attempt, seeds: Sequence[int], parts: Parts) -> list[Pending
     return [parts.runner.submit(scenario, seed) for seed in seeds] if scenario else []
 
 
-def collect(attempt: Attempt, pending: Sequence[PendingRun], made: Made, parts: Parts) -> Iterator[Event]:
-    """Wait for submitted runs, adding each to `made`; each is stored as soon as it is there."""
+def collect(attempt: Attempt, pending: Iterable[PendingRun], results: Results, parts: Parts) -> Iterator[Event]:
+    """Wait for submitted runs, adding each to `results`; each is stored as soon as it is there."""
     for each in pending:
         parts.check()
         result = each.result()
         if isinstance(result, FinishedRun):
             parts.ledger.keep(result.packed)
-            made.runs.append(result.packed)
-            made.measurements.append(result.measurement)
-        else:
-            made.failures.append(result)
+        results.append(result)
         yield RunMade(campaign=attempt.campaign, index=attempt.index, purpose=attempt.purpose, run=result)
 
 
-def store(attempt: Attempt, made: Made, parts: Parts, *, budget: int | None = None) -> Attempt:
-    """Judge an attempt and store it in one transaction.
+def make(attempt: Attempt, pending: Iterable[PendingRun], parts: Parts) -> Iterator[Event]:
+    """Wait for the runs of an attempt, and store it."""
+    results: Results = []
+    yield from collect(attempt, pending, results, parts)
+    yield Attempted(campaign=attempt.campaign, attempt=store(attempt, results, parts))
+
+
+def store(attempt: Attempt, results: Results, parts: Parts, *, budget: int | None = None) -> Attempt:
+    """Add runs to an attempt, judge it, and store it in one transaction.
 
     Raises:
-        SimulationError: none of its runs could be made; the simulator would make none of the next either.
+        SimulationError: None of its runs could be made; the simulator would make none of the next either.
     """
-    if made.failures and not made.measurements:
+    runs = [result for result in results if isinstance(result, FinishedRun)]
+    failures = (*attempt.failures, *(result for result in results if isinstance(result, Failure)))
+    measurements = (*attempt.measurements, *(run.measurement for run in runs))
+    if failures and not measurements:
         raise SimulationError(
-            f"The simulator made none of the {len(made.failures)} runs of attempt {attempt.index}: "
-            f"{made.failures[0].reason}",
+            f"The simulator made none of the {len(failures)} runs of attempt {attempt.index}: {failures[0].reason}",
             code="no-run",
         )
-    done = attempt.replace(
-        measurements=tuple(made.measurements),
-        failures=tuple(made.failures),
-        verdict=parts.judge(made.measurements, budget=budget) if made.measurements else None,
-    )
-    parts.ledger.append(done, made.runs)
+    verdict = parts.judge(measurements, budget=budget) if measurements else None
+    done = attempt.replace(measurements=measurements, failures=failures, verdict=verdict)
+    parts.ledger.append(done, [run.packed for run in runs])
     return done

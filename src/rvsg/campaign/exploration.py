@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,12 +126,16 @@ class Coverage(Record):
 
         A pair is a route with a scenario and a requirement in use elsewhere. Encounters are of routes with a run.
         """
+
+        def names(counts: Sequence[Count]) -> tuple[str, ...]:
+            return tuple(each.name for each in counts if not each.tested)
+
         used = {each.name for each in self.requirements if each.tested}
         found = {
             "routes": tuple(each.route for each in self.routes if not each.scenarios),
-            "areas": _names(self.areas),
-            "behaviours": _names(self.behaviours),
-            "requirements": _names(self.requirements),
+            "areas": names(self.areas),
+            "behaviours": names(self.behaviours),
+            "requirements": names(self.requirements),
             "pairs": tuple(
                 f"{route.route} with {name}"
                 for route in self.routes
@@ -151,24 +154,22 @@ class Coverage(Record):
         return {kind: names for kind, names in found.items() if names}
 
 
-def _names(counts: Sequence[Count]) -> tuple[str, ...]:
-    return tuple(each.name for each in counts if not each.tested)
-
-
-@dataclass
 class Exercise:
-    """Collects what was exercised of one world. A scenario and a run count once, however often they are added."""
+    """Collects what was exercised of one world. A scenario and a run count once, however often they are added.
 
-    world: World
-    requirements: tuple[str, ...] = ()
-    """Requirements that could be tested, besides those that are."""
-    _scenarios: dict[str, Scenario] = field(default_factory=dict)
-    _asked: dict[str, set[str]] = field(default_factory=dict)
-    _runs: set[str] = field(default_factory=set)
-    _met: Counter[str] = field(default_factory=Counter)
-    _encounters: Counter[tuple[str, str]] = field(default_factory=Counter)
-    _behaved: Counter[str] = field(default_factory=Counter)
-    _route_runs: Counter[str] = field(default_factory=Counter)
+    Args:
+        requirements: Those that could be tested, besides those that are.
+    """
+
+    def __init__(self, world: World, requirements: Iterable[str] = ()) -> None:
+        self.world, self.requirements = world, requirements
+        self._scenarios: dict[str, Scenario] = {}
+        self._asked: dict[str, set[str]] = {}
+        self._runs: set[str] = set()
+        self._met: Counter[str] = Counter()
+        self._encounters: Counter[tuple[str, str]] = Counter()
+        self._behaved: Counter[str] = Counter()
+        self._route_runs: Counter[str] = Counter()
 
     def add(self, scenario: Scenario, requirements: Iterable[str]) -> None:
         """Add a scenario and the requirements it is judged by."""
@@ -190,13 +191,16 @@ class Exercise:
 
     def coverage(self) -> Coverage:
         """Return what was exercised so far."""
-        scenarios = self._scenarios.values()
+        scenarios, kinds = self._scenarios.values(), [kind.value for kind in EncounterKind]
         passed = Counter(name for each in scenarios for name in set(waypoints_used(each.people)))
         asked = sorted({*self.requirements, *(name for names in self._asked.values() for name in names)})
-        kinds = [kind.value for kind in EncounterKind]
         used = {each.id: set(waypoints_used(each.people)) for each in scenarios}
         acted = Counter(b for each in scenarios for b in {h.behaviour.value for h in each.people.humans})
         judged = Counter(name for names in self._asked.values() for name in names)
+        own = sorted(each.mission.route.name for each in scenarios)
+        happened: Counter[str] = Counter()
+        for (_, kind), count in self._encounters.items():
+            happened[kind] += count
         return Coverage(
             world=self.world.name,
             world_id=self.world.id,
@@ -206,25 +210,21 @@ class Exercise:
                 Count(name=area.name, scenarios=sum(bool(used[each] & set(area.waypoints)) for each in used))
                 for area in self.world.areas
             ),
-            routes=tuple(self._route(name, asked, kinds) for name in self._route_names()),
+            routes=tuple(
+                self._route(name, asked, kinds)
+                for name in dict.fromkeys([*(route.name for route in self.world.routes), *own])
+            ),
             behaviours=tuple(
                 Count(name=b.value, scenarios=acted[b.value], runs=self._behaved[b.value]) for b in Behaviour
             ),
             requirements=tuple(Count(name=name, scenarios=judged[name]) for name in asked),
-            encounters=tuple(
-                Count(name=kind, runs=sum(n for (_, each), n in self._encounters.items() if each == kind))
-                for kind in kinds
-            ),
+            encounters=tuple(Count(name=kind, runs=happened[kind]) for kind in kinds),
             waypoints={w.name: passed[w.name] for w in self.world.grid.waypoints if w.human},
             met_at=tuple(
                 MetAt(waypoint=name, encounters=count)
                 for name, count in sorted(self._met.items(), key=lambda pair: (-pair[1], pair[0]))
             ),
         )
-
-    def _route_names(self) -> list[str]:
-        own = [each.mission.route.name for each in self._scenarios.values()]
-        return list(dict.fromkeys([*(route.name for route in self.world.routes), *sorted(own)]))
 
     def _route(self, name: str, asked: Sequence[str], kinds: Sequence[str]) -> RouteCoverage:
         own = [key for key, each in self._scenarios.items() if each.mission.route.name == name]

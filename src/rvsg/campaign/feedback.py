@@ -6,20 +6,19 @@ each run is extracted where the run is made: a worker has all of it at hand, the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.campaign.attempt import Attempt, Measurement, Plan
+from rvsg.campaign.attempt import Attempt, AttemptSummary, Measurement, Plan
 from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.observation import (
     FailureMode,
     RunObservation,
     Walk,
-    arrivals,
     encounter_of,
     observe,
     passings_of,
@@ -32,7 +31,7 @@ from rvsg.core.errors import SimulationError
 from rvsg.core.records import Record
 from rvsg.core.seeds import seed_for
 from rvsg.evaluation.run_events import WaypointNames
-from rvsg.evaluation.sampled import sampled
+from rvsg.evaluation.sampled import sampled, stretches
 from rvsg.evaluation.signals import series_name, series_of
 from rvsg.evaluation.statistics import welch
 from rvsg.evaluation.verdict import Verdict
@@ -43,7 +42,6 @@ from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario
 from rvsg.scenario.variation import differences
 from rvsg.simulation.run import Run, Trajectory
 from rvsg.simulation.simulators import Simulator
-from rvsg.world.grid import Grid
 from rvsg.world.world import World
 
 Floats = NDArray[np.float64]
@@ -83,14 +81,7 @@ ROW_PERIOD_S = 2.0
 
 
 def feedback_of(
-    attempt: Attempt,
-    runs: Sequence[Run],
-    *,
-    requirement: Requirement,
-    grid: Grid,
-    previous: Attempt | None = None,
-    moments: int = 4,
-    world: World | None = None,
+    attempt: Attempt, runs: Sequence[Run], *, requirement: Requirement, world: World, previous: Attempt | None = None
 ) -> Feedback:
     """Return what an attempt measured.
 
@@ -100,49 +91,36 @@ def feedback_of(
     Args:
         runs: The runs of the attempt.
         previous: The attempt before it of the same scenario.
-        world: Needed where the requirement concerns obstacles, and for stops and passings.
 
     Raises:
         ValueError: The attempt has no objective or no run.
     """
     by_id = {run.id: run for run in runs}
-    return feedback_from(
-        attempt,
-        [observe(run, grid, world) for run in runs],
-        by_id.__getitem__,
-        requirement=requirement,
-        grid=grid,
-        previous=previous,
-        moments=moments,
-        world=world,
-    )
+    observations = [observe(run, world) for run in runs]
+    return _feedback(attempt, observations, by_id.__getitem__, requirement, world, previous)
 
 
-def feedback_from(
+def _feedback(
     attempt: Attempt,
     observations: Sequence[RunObservation],
     run_of: Callable[[str], Run],
-    *,
     requirement: Requirement,
-    grid: Grid,
-    previous: Attempt | None = None,
-    moments: int = 4,
-    world: World | None = None,
+    world: World,
+    previous: Attempt | None,
 ) -> Feedback:
-    """Return what an attempt measured, as `feedback_of` does, from what was observed of each run.
-
-    Args:
-        run_of: Finds a run by its id; asked for the worst run and the mildest one.
-    """
+    """Return what an attempt measured; `run_of` finds the worst run and the mildest one by their ids."""
     scenario, verdict = attempt.proposal.scenario, attempt.verdict
     if scenario is None or verdict is None or verdict.mean is None or not observations:
         raise ValueError("an attempt without an objective has no feedback")
-    worst = run_of(worst_measurement(attempt, requirement).run_id)
+    worst = run_of(attempt.worst(requirement).run_id)
     before = previous.verdict if previous else None
     times = [each.ended_s for each in observations if each.completed]
-    walks = walks_of(worst, scenario.people, grid)
-    mild = mildest_measurement(attempt, requirement)
+    walks = walks_of(worst, scenario.people, world.grid)
+    mild = _mildest(attempt, requirement)
+    mildest = run_of(mild.run_id) if mild is not None else None
     touched = {each.run_id: each.touches for each in observations if each.touches}
+    judged = verdict.runs > 0 and requirement.threshold is not None
+    values = series_of(worst, requirement, world=world)
     return Feedback(
         scenario=scenario,
         analysis="" if attempt.brief.kind == "tune" else attempt.proposal.reasoning,
@@ -151,38 +129,38 @@ def feedback_from(
         objectives=verdict.objectives,
         mean=verdict.mean,
         interval=verdict.interval or (verdict.mean, verdict.mean),
-        violation_share=verdict.violations / verdict.runs
-        if verdict.runs and requirement.threshold is not None
-        else None,
+        violation_share=verdict.violations / verdict.runs if judged else None,
         previous_mean=before.mean if before else None,
         separable=separable(before, verdict) if before and before.mean is not None else None,
-        moments=decisive_moments(worst, grid, world, at_most=moments),
+        moments=decisive_moments(worst, world),
         influences=influences(scenario.people.humans, observations),
-        series=series(worst, grid, requirement, world),
+        series=_series(worst, world, values),
         series_of=series_name(requirement),
-        rows=rows_of(worst, walks, grid, series_of(worst, requirement, world=world)),
-        parts=parts_of(worst, requirement, world),
-        stops=stops_of(worst, world) if world is not None else (),
-        passings=passings_of(worst, world) if world is not None else (),
+        rows=_rows(worst, walks, world, values),
+        parts=_parts(worst, values),
+        stops=stops_of(worst, world),
+        passings=passings_of(worst, world),
         mildest=mild.objective if mild is not None else None,
-        mildest_parts=parts_of(run_of(mild.run_id), requirement, world) if mild is not None else (),
-        arrivals={
-            human.name: arrivals(walk, human, grid) for walk, human in zip(walks, scenario.people.humans, strict=True)
-        },
+        mildest_parts=_parts(mildest, series_of(mildest, requirement, world=world)) if mildest else (),
+        arrivals={human.name: walk.arrivals for walk, human in zip(walks, scenario.people.humans, strict=True)},
         arrival_s=float(np.mean(times)) if times else None,
         arrived=len(times),
         capped=verdict.censored,
         touched=len(touched),
         touches=touched.get(worst.id, ()),
-        touches_elsewhere=tuple(touches[0] for run, touches in touched.items() if run != worst.id),
+        touches_elsewhere=tuple(touches[0] for run_id, touches in touched.items() if run_id != worst.id),
     )
 
 
 class FeedbackSource(Protocol):
     """What a strategy may ask of attempts that were made. A function of the two arguments of `__call__` is none.
 
-    Derive a source from this class: everything but `__call__` and `attempt` has a default.
+    Derive a source from this class: everything but `__call__` has a default.
     """
+
+    def summary(self, attempt: Attempt) -> AttemptSummary:
+        """Return what a strategy keeps of an attempt; by default it holds the attempt."""
+        return AttemptSummary.of(attempt, lambda _: attempt)
 
     def __call__(self, attempt: Attempt, previous: Attempt | None) -> Feedback:
         """Return the feedback on an attempt, compared with the attempt before it (None: the first of its scenario)."""
@@ -206,87 +184,73 @@ class StoredFeedback(FeedbackSource):
 
     def __call__(self, attempt: Attempt, previous: Attempt | None) -> Feedback:
         """Return the feedback."""
+        observations = [self._ledger.observation(each.run_id, self._world) for each in attempt.measurements]
         requirement, world = self._plan.requirement, self._world
-        found = feedback_from(
-            attempt,
-            [self._ledger.observation(measurement.run_id, world) for measurement in attempt.measurements],
-            self._ledger.run,
-            requirement=requirement,
-            grid=world.grid,
-            previous=previous,
-            world=world,
-        )
+        found = _feedback(attempt, observations, self._ledger.run, requirement, world, previous)
         return found.replace(encounter=self.encounter(attempt))
+
+    def summary(self, attempt: Attempt) -> AttemptSummary:
+        """Return a summary that reads the attempt from the ledger."""
+        return self._ledger.summary(attempt)
 
     def encounter(self, attempt: Attempt) -> Encounter | None:
         """Return the encounter of the run that is worst for the robot."""
-        worst = worst_measurement(attempt, self._plan.requirement)
+        worst = attempt.worst(self._plan.requirement)
         return self._ledger.observation(worst.run_id, self._world).encounter
 
     def failures(self, attempt: Attempt) -> tuple[FailureMode, ...]:
         """Return how each run that violates the requirement fails."""
-        requirement = self._plan.requirement
-        violating = (
-            m for m in attempt.measurements if m.objective is not None and requirement.violated_by(m.objective)
-        )
+        violating = attempt.violating(self._plan.requirement)
         modes = (self._ledger.failure_mode(m.run_id, self._world) for m in violating)
         return tuple(mode for mode in modes if mode is not None)
 
 
-def with_history(
-    feedback: Feedback, attempts: Sequence[Attempt], requirement: Requirement, *, most: int = 8
-) -> Feedback:
+MOST_TRIED = 8
+"""Tried configurations that feedback lists."""
+
+
+def with_history(feedback: Feedback, attempts: Sequence[AttemptSummary], requirement: Requirement) -> Feedback:
     """Return the feedback with the best configuration of the scenario so far, and the last ones that were tried.
 
     The best is of all that were tried, those that a racing strategy ran once among them: the runs stand beside each.
 
     Args:
         attempts: The attempts of the scenario, in order.
-        most: How many tried configurations to keep.
     """
     known = [(a, a.mean) for a in measured(attempts) if a.mean is not None]
-    judged = requirement.threshold is not None
-    tried = [
-        Tried(
-            mean=mean,
-            change=_change(known[place - 1][0], attempt) if place else "first configuration",
-            runs=attempt.valued_runs,
-            violations=attempt.violations if judged else None,
-        )
-        for place, (attempt, mean) in enumerate(known)
-        if len(known) > 1 and place >= len(known) - most
-    ]
+    tried: list[Tried] = []
+    for (before, _), (attempt, mean) in list(zip([(None, 0.0), *known], known, strict=False))[-MOST_TRIED:]:
+        change = "first configuration"
+        if before is not None:
+            first, second = before.record.proposal.scenario, attempt.record.proposal.scenario
+            assert first is not None and second is not None
+            change = differences(first.people, second.people)
+        violations = attempt.violations if requirement.threshold is not None else None
+        tried.append(Tried(mean=mean, change=change, runs=attempt.valued_runs, violations=violations))
     best, best_mean = max(known, key=lambda each: requirement.badness(each[1]), default=(None, None))
     worse = best_mean is not None and requirement.badness(best_mean) > requirement.badness(feedback.mean)
     return feedback.replace(
-        best=best.proposal.scenario if best is not None and worse else None,
+        best=best.record.proposal.scenario if best is not None and worse else None,
         best_mean=best_mean,
         best_runs=best.valued_runs if best is not None else 0,
-        tried=tuple(tried),
+        tried=tuple(tried) if len(known) > 1 else (),
     )
 
 
-def _change(before: Attempt, after: Attempt) -> str:
-    """What an attempt changed against another one, in one line."""
-    first, second = before.proposal.scenario, after.proposal.scenario
-    assert first is not None and second is not None
-    return differences(first.people, second.people)
+def _every(path: Trajectory, period_s: float) -> NDArray[np.int64]:
+    """Return the samples of a trajectory at every multiple of a period."""
+    wanted = np.arange(0.0, float(path.t[-1]) + 1e-9, period_s) if len(path) else np.zeros(0)
+    return np.clip(np.searchsorted(path.t, wanted - 1e-9), 0, len(path) - 1)
 
 
-def rows_of(run: Run, walks: Sequence[Walk], grid: Grid, values: Floats | None = None) -> tuple[Row, ...]:
+def _rows(run: Run, walks: Sequence[Walk], world: World, values: Floats | None = None) -> tuple[Row, ...]:
     """Return the run every two seconds: the robot, what everybody does, and the judged value (None: unknown).
 
     Args:
         walks: Of the run's people, in their order.
     """
-    path = run.trajectory
-    if len(path) == 0:
-        return ()
-    wanted = np.arange(0.0, float(path.t[-1]) + 1e-9, ROW_PERIOD_S)
-    samples = np.clip(np.searchsorted(path.t, wanted - 1e-9), 0, len(path) - 1)
-    names = WaypointNames(grid)
-    found = []
-    for k in map(int, samples):
+    path, names, found = run.trajectory, WaypointNames(world.grid), []
+    for k in map(int, _every(path, ROW_PERIOD_S)):
         at = names.nearest(path.human_x[k], path.human_y[k])
         away = np.hypot(path.human_x[k] - path.x[k], path.human_y[k] - path.y[k])
         everybody = {
@@ -301,14 +265,13 @@ def rows_of(run: Run, walks: Sequence[Walk], grid: Grid, values: Floats | None =
     return tuple(found)
 
 
-def parts_of(run: Run, requirement: Requirement, world: World | None = None) -> tuple[Part, ...]:
+def _parts(run: Run, values: Floats) -> tuple[Part, ...]:
     """Return the mean of the judged value in every quarter of the drive."""
-    t, values = run.trajectory.t, series_of(run, requirement, world=world)
+    t = run.trajectory.t
     if not len(t):
         return ()
-    edges = np.linspace(float(t[0]), float(t[-1]), 5)
     found = []
-    for start, end in pairwise(edges):
+    for start, end in pairwise(np.linspace(float(t[0]), float(t[-1]), 5)):
         inside = values[(t >= start) & (t <= end)]
         inside = inside[np.isfinite(inside)]
         if len(inside):
@@ -318,18 +281,7 @@ def parts_of(run: Run, requirement: Requirement, world: World | None = None) -> 
     return tuple(found)
 
 
-def worst_run(attempt: Attempt, runs: Sequence[Run], requirement: Requirement) -> Run:
-    """Return the run of the attempt whose objective is worst for the robot; the first of equals."""
-    worst = worst_measurement(attempt, requirement).run_id
-    return next(run for run in runs if run.id == worst)
-
-
-def worst_measurement(attempt: Attempt, requirement: Requirement) -> Measurement:
-    """Return the measurement of the attempt whose objective is worst for the robot; the first of equals."""
-    return max(attempt.measurements, key=lambda m: -np.inf if m.objective is None else requirement.badness(m.objective))
-
-
-def mildest_measurement(attempt: Attempt, requirement: Requirement) -> Measurement | None:
+def _mildest(attempt: Attempt, requirement: Requirement) -> Measurement | None:
     """Return the measurement whose objective is least bad for the robot; None where there is only one to choose."""
     known = [(m, m.objective) for m in attempt.measurements if m.objective is not None]
     if len({m.run_id for m, _ in known}) < 2:
@@ -346,44 +298,32 @@ def separable(before: Verdict, after: Verdict) -> bool:
     return p is not None and p < 0.05
 
 
-def gaps(run: Run, world: World | None = None) -> Floats:
-    """Return (N, H) the gap in metres between robot and each human at every sample of the trajectory."""
-    return sampled(run, world).gap
-
-
-def decisive_moments(run: Run, grid: Grid, world: World | None = None, *, at_most: int = 4) -> tuple[Moment, ...]:
-    """Return the closest approaches, the hardest braking and the longest stop, in order of time."""
+def decisive_moments(run: Run, world: World) -> tuple[Moment, ...]:
+    """Return the two closest approaches, the hardest braking and the longest stop, in order of time."""
     path = run.trajectory
     if len(path) == 0 or path.human_x.shape[1] == 0:
         return ()
-    gap = gaps(run, world)
+    gap = sampled(run, world).gap
     nearest = gap.min(axis=1)
     found = [
         (index, "contact" if nearest[index] <= 0.0 else "closest approach")
-        for index in _approaches(path.t, nearest)[: max(1, at_most - 2)]
+        for index in _approaches(path.t, nearest)[:2]
     ]
-    braking = _hardest_braking(path)
-    if braking is not None:
+    if (braking := _hardest_braking(path)) is not None:
         found.append((braking[0], f"hardest braking, {braking[1]:.1f} m/s2"))
-    stop = _longest_stop(path)
-    if stop is not None:
+    if (stop := _longest_stop(path)) is not None:
         found.append((stop[0], f"stands still for {stop[1]:.1f} s from here"))
-    names = WaypointNames(grid)
+    names = WaypointNames(world.grid)
     chosen: dict[int, str] = {}
-    for index, note in found[:at_most]:
+    for index, note in found:
         chosen[index] = f"{chosen[index]}; {note}" if index in chosen else note
     return tuple(_moment(run, gap, index, note, names) for index, note in sorted(chosen.items()))
 
 
-def series(run: Run, grid: Grid, requirement: Requirement, world: World | None = None) -> tuple[Sample, ...]:
+def _series(run: Run, world: World, values: Floats) -> tuple[Sample, ...]:
     """Return the run once a second: where everybody was, and the series that shows where the requirement is lost."""
-    path = run.trajectory
-    if len(path) == 0:
-        return ()
-    wanted = np.arange(0.0, float(path.t[-1]) + 1e-9, SERIES_PERIOD_S)
-    rows = np.clip(np.searchsorted(path.t, wanted - 1e-9), 0, len(path) - 1)
-    values = series_of(run, requirement, world=world)[rows]
-    names = WaypointNames(grid)
+    path, names = run.trajectory, WaypointNames(world.grid)
+    rows = _every(path, SERIES_PERIOD_S)
     robot = names.nearest(path.x[rows], path.y[rows])
     humans = [names.nearest(path.human_x[rows, h], path.human_y[rows, h]) for h in range(path.human_x.shape[1])]
     return tuple(
@@ -391,7 +331,7 @@ def series(run: Run, grid: Grid, requirement: Requirement, world: World | None =
             time_s=round(float(path.t[row]), 2),
             robot_at=robot[k],
             humans_at={name: humans[h][k] for h, name in enumerate(run.human_names)},
-            value=round(float(values[k]), 3) if np.isfinite(values[k]) else None,
+            value=round(float(values[row]), 3) if np.isfinite(values[row]) else None,
         )
         for k, row in enumerate(rows)
     )
@@ -440,20 +380,11 @@ def _longest_stop(path: Trajectory) -> tuple[int, float] | None:
     moving = (path.speed >= 0.01) | (np.abs(path.omega) >= 0.02)
     if not moving.any():
         return None
-    best: tuple[int, float] | None = None
-    begin: int | None = None
-    for index in range(int(moving.argmax()), len(path)):
-        if moving[index]:
-            begin = None
-            continue
-        begin = index if begin is None else begin
-        lasted = float(path.t[index] - path.t[begin])
-        if lasted >= 1.0 and (best is None or lasted > best[1]):
-            best = (begin, lasted)
-    return best
+    moving[: int(moving.argmax())] = True  # until it first moves, it does not stop
+    stops = [(first, float(path.t[last] - path.t[first])) for first, last in stretches(~moving)]
+    return max((stop for stop in stops if stop[1] >= 1.0), key=lambda stop: stop[1], default=None)
 
 
-PERIOD_S = 2.0
 WAY_S = 0.5
 """Seconds between the points of the robot's way."""
 
@@ -471,18 +402,16 @@ def rehearsing(simulator: Simulator, world: World, *, seed: int) -> Rehearse:
             run = simulator.run(scenario, mission.place(world), seed=own)
         except SimulationError:
             return Rehearsal(robot=(), arrival_s=None)
-        return in_short(run, people, world)
+        return _rehearsed(run, people, world)
 
     return rehearse
 
 
-def in_short(run: Run, people: HumanConfiguration, world: World) -> Rehearsal:
-    """Return a run in short."""
+def _rehearsed(run: Run, people: HumanConfiguration, world: World) -> Rehearsal:
     path = run.trajectory
     if not len(path):
         return Rehearsal(robot=(), arrival_s=None)
-    wanted = np.arange(0.0, float(path.t[-1]) + 1e-9, PERIOD_S)
-    samples = np.clip(np.searchsorted(path.t, wanted - 1e-9), 0, len(path) - 1)
+    samples = _every(path, ROW_PERIOD_S)
     at = WaypointNames(world.grid).nearest(path.x[samples], path.y[samples])
     walks = walks_of(run, people, world.grid)
     along = np.unique(np.clip(np.searchsorted(path.t, np.arange(0.0, path.t[-1] + WAY_S, WAY_S)), 0, len(path) - 1))
@@ -491,23 +420,22 @@ def in_short(run: Run, people: HumanConfiguration, world: World) -> Rehearsal:
         robot=tuple((round(float(path.t[k]), 1), name) for k, name in zip(samples, at, strict=True)),
         arrival_s=round(float(path.t[-1]), 1) if run.completed else None,
         people={
-            human.name: _walked(run, h, human, walk, world)
-            for h, (human, walk) in enumerate(zip(people.humans, walks, strict=True))
+            human.name: _walked(run, h, walk) for h, (human, walk) in enumerate(zip(people.humans, walks, strict=True))
         },
-        rows=rows_of(run, walks, world.grid) if people.humans else (),
+        rows=_rows(run, walks, world) if people.humans else (),
     )
 
 
-def _walked(run: Run, h: int, human: Human, walk: Walk, world: World) -> Walked:
+def _walked(run: Run, h: int, walk: Walk) -> Walked:
     path = run.trajectory
     away = np.hypot(path.human_x[:, h] - path.x, path.human_y[:, h] - path.y)
     nearest = int(away.argmin())
     met = np.flatnonzero(away <= MET_M)
     stuck_s, stuck_at = walk.stuck_at or (None, None)
     return Walked(
-        begins_at=walk.goals[0],
+        begins_at=walk.begins_at,
         left_s=round(walk.left_s, 1) if walk.left_s is not None else None,
-        arrivals=arrivals(walk, human, world.grid),
+        arrivals=walk.arrivals,
         stuck_at=stuck_at,
         stuck_s=round(stuck_s, 1) if stuck_s is not None else None,
         stood=tuple((round(start, 1), round(end, 1), at) for start, end, at in walk.stood),
@@ -537,37 +465,27 @@ def failure_map(
     """Return the worst configuration of every kind of encounter among the attempts of a search, the worst first."""
     cells: dict[Encounter, list[Attempt]] = {}
     for attempt in measured(attempts):
-        worst = worst_run(attempt, [run_of(m.run_id) for m in attempt.measurements], requirement)
-        encounter = encounter_of(worst, world)
+        encounter = encounter_of(run_of(attempt.worst(requirement).run_id), world)
         if encounter is not None:
             cells.setdefault(encounter, []).append(attempt)
-    ranked = [(max(found, key=lambda a: _rank(a, requirement)), encounter) for encounter, found in cells.items()]
-    ranked.sort(key=lambda pair: _rank(pair[0], requirement), reverse=True)
-    return tuple(_cell(attempt, encounter, len(cells[encounter])) for attempt, encounter in ranked)
 
+    def rank(attempt: Attempt) -> tuple[tuple[float, float], int]:
+        return standing(attempt, requirement), -attempt.index
 
-def filled(cells: Iterable[MapCell]) -> tuple[int, int]:
-    """Return how many cells there are, and how many of them hold a violation."""
-    listed = list(cells)
-    return len(listed), sum(cell.violations > 0 for cell in listed)
-
-
-def _rank(attempt: Attempt, requirement: Requirement) -> tuple[float, float, int]:
-    share, badness = standing(attempt, requirement)
-    return (share, badness, -attempt.index)
-
-
-def _cell(attempt: Attempt, encounter: Encounter, configurations: int) -> MapCell:
-    scenario, verdict = attempt.proposal.scenario, attempt.verdict
-    assert scenario is not None
-    assert verdict is not None
-    assert verdict.mean is not None
-    return MapCell(
-        encounter=encounter,
-        attempt=attempt.index,
-        scenario_id=scenario.id,
-        mean=verdict.mean,
-        violations=verdict.violations,
-        runs=verdict.runs,
-        configurations=configurations,
-    )
+    found = []
+    ranked = sorted(((max(each, key=rank), met) for met, each in cells.items()), key=lambda p: rank(p[0]), reverse=True)
+    for worst, encounter in ranked:
+        scenario_id, mean = worst.scenario_id, worst.mean
+        assert scenario_id is not None and mean is not None
+        found.append(
+            MapCell(
+                encounter=encounter,
+                attempt=worst.index,
+                scenario_id=scenario_id,
+                mean=mean,
+                violations=worst.violations,
+                runs=worst.valued_runs,
+                configurations=len(cells[encounter]),
+            )
+        )
+    return tuple(found)

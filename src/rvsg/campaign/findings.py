@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal
 
 from pydantic import Field
 
-from rvsg.campaign.attempt import Attempt, Measurement, Plan
-from rvsg.campaign.feedback import worst_measurement
+from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.observation import FailureMode, mode_of, usual
 from rvsg.campaign.ranking import confirmations
 from rvsg.campaign.suite import CaseResult
@@ -85,16 +84,7 @@ class Smallest(Record):
         return self.violated > 0 and 2 * self.violated >= self.before
 
 
-class Compared(NamedTuple):
-    """A finding against the mission without people on the same seeds."""
-
-    without: Share
-    difference: float
-    """Violation probability with these people less that without them."""
-    interval: tuple[float, float]
-    """Of the difference, two-sided."""
-
-
+AboutPeople = Literal["yes", "no", "open", "not violated"]
 RECURS_WITHIN = 0.2
 """A violation recurs without people where it is at most this much rarer then, as a share of the runs."""
 
@@ -126,7 +116,7 @@ class Finding(Record):
     difference: float | None = None
     """Violation probability with these people less that without them."""
     difference_interval: tuple[float, float] | None = None
-    about_people: Literal["yes", "no", "open", "not violated"] = "open"
+    about_people: AboutPeople = "open"
     """`yes`: the difference is above 0 beyond chance. `no`: it is not, it is at most `RECURS_WITHIN`, and the mission
     alone violates more than rarely. `open`: the runs do not tell."""
     cause: tuple[Removal, ...] = ()
@@ -144,13 +134,6 @@ class Finding(Record):
     def also_alone(self) -> bool:
         """Whether it also happens without people, and the runs do not tell whether they make it more frequent."""
         return self.about_people == "open" and self.without_people is not None and self.without_people.violated > 0
-
-    @property
-    def compared(self) -> Compared | None:
-        """The comparison with the mission without people; None where that was not run or there is no limit."""
-        if self.without_people is None or self.difference is None or self.difference_interval is None:
-            return None
-        return Compared(self.without_people, self.difference, self.difference_interval)
 
 
 def findings(
@@ -184,7 +167,7 @@ class DistinctFailure(Record):
     """The attempts of the search that were confirmed, the worst first."""
     violation_probability: float
     """Of the worst of them."""
-    about_people: Literal["yes", "no", "open", "not violated"]
+    about_people: AboutPeople
     """Of the worst of them."""
     without_people: Share | None = None
     cause: tuple[Removal, ...] = ()
@@ -214,32 +197,20 @@ def distinct_failures(found: Sequence[Finding]) -> tuple[DistinctFailure, ...]:
     )
 
 
-def at_least(interval: tuple[float, float] | None) -> float:
-    """Return the lower end of an interval of the violation probability: 2 of 2 runs say less than 14 of 15."""
-    return interval[0] if interval is not None else 0.0
-
-
 def worst_confirmation(attempts: Sequence[Attempt], procedure: Procedure = DEFAULT) -> Attempt | None:
     """Return the confirmation that says most against the robot; None without one."""
     return max(confirmations(attempts), key=lambda a: (badness(a.verdict, procedure), -a.index), default=None)
 
 
 def badness(verdict: Verdict | None, procedure: Procedure = DEFAULT) -> tuple[bool, bool, float]:
-    """Return how much a verdict says against the robot: violated at all, always (FAIL), and how often at least."""
+    """Return how much a verdict says against the robot: violated at all, always (FAIL), and how often at least.
+
+    The lower end of the interval counts: 2 of 2 runs say less than 14 of 15.
+    """
     if verdict is None:
         return (False, False, 0.0)
-    always = verdict.status is Status.FAIL
-    return (violated(verdict, procedure=procedure), always, at_least(verdict.violation_interval))
-
-
-def difference_interval(with_people: Share, without: Share, confidence: float = 0.95) -> tuple[float, float]:
-    """Return the interval of the difference of two shares; all of -1 to 1 where one has no runs."""
-    found = share_difference(_outcomes(with_people), _outcomes(without), confidence=confidence)
-    return found.interval if found else (-1.0, 1.0)
-
-
-def _outcomes(share: Share) -> list[bool]:
-    return [True] * share.violated + [False] * (share.of - share.violated)
+    at_least = verdict.violation_interval[0] if verdict.violation_interval is not None else 0.0
+    return (violated(verdict, procedure=procedure), verdict.status is Status.FAIL, at_least)
 
 
 def _finding(
@@ -251,93 +222,80 @@ def _finding(
     world: World,
     procedure: Procedure,
 ) -> Finding:
-    scenario, verdict = attempt.proposal.scenario, attempt.verdict
+    scenario, verdict, requirement = attempt.proposal.scenario, attempt.verdict, plan.requirement
     assert scenario is not None and verdict is not None
     safety = summarise_safety([m.values for m in attempt.measurements])
     baseline = next((a for a in reversed(attempts) if a.purpose == "baseline"), None)
-    without = _share(baseline, _seeds(attempt), plan.requirement) if baseline else None
+    without = _share(baseline, attempt, requirement) if baseline else None
     bad = violated(verdict, procedure=procedure)
-    worst = run_of(worst_measurement(attempt, plan.requirement).run_id)
-    story = story_of(worst, world=world, scenario=scenario)
-    values = {
-        "scenario": attempt.brief.scenario_index,
-        "attempt": attempt.confirms if attempt.confirms is not None else attempt.index,
-        "confirmation": attempt.index,
-        "scenario_id": scenario.id,
-        "description": scenario.description,
-        "verdict": verdict,
-        "violated": bad,
-        "violation_probability": verdict.violation_probability,
-        "interval": verdict.violation_interval,
-        "how_sure": how_sure(verdict),
-        "contacts": safety.contacts,
-        "arrived": safety.arrived,
-        "least_clearance_m": safety.least_clearance_m,
-        "without_people": without,
-        "cause": tuple(_removals(attempt, attempts, plan.requirement)),
-        "smallest": _smallest(attempt, attempts, plan.requirement),
-        "failure": usual(modes(m.run_id) for m in attempt.measurements if _violates(m, plan.requirement)),
-        "story": tuple(sentence.text for sentence in story),
-        "story_run": worst.id,
-    }
-    return Finding(**values, **_blame(verdict, without, bad, procedure))
-
-
-def _blame(verdict: Verdict, without: Share | None, bad: bool, procedure: Procedure) -> dict[str, object]:
-    """Compare a verdict with the mission alone."""
-    if without is None or verdict.violation_probability is None:
-        return {"about_people": "open" if bad else "not violated"}
-    share = Share(violated=verdict.violations, of=verdict.runs)
-    interval = difference_interval(share, without, procedure.confidence)
-    alone = procedure.violated(without.violated, without.of)
-    difference = share.probability - without.probability
-    people: str = "not violated"
-    if bad:
-        people = "yes" if interval[0] > 0.0 else "no" if alone and difference <= RECURS_WITHIN else "open"
-    return {"difference": difference, "difference_interval": interval, "about_people": people}
-
-
-def _removals(attempt: Attempt, attempts: Sequence[Attempt], requirement: Requirement) -> list[Removal]:
-    found = []
+    worst = run_of(attempt.worst(requirement).run_id)
+    cause, smallest = [], None
     for other in attempts:
-        if other.purpose != "removal" or other.confirms != attempt.index:
+        if other.confirms != attempt.index or other.purpose not in ("removal", "shrinking"):
             continue
-        seeds = _seeds(other)
-        share, before = _share(other, seeds, requirement), _share(attempt, seeds, requirement)
-        name = ", ".join(other.without)
-        found.append(Removal(without=name, violated=share.violated, of=share.of, before=before.violated))
-    return found
-
-
-def _smallest(attempt: Attempt, attempts: Sequence[Attempt], requirement: Requirement) -> Smallest | None:
-    for other in attempts:
-        if other.purpose == "shrinking" and other.confirms == attempt.index and other.proposal.scenario is not None:
-            seeds = _seeds(other)
-            share, before = _share(other, seeds, requirement), _share(attempt, seeds, requirement)
-            return Smallest(
+        share, before = _share(other, other, requirement), _share(attempt, other, requirement).violated
+        if other.purpose == "removal":
+            name = ", ".join(other.without)
+            cause.append(Removal(without=name, violated=share.violated, of=share.of, before=before))
+        elif smallest is None and other.scenario_id is not None:
+            smallest = Smallest(
                 attempt=other.index,
-                scenario_id=other.proposal.scenario.id,
+                scenario_id=other.scenario_id,
                 taken_away=other.taken_away,
                 violated=share.violated,
                 of=share.of,
-                before=before.violated,
+                before=before,
             )
-    return None
+    difference, difference_interval, about_people = _blame(verdict, without, bad, procedure)
+    return Finding(
+        scenario=attempt.brief.scenario_index,
+        attempt=attempt.confirms if attempt.confirms is not None else attempt.index,
+        confirmation=attempt.index,
+        scenario_id=scenario.id,
+        description=scenario.description,
+        verdict=verdict,
+        violated=bad,
+        violation_probability=verdict.violation_probability,
+        interval=verdict.violation_interval,
+        how_sure=how_sure(verdict),
+        contacts=safety.contacts,
+        arrived=safety.arrived,
+        least_clearance_m=safety.least_clearance_m,
+        without_people=without,
+        difference=difference,
+        difference_interval=difference_interval,
+        about_people=about_people,
+        cause=tuple(cause),
+        smallest=smallest,
+        failure=usual(modes(m.run_id) for m in attempt.violating(requirement)),
+        story=tuple(sentence.text for sentence in story_of(worst, world=world, scenario=scenario)),
+        story_run=worst.id,
+    )
 
 
-def _share(attempt: Attempt, seeds: frozenset[int], requirement: Requirement) -> Share:
-    """Return how many of an attempt's runs with these seeds violate; a run without a value violates nothing."""
+def _blame(
+    verdict: Verdict, without: Share | None, bad: bool, procedure: Procedure
+) -> tuple[float | None, tuple[float, float] | None, AboutPeople]:
+    """Compare a verdict with the mission alone: the difference, its interval, and whether people cause it."""
+    if without is None or verdict.violation_probability is None:
+        return None, None, "open" if bad else "not violated"
+    share = Share(violated=verdict.violations, of=verdict.runs)
+    outcomes = ([True] * each.violated + [False] * (each.of - each.violated) for each in (share, without))
+    found = share_difference(*outcomes, confidence=procedure.confidence)
+    interval = found.interval if found else (-1.0, 1.0)
+    difference = share.probability - without.probability
+    recurs = difference <= RECURS_WITHIN and procedure.violated(without.violated, without.of)
+    if not bad:
+        return difference, interval, "not violated"
+    return difference, interval, "yes" if interval[0] > 0.0 else "no" if recurs else "open"
+
+
+def _share(attempt: Attempt, seeds_of: Attempt, requirement: Requirement) -> Share:
+    """Return how many of an attempt's runs on another's seeds violate; a run without a value violates nothing."""
+    seeds = {m.seed for m in seeds_of.measurements}
     counted = [m for m in attempt.measurements if m.seed in seeds]
-    unmeasured = sum(m.objective is None for m in counted)
-    return Share(violated=sum(_violates(m, requirement) for m in counted), of=len(counted), unmeasured=unmeasured)
-
-
-def _violates(measurement: Measurement, requirement: Requirement) -> bool:
-    return measurement.objective is not None and requirement.violated_by(measurement.objective)
-
-
-def _seeds(attempt: Attempt) -> frozenset[int]:
-    return frozenset(m.seed for m in attempt.measurements)
+    violated = sum(m.seed in seeds for m in attempt.violating(requirement))
+    return Share(violated=violated, of=len(counted), unmeasured=sum(m.objective is None for m in counted))
 
 
 Kind = Literal["attempt", "finding", "rejected", "watched"]

@@ -24,7 +24,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections import Counter
-from collections.abc import Generator, Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 from typing import Any, ClassVar
 
 import numpy as np
@@ -44,8 +44,6 @@ KEEN = 0.35
 
 TURN = 4
 """Configurations that are tuned at a time between two proposals."""
-
-Batch = Generator[list[Ask], list[Attempt], None]
 
 
 class HybridStrategy(CandidateStrategy):
@@ -98,7 +96,7 @@ class HybridStrategy(CandidateStrategy):
             yield from self._first_drafts()
         else:
             yield from self._take_turns(self.plan.proposals, self.turns * (self.plan.search_runs - reserve))
-        if not any(c.runs for c in self.candidates):
+        if not self.measured:
             return
         yield from self._race(self.batch)
         while self.left > reserve:
@@ -109,15 +107,13 @@ class HybridStrategy(CandidateStrategy):
                 break
         yield from self._settle()
 
-    # -- the parts -------------------------------------------------------------------------------------------------
-
-    def _first_drafts(self) -> Batch:
+    def _first_drafts(self) -> Batches:
         """Ask for new scenarios; as long as none is valid, for as many as the plan has attempts."""
         yield from self._draft(max(2, round(self.drafts * self.plan.search_runs)))
-        while not any(c.runs for c in self.candidates) and self.asked < self.plan.attempts and self.left > 0:
+        while not self.measured and self.asked < self.plan.attempts and self.left > 0:
             yield from self._draft(min(self.batch, self.plan.attempts - self.asked))
 
-    def _draft(self, count: int) -> Batch:
+    def _draft(self, count: int) -> Batches:
         """Ask the generator for a number of scenarios, each different from those before, and run each once."""
         begun = 1 + max(self._numbers, default=-1)
         end = begun + count
@@ -131,14 +127,13 @@ class HybridStrategy(CandidateStrategy):
                 self._add(attempt, None, "new")
         estimate(self.candidates)
 
-    def _take_turns(self, proposals: int, runs: float) -> Batch:
+    def _take_turns(self, proposals: int, runs: float) -> Batches:
         """Let the generator propose, and tune what it proposes, in about so many runs together."""
         drafts = -(-proposals // self.plan.configurations)
         for turn in range(proposals):
-            known = [c for c in self.candidates if c.runs]
             if self.left <= 0:
                 return
-            if turn < drafts or not known:
+            if turn < drafts or not self.measured:
                 scenario = turn
                 yield from self._propose(self._new_ask(scenario), None)
             else:
@@ -150,26 +145,28 @@ class HybridStrategy(CandidateStrategy):
                 return
             yield from self._tune(scenario, self.plan.search_runs - (turn + 1) * runs / proposals)
 
-    def _tune(self, scenario: int, until: float) -> Batch:
+    def _tune(self, scenario: int, until: float) -> Batches:
         """Change the numbers of a scenario's configurations and race them until so many runs are left."""
         while self.left > until and self.left > 0:
-            own = [c for c in self.candidates if c.runs and c.scenario_index == scenario]
-            before = self.left
+            own, before = self._of(scenario), self.left
             if not own:
                 return
             yield from self._change(min(TURN, math.ceil(self.left - until)), own)
             if self.left > until:
-                own = [c for c in self.candidates if c.runs and c.scenario_index == scenario]
-                yield from self._race(min(TURN // 2, math.ceil(self.left - until)), among=own)
+                yield from self._race(min(TURN // 2, math.ceil(self.left - until)), among=self._of(scenario))
             if self.left == before:
                 return
+
+    def _of(self, scenario: int) -> list[Candidate]:
+        """Return the measured candidates of a scenario."""
+        return [candidate for candidate in self.measured if candidate.scenario_index == scenario]
 
     def _best_of_each(self) -> list[Candidate]:
         """Return the best configuration of every scenario."""
         found: dict[int, Candidate] = {}
-        for candidate in self.candidates:
+        for candidate in self.measured:
             known = found.get(candidate.scenario_index)
-            if candidate.runs and (known is None or candidate.estimate > known.estimate):
+            if known is None or candidate.estimate > known.estimate:
                 found[candidate.scenario_index] = candidate
         return list(found.values())
 
@@ -180,10 +177,9 @@ class HybridStrategy(CandidateStrategy):
         untold = self._feedback(last) if last is not None and memory else None
         return Ask(brief=self._brief("new", scenario, 0, memory=memory, untold=untold), seeds=self._seeds(1))
 
-    def _propose(self, ask: Ask, parent: Candidate | None) -> Batch:
+    def _propose(self, ask: Ask, parent: Candidate | None) -> Batches:
         """Ask the generator; where its budget is spent, change the best configuration instead."""
-        known = [c for c in self.candidates if c.runs]
-        base = parent or max(known, key=lambda c: (c.estimate, -c.index), default=None)
+        base = parent or max(self.measured, key=lambda c: (c.estimate, -c.index), default=None)
         if base is not None:
             ask = ask.replace(instead=self._instead(base, ask.brief))
         results = yield [ask]
@@ -206,11 +202,11 @@ class HybridStrategy(CandidateStrategy):
 
     def _feedback(self, candidate: Candidate) -> Feedback:
         """Return what a configuration measured, what of it was tuned, and the others of its scenario."""
-        own = [c for c in self.candidates if c.runs and c.scenario_index == candidate.scenario_index]
+        own = self._of(candidate.scenario_index)
         best, requirement = max(own, key=lambda c: (c.estimate, -c.index)), self.plan.requirement
         last = last_written(own) if self.plan.proposals is not None else None
-        weaker = self.feedback_of(last.last, None) if last not in (None, written(candidate)) else None
-        return self.feedback_of(candidate.last, None).replace(
+        weaker = self.feedback_of(last.last.record, None) if last not in (None, written(candidate)) else None
+        return self.feedback_of(candidate.last.record, None).replace(
             tuning=tuning_of(candidate, own, requirement),
             best=best.scenario if best is not candidate else None,
             best_mean=mean_of(best, requirement),
@@ -228,7 +224,7 @@ class HybridStrategy(CandidateStrategy):
         brief = self._brief("refine", scenario, self._next(parent), feedback=feedback, lessons=lessons)
         return Ask(brief=brief, seeds=seeds)
 
-    def _change(self, count: int, among: Sequence[Candidate] | None = None) -> Batch:
+    def _change(self, count: int, among: Sequence[Candidate] | None = None) -> Batches:
         """Make a number of changed configurations, and run each once, on the next seed of the race.
 
         Args:
@@ -272,7 +268,7 @@ class HybridStrategy(CandidateStrategy):
             return [(parent, frozenset()) for parent in self._best(among, rng, count)]
         if self.kinds is None or not self.kinds.met():
             return [(parent, frozenset()) for parent in self._parents(rng, count)]
-        known = [c for c in self.candidates if c.runs]
+        known = self.measured
         changes = Counter(c.parent.index for c in self.candidates if c.parent is not None)
         chosen: list[tuple[Candidate, Set[Met]]] = []
         for _ in range(count):
@@ -290,14 +286,15 @@ class HybridStrategy(CandidateStrategy):
 
     def _parents(self, rng: np.random.Generator, count: int) -> list[Candidate]:
         """Return the configurations to change: the best most often, or the best with their kind of encounter."""
-        ranked = sorted((c for c in self.candidates if c.runs), key=lambda c: (-c.estimate, c.index))
-        open_ = [c for c in self.elites().values() if self._may_violate(c)]
+        limit = self.plan.requirement.threshold
+        bound = -math.inf if limit is None else self.plan.requirement.badness(limit)
+        open_ = [c for c in self.elites().values() if c.upper >= bound]
         chosen = []
         for _ in range(count):
             if open_ and rng.random() < self.explore:
                 chosen.append(open_[int(rng.integers(len(open_)))])
             else:
-                chosen.append(ranked[min(len(ranked), int(rng.geometric(KEEN))) - 1])
+                chosen += self._best(self.measured, rng, 1)
         return chosen
 
     def elites(self) -> dict[Encounter, Candidate]:
@@ -309,48 +306,38 @@ class HybridStrategy(CandidateStrategy):
                 found[cell] = candidate
         return found
 
-    def _may_violate(self, candidate: Candidate) -> bool:
-        limit = self.plan.requirement.threshold
-        return limit is None or candidate.upper >= self.plan.requirement.badness(limit)
-
     def _measured(self, candidate: Candidate, attempt: Attempt) -> None:
         super()._measured(candidate, attempt)
         if self.kinds is not None and candidate.runs:
             self.kinds.place(candidate, self.feedback_of.failures(attempt))
 
-    def _race(self, count: int, among: Sequence[Candidate] | None = None) -> Batch:
+    def _race(self, count: int, among: Sequence[Candidate] | None = None) -> Batches:
         """Give one more run to a number of the configurations, of all or of some, that may still be the best."""
         racing = in_the_race(self.candidates if among is None else among)
-        hopeful = [c for c in racing if len(self._seen(c)) < self.final_runs]
+        hopeful = [c for c in racing if len(c.last.seeds) < self.final_runs]
         hopeful.sort(key=lambda c: (-(c.estimate + 0.5 * c.deviation), c.index))
         chosen = hopeful[:count]
         if self.kinds is not None and among is None:
             doubtful = self.kinds.doubtful(self.candidates)[: count // 2]
             chosen = [*doubtful, *[c for c in hopeful if c not in doubtful][: count - count // 2]]
-        results = yield [self._again(c, 1) for c in chosen]
-        for attempt, candidate in zip(results, chosen, strict=False):
-            self._measured(candidate, attempt)
-        estimate(self.candidates)
+        yield from self._run_again([self._again(c, 1) for c in chosen], chosen)
 
-    def _settle(self) -> Batch:
+    def _settle(self) -> Batches:
         """Run the best configurations until each has its final number of runs, then more, until the budget is spent."""
         final = self.final_runs
         while self.left > 0:
-            best = sorted((c for c in self.candidates if c.runs), key=lambda c: (-c.estimate, c.index))
-            open_ = [c for c in best[: self.finalists] if len(self._seen(c)) < final]
+            best = sorted(self.measured, key=lambda c: (-c.estimate, c.index))
+            open_ = [c for c in best[: self.finalists] if len(c.last.seeds) < final]
             if not open_:
                 final += 1
                 continue
             step = 2 if self.left > 1 else 1
-            results = yield [self._again(c, min(final - len(self._seen(c)), step)) for c in open_]
-            if not results:
+            asks = [self._again(c, min(final - len(c.last.seeds), step)) for c in open_]
+            if not (yield from self._run_again(asks, open_)):
                 return
-            for attempt, candidate in zip(results, open_, strict=False):
-                self._measured(candidate, attempt)
-            estimate(self.candidates)
 
 
-class KeepingStrategy(HybridStrategy):
+class ArchiveStrategy(HybridStrategy):
     """Drafts, changes what it keeps, then repeats what it keeps until the budget is spent.
 
     Args:
@@ -379,19 +366,15 @@ class KeepingStrategy(HybridStrategy):
                 break
         yield from self._repeat()
 
-    def _repeat(self) -> Batch:
+    def _repeat(self) -> Batches:
         """Give one more run to the first of those that are kept, until the budget is spent."""
         while self.left > 0:
             chosen = self._kept()[: min(self.batch, self.left)]
-            results = yield [self._again(c, 1) for c in chosen]
-            if not results:
+            if not (yield from self._run_again([self._again(c, 1) for c in chosen], chosen)):
                 return
-            for attempt, candidate in zip(results, chosen, strict=False):
-                self._measured(candidate, attempt)
-            estimate(self.candidates)
 
 
-class MapElitesStrategy(KeepingStrategy):
+class MapElitesStrategy(ArchiveStrategy):
     """Fills a map of encounters with the configuration that is worst for the robot in each.
 
     Args:
@@ -413,7 +396,7 @@ class MapElitesStrategy(KeepingStrategy):
 
     def _kept(self) -> list[Candidate]:
         """Return the elites, those with the fewest runs first, the worst of them before the others."""
-        return sorted(self.elites().values(), key=lambda c: (len(self._seen(c)), -c.estimate, c.index))
+        return sorted(self.elites().values(), key=lambda c: (len(c.last.seeds), -c.estimate, c.index))
 
     def _measured(self, candidate: Candidate, attempt: Attempt) -> None:
         super()._measured(candidate, attempt)
@@ -430,7 +413,7 @@ KEEN_ON_FRONT = 0.6
 """How often what is changed is on the first front; with as much of what is left on the next, and so on."""
 
 
-class MultiStrategy(KeepingStrategy):
+class MultiStrategy(ArchiveStrategy):
     """Fills the Pareto front of the plan's requirement and those in `plan.also`.
 
     Args:
@@ -458,12 +441,10 @@ class MultiStrategy(KeepingStrategy):
         return found
 
     def _tried_by(self, candidate: Candidate) -> tuple[Tried, ...] | None:
-        if not candidate.runs:
-            return None
         last = candidate.last.index
-        if last not in self._known:
-            self._known[last] = tried_by(candidate.last.measurements, self.plan)
-        return self._known[last]
+        if candidate.runs and last not in self._known:
+            self._known[last] = tried_by(candidate.last.record.measurements, self.plan)
+        return self._known.get(last)
 
     def _parents(self, rng: np.random.Generator, count: int) -> list[Candidate]:
         fronts = self.fronts()
@@ -476,4 +457,4 @@ class MultiStrategy(KeepingStrategy):
     def _kept(self) -> list[Candidate]:
         """Return the front, those with the fewest runs first."""
         fronts = self.fronts()
-        return sorted(fronts[0] if fronts else [], key=lambda c: (len(self._seen(c)), c.index))
+        return sorted(fronts[0] if fronts else [], key=lambda c: (len(c.last.seeds), c.index))

@@ -7,34 +7,30 @@ An Ask may name the seeds of its runs; runs that the ledger holds already are no
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from itertools import islice
 
-from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.attempt import Attempt, AttemptSummary, Plan
 from rvsg.campaign.confirmation import confirm_all
 from rvsg.campaign.execution import (
     Attempted,
     Cancelled,
     Event,
     Finished,
-    Made,
     Message,
     Parts,
     Proposing,
     Started,
-    calls_of,
-    collect,
-    store,
+    make,
     submit,
 )
-from rvsg.campaign.ledger import CachedLedger, Filing
+from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.ranking import search_attempts
 from rvsg.campaign.runner import PendingRun
 from rvsg.campaign.smallest_scenario import shrink_all
 from rvsg.campaign.strategies import Ask, Strategy
 from rvsg.core.errors import BudgetSpent, GenerationError, NotRecorded
-from rvsg.core.records import text_id
 from rvsg.core.seeds import seed_for
 from rvsg.generation.generator import Call
 
@@ -58,68 +54,61 @@ def stream_campaign(plan: Plan, strategy: Strategy, parts: Parts) -> Iterator[Ev
     ends with the same records. An error of the generator is raised after everything proposed before it is simulated
     and stored.
     """
-    known = _Known(plan, parts.ledger)
+    known = _Known(parts.ledger)
+    for attempt in parts.ledger.attempts(plan.name):
+        known.add(attempt)
+        if attempt.purpose == "search":
+            strategy.tell(attempt)
     attempts = known.attempts
     yield Started(campaign=plan.name, plan=plan, attempts=len(attempts), runs=sum(a.runs for a in attempts))
-    for attempt in search_attempts(attempts):
-        strategy.tell(attempt)
     complete = True
     try:
         if len(search_attempts(attempts)) == len(attempts):
             yield from _search(plan, strategy, known, parts)
-        yield from _noted(confirm_all(plan, tuple(attempts), parts), known)
-        yield from _noted(shrink_all(plan, tuple(attempts), parts), known)
+        for rest in (confirm_all, shrink_all):
+            for event in rest(plan, tuple(attempts), parts):
+                if isinstance(event, Attempted):
+                    known.add(event.attempt)
+                yield event
     except Cancelled:
         complete = False
     yield Finished(campaign=plan.name, complete=complete, attempts=len(attempts))
 
 
 class _Known:
-    """The attempts of a campaign so far, filed, and what every further one is compared with.
+    """The attempts of a campaign so far, and what every further one is compared with."""
 
-    Attributes:
-        calls: Those of the generator.
-    """
+    def __init__(self, ledger: CachedLedger) -> None:
+        self._ledger = ledger
+        self._first: dict[str, tuple[Attempt | AttemptSummary, tuple[int, ...]]] = {}
+        self._calls: dict[tuple[int, int, int], tuple[Call, ...]] = {}
+        self.attempts: list[AttemptSummary] = []
 
-    def __init__(self, plan: Plan, ledger: CachedLedger) -> None:
-        self._filing = Filing(ledger, plan.name)
-        self._first: dict[str, tuple[Attempt, tuple[int, ...]]] = {}
-        self.attempts: list[Attempt] = []
-        self.calls: list[Call] = calls_of(self._read(ledger.attempts(plan.name)))
+    @property
+    def calls(self) -> list[Call]:
+        """The calls of the generator."""
+        return [call for calls in self._calls.values() for call in calls]
 
-    def add(self, attempt: Attempt) -> Attempt:
-        """Add a stored attempt and return what stands for it."""
-        filed = self._filing(attempt)
-        self.attempts.append(filed)
-        key = _people_id(attempt)
-        if key is not None:
+    def begin(self, attempt: Attempt) -> None:
+        """Count the calls made for an attempt; one that is run again, under its brief, has the same."""
+        brief = attempt.brief
+        self._calls[brief.scenario_index, brief.configuration_index, brief.seed] = attempt.proposal.calls
+
+    def add(self, attempt: Attempt) -> None:
+        """Add a stored attempt."""
+        summary = self._ledger.summary(attempt)
+        self.attempts.append(summary)
+        if attempt.purpose == "search":
+            self.begin(attempt)
+        if attempt.proposal.scenario is not None:
+            key = attempt.proposal.scenario.people.id
             first, seeds = self._first.get(key, (attempt, attempt.seeds))
-            self._first[key] = (filed if first.index == attempt.index else first, seeds)
-        return filed
+            self._first[key] = (summary if first.index == attempt.index else first, seeds)
 
-    def first(self, attempt: Attempt, seeds: tuple[int, ...]) -> tuple[Attempt, tuple[int, ...]]:
+    def first(self, attempt: Attempt, seeds: tuple[int, ...]) -> tuple[Attempt | AttemptSummary, tuple[int, ...]]:
         """Return the first attempt with the same people, which may be this one, and the seeds of its runs."""
-        key = _people_id(attempt)
-        return (attempt, seeds) if key is None else self._first.setdefault(key, (attempt, seeds))
-
-    def _read(self, attempts: Iterable[Attempt]) -> Iterator[Attempt]:
-        for attempt in attempts:
-            self.add(attempt)
-            yield attempt
-
-
-def _people_id(attempt: Attempt) -> str | None:
-    """Return what tells the people of attempts apart; None without a scenario."""
-    scenario = attempt.proposal.scenario
-    return None if scenario is None else text_id("people", scenario.people.model_dump_json())
-
-
-def _noted(events: Iterator[Event], known: _Known) -> Iterator[Event]:
-    """Pass events on, adding every finished attempt to those known."""
-    for event in events:
-        if isinstance(event, Attempted):
-            known.add(event.attempt)
-        yield event
+        scenario = attempt.proposal.scenario
+        return (attempt, seeds) if scenario is None else self._first.setdefault(scenario.people.id, (attempt, seeds))
 
 
 def _search(plan: Plan, strategy: Strategy, known: _Known, parts: Parts) -> Iterator[Event]:
@@ -148,18 +137,17 @@ def _search(plan: Plan, strategy: Strategy, known: _Known, parts: Parts) -> Iter
             except GenerationError as error:
                 stopped = error
             else:
-                known.calls += in_progress[-1][0].proposal.calls if ask.proposal is None else ()
+                known.begin(in_progress[-1][0])
                 if in_progress[-1][0].brief != ask.brief:
                     yield Message(campaign=plan.name, text=WITHOUT_MODEL)
             index += 1
         if not in_progress:
             break
-        attempt, ordered = in_progress.popleft()
-        made = Made()
-        yield from collect(attempt, ordered, made, parts)
-        done = store(attempt, made, parts)
-        strategy.tell(known.add(done))
-        yield Attempted(campaign=plan.name, attempt=done)
+        for event in make(*in_progress.popleft(), parts):
+            if isinstance(event, Attempted):
+                known.add(event.attempt)
+                strategy.tell(event.attempt)
+            yield event
     if stopped:
         raise stopped
 
@@ -194,6 +182,6 @@ def _begin(
         seeds = tuple(seed_for(plan.seed, "search", index, repeat) for repeat in range(plan.repeats))
     first, its_seeds = known.first(attempt, seeds)
     if ask.proposal is None and first.index != index:
-        same = proposal.replace(scenario=first.proposal.scenario)
+        same = proposal.replace(scenario=first.record.proposal.scenario)
         attempt, seeds = attempt.replace(proposal=same, same_as=first.index), its_seeds
     return attempt, submit(attempt, seeds, parts)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import cmath
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Generator, Iterable, Mapping, Sequence, Set
 from itertools import islice
 from typing import NamedTuple
 
@@ -18,12 +18,11 @@ from numpy.typing import NDArray
 from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.feedback import FeedbackSource
 from rvsg.campaign.observation import FailureMode, seen_as
-from rvsg.campaign.race import Candidate
-from rvsg.campaign.strategies import Ask, BatchStrategy
-from rvsg.core.records import Record, text_id
+from rvsg.campaign.race import Candidate, estimate
+from rvsg.campaign.strategies import Ask, BatchStrategy, brief_of
 from rvsg.core.seeds import seed_for
 from rvsg.evaluation.run_events import place_name
-from rvsg.evaluation.signals import aim_of, moved_by
+from rvsg.evaluation.signals import aim_of
 from rvsg.generation.descriptions import Described, answer, describe_changed, describe_tuned, same_work, tells_of
 from rvsg.generation.forecast import AIMED, STEP_S, Forecaster, Screen
 from rvsg.generation.people_sampler import added
@@ -45,25 +44,17 @@ RIDGE = 3.0
 """Strength of the penalty, in candidates; features have unit variance."""
 
 
-class Surrogate:
-    """Predicts the difference in badness between two configurations from their features."""
-
-    def __init__(self, candidates: Sequence[Candidate], features: Floats) -> None:
-        """Fit the model to candidates with runs; `features` has one row for each."""
-        count = features.shape[1]
-        self.weights = np.zeros(count)
-        if len(candidates) < FEWEST:
-            return
-        spread = features.std(axis=0)
-        scale = np.where(spread > 1e-9, spread, np.inf)
-        rows = (features - features.mean(axis=0)) / scale
-        values = np.array([candidate.estimate for candidate in candidates])
-        values = values - values.mean()
-        self.weights = np.linalg.solve(rows.T @ rows + RIDGE * np.eye(count), rows.T @ values) / scale
-
-    def differences(self, features: Floats, origin: Floats) -> Floats:
-        """Return how much worse for the robot each row is expected to be than `origin`."""
-        return np.asarray((features - origin) @ self.weights)
+def surrogate(candidates: Sequence[Candidate], features: Floats) -> Floats:
+    """Fit a linear model of badness to candidates with runs, `features` (N, F); return its weights (F,)."""
+    count = features.shape[1]
+    if len(candidates) < FEWEST:
+        return np.zeros(count)
+    spread = features.std(axis=0)
+    scale = np.where(spread > 1e-9, spread, np.inf)
+    rows = (features - features.mean(axis=0)) / scale
+    values = np.array([candidate.estimate for candidate in candidates])
+    values = values - values.mean()
+    return np.asarray(np.linalg.solve(rows.T @ rows + RIDGE * np.eye(count), rows.T @ values) / scale)
 
 
 Met = tuple[str, str]
@@ -182,16 +173,8 @@ CROSSED = 0.15
 """How often a person of another configuration is put into one, where both have several people."""
 
 
-class Change(Record):
+class Change(NamedTuple):
     """A changed configuration, with what changed in words."""
-
-    people: HumanConfiguration
-    described: Described
-    words: str
-
-
-class _Option(NamedTuple):
-    """A change that may be chosen."""
 
     people: HumanConfiguration
     words: str
@@ -221,52 +204,42 @@ class Operators:
 
         Args:
             others: The candidates with runs, which teach the forecast and lend people.
-            known: Keys of configurations that were tried, as `key` makes them.
+            known: Ids of the people that were tried.
             avoid: Where and how nobody should meet the robot, if the forecast sees another way.
         """
-        options: dict[str, _Option] = {}
+        options: dict[str, Change] = {}
         for _ in range(OPTIONS):
             crossed = rng.random() < CROSSED
             made = self._crossed(parent, others, rng) if crossed else self._tuned(parent, rng)
-            if made is not None and (new := key(made.people)) not in known:
+            if made is not None and (new := made.people.id) not in known:
                 options.setdefault(new, made)
         if not options:
             return None
         changes = list(options.values())
-        surrogate = Surrogate(others, np.array([self._features_of(c) for c in others]))
-        gains = surrogate.differences(self._screen([c.people for c in changes]), self._features_of(parent))
+        weights = surrogate(others, np.array([self._features_of(c) for c in others]))
+        gains = (self._screen([c.people for c in changes]) - self._features_of(parent)) @ weights
         order = [int(k) for k in np.argsort(-np.round(gains / (np.abs(gains).max() or 1.0), 6), kind="stable")]
-        best = self._shortlist([changes[k] for k in order], avoid)
-        chosen = best[int(rng.integers(len(best)))]
-        return Change(people=chosen.people, described=self._described(parent.scenario, chosen), words=chosen.words)
+        ranked = [changes[k] for k in order]
+        leaves = (c for c in ranked if foreseen(self._screen.forecaster, [c.people], self.world)[0] not in avoid)
+        best = (list(islice(leaves, SHORTLIST)) if avoid else []) or ranked[:SHORTLIST]
+        return best[int(rng.integers(len(best)))]
 
-    def _described(self, before: Scenario, option: _Option) -> Described:
-        if option.written:
-            return describe_changed(before, option.people.humans, goods=self._goods)
-        return describe_tuned(before, option.people, goods=self._goods)
+    def describe(self, before: Scenario, change: Change) -> Described:
+        """Return the description of a changed scenario."""
+        if change.written:
+            return describe_changed(before, change.people.humans, goods=self._goods)
+        return describe_tuned(before, change.people, goods=self._goods)
 
-    def _shortlist(self, ranked: Sequence[_Option], avoid: Set[Met]) -> Sequence[_Option]:
-        """Return the first of some changes, of those that leave the ways of meeting to avoid where there are such."""
-        leaves = (
-            option
-            for option in ranked
-            if foreseen(self._screen.forecaster, [option.people], self.world)[0] not in avoid
-        )
-        return (list(islice(leaves, SHORTLIST)) if avoid else []) or ranked[:SHORTLIST]
-
-    def _tuned(self, parent: Candidate, rng: np.random.Generator) -> _Option | None:
-        scenario = parent.scenario
+    def _tuned(self, parent: Candidate, rng: np.random.Generator) -> Change | None:
         space = self._spaces.get(parent.index)
         if space is None:
             if len(self._spaces) == SPACES:
                 del self._spaces[next(iter(self._spaces))]
-            space = self._spaces[parent.index] = TuningSpace(scenario.people, self.mission, self.world)
+            space = self._spaces[parent.index] = TuningSpace(parent.scenario.people, self.mission, self.world)
         people, words = Mutations(space, rng).draw()
-        if people is None:
-            return None
-        return _Option(people, f"with other numbers: {words}")
+        return None if people is None else Change(people, f"with other numbers: {words}")
 
-    def _crossed(self, parent: Candidate, others: Sequence[Candidate], rng: np.random.Generator) -> _Option | None:
+    def _crossed(self, parent: Candidate, others: Sequence[Candidate], rng: np.random.Generator) -> Change | None:
         """Replace one person of the parent by one of another scenario.
 
         A text that a model wrote cannot be written again. There, only a person with the same name and tasks, of
@@ -286,23 +259,16 @@ class Operators:
             return None
         new = lent.model_copy(update={"name": humans[out].name})
         people = HumanConfiguration(humans=(*humans[:out], new, *humans[out + 1 :]))
-        if not self._starts_clear(people) or check(people, self.mission, self.world):
-            return None
-        return _Option(people, f"with {lent.name} of attempt {lender.index} as {new.name}", written=ours)
-
-    def _starts_clear(self, people: HumanConfiguration) -> bool:
         starts = [(human.radius_m, human.starts_at(self.world.grid)) for human in people.humans]
-        return all(at is None or start_gap_m(r, at, self.mission) >= START_CLEARANCE_M for r, at in starts)
+        near = any(at is not None and start_gap_m(r, at, self.mission) < START_CLEARANCE_M for r, at in starts)
+        if near or check(people, self.mission, self.world):
+            return None
+        return Change(people, f"with {lent.name} of attempt {lender.index} as {new.name}", written=ours)
 
     def _features_of(self, candidate: Candidate) -> NDArray[np.float64]:
         if candidate.index not in self._features:
             self._features[candidate.index] = self._screen([candidate.scenario.people])[0]
         return self._features[candidate.index]
-
-
-def key(people: HumanConfiguration) -> str:
-    """Return what tells configurations apart, whatever their description."""
-    return text_id("people", people.model_dump_json())
 
 
 class CandidateStrategy(BatchStrategy):
@@ -328,24 +294,16 @@ class CandidateStrategy(BatchStrategy):
         self._keys: set[str] = set()
         self._operators = Operators(plan.mission, world, aim_of(plan.requirement))
 
-    # -- asks ------------------------------------------------------------------------------------------------------
+    @property
+    def measured(self) -> list[Candidate]:
+        """The candidates that have runs."""
+        return [candidate for candidate in self.candidates if candidate.runs]
 
     def _brief(self, kind: str, scenario: int, configuration: int, **more: object) -> Brief:
         self.asked += 1
         self._numbers[scenario] = max(configuration, self._numbers.get(scenario, 0))
-        return Brief(
-            mission=self.plan.mission,
-            requirement=self.plan.requirement,
-            aim=aim_of(self.plan.requirement),
-            moved_by=moved_by(self.plan.requirement),
-            kind=kind,
-            humans=self.plan.humans,
-            tunes=self.plan.proposals is not None,
-            seed=seed_for(self.plan.seed, "brief", self.asked - 1),
-            scenario_index=scenario,
-            configuration_index=configuration,
-            **more,
-        )
+        tunes = self.plan.proposals is not None
+        return brief_of(self.plan, kind, self.asked - 1, (scenario, configuration), tunes=tunes, **more)
 
     def _changed(
         self,
@@ -356,17 +314,17 @@ class CandidateStrategy(BatchStrategy):
         avoid: Set[Met] = frozenset(),
     ) -> Ask | None:
         """The ask for a changed configuration that was not tried yet; None where none is found."""
-        change = self._operators.change(parent, [c for c in self.candidates if c.runs], rng, known, avoid)
+        change = self._operators.change(parent, self.measured, rng, known, avoid)
         if change is None:
             return None
-        known.add(key(change.people))
+        known.add(change.people.id)
         brief = self._brief("tune", parent.scenario_index, self._next(parent))
         proposal = answer(
             change.people,
             brief,
             self.here,
             generator=self.name,
-            described=change.described,
+            described=self._operators.describe(parent.scenario, change),
             reasoning=f"Attempt {parent.index} {change.words}.",
             moved=added(self.plan.mission, parent.scenario.mission),
         )
@@ -374,7 +332,7 @@ class CandidateStrategy(BatchStrategy):
 
     def _again(self, candidate: Candidate, runs: int) -> Ask:
         """The ask for more runs of a candidate, on the first seeds of the race that it did not meet."""
-        attempt, seen = candidate.attempt, self._seen(candidate)
+        attempt, seen = candidate.attempt.record, candidate.last.seeds
         more = [seed for seed in self._seeds(len(seen) + runs + self.final_runs) if seed not in seen]
         return Ask(brief=attempt.brief, proposal=attempt.proposal, seeds=(*seen, *more[:runs]))
 
@@ -386,19 +344,26 @@ class CandidateStrategy(BatchStrategy):
         """The number of the next configuration of a scenario."""
         return 1 + self._numbers[parent.scenario_index]
 
-    # -- results ---------------------------------------------------------------------------------------------------
+    def _run_again(self, asks: list[Ask], candidates: Sequence[Candidate]) -> Generator[list[Ask], list[Attempt], bool]:
+        """Make further runs of candidates, estimate all anew, and return whether any run was left to make."""
+        results = yield asks
+        for attempt, candidate in zip(results, candidates, strict=False):
+            self._measured(candidate, attempt)
+        estimate(self.candidates)
+        return bool(results)
 
     def _add(self, attempt: Attempt, parent: Candidate | None, operator: str) -> None:
         """Keep a new candidate, unless the same configuration is in the race already."""
         scenario = attempt.proposal.scenario
         if scenario is None:
             return
+        summary = self.feedback_of.summary(attempt)
         if scenario.id in self._by_id:
-            self._by_id[scenario.id].last = attempt
+            self._by_id[scenario.id].last = summary
             return
-        candidate = self._by_id[scenario.id] = Candidate(attempt, parent, operator)
+        candidate = self._by_id[scenario.id] = Candidate(summary, parent, operator)
         self.candidates.append(candidate)
-        self._keys.add(key(scenario.people))
+        self._keys.add(scenario.people.id)
         self._measured(candidate, attempt)
         self._place(candidate, attempt)
 
@@ -417,8 +382,4 @@ class CandidateStrategy(BatchStrategy):
         """Receive an attempt of the current batch."""
         super().tell(attempt)
         if (candidate := self._by_id.get(attempt.scenario_id or "")) is not None:
-            candidate.last = attempt
-
-    @staticmethod
-    def _seen(candidate: Candidate) -> Sequence[int]:
-        return candidate.last.seeds
+            candidate.last = self.attempts[-1]

@@ -8,20 +8,17 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.ranking import in_full, measured, standing
 from rvsg.core.records import Record
 from rvsg.evaluation.detection import blocked_goals, contacts, encounters_of, place_namer, standstills
-from rvsg.evaluation.run_events import Place, StandStill, WaypointNames, place_name
+from rvsg.evaluation.run_events import StandStill, WaypointNames, place_name
 from rvsg.evaluation.sampled import Sampled, sampled, stretches
 from rvsg.scenario.brief import Arrival, Encounter, Passing, Stop, Touched
-from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Human, HumanAgent, HumanConfiguration, decode, goal_names
 from rvsg.simulation.run import Outcome, PersonPaused, PersonReached, PersonReacted, Recovery, Run
 from rvsg.world.grid import Grid
@@ -32,7 +29,7 @@ WINDOW_S = 1.5
 STANDS_M_S, STOPS_M_S = 0.15, 0.05
 """A person slower than this stands; a robot slower than this has stopped."""
 ALONG, AGAINST = math.radians(45.0), math.radians(135.0)
-"""A person walks along with the robot below the first angle between the directions, towards it above the second."""
+"""Below the first angle a person is ahead of the robot, or walks along; above the second behind it, or towards it."""
 SLOWS_TO = 0.5
 """The robot slows down where it loses more than this share of its usual speed."""
 
@@ -47,17 +44,14 @@ MOVES = {
 
 
 class FailureMode(Record):
-    """A way in which the robot fails.
-
-    Attributes:
-        place: Where the robot is at the closest approach, as `place_name` names it.
-        person: Where the person is and how they move, as seen from the robot.
-        robot: What the robot does.
-    """
+    """A way in which the robot fails."""
 
     place: str
+    """Where the robot is at the closest approach, as `place_name` names it."""
     person: str
+    """Where the person is and how they move, as seen from the robot."""
     robot: str
+    """What the robot does."""
 
     @property
     def words(self) -> str:
@@ -88,41 +82,10 @@ def mode_of(run: Run, world: World) -> FailureMode | None:
     )
 
 
-def usual_mode(runs: Iterable[Run], world: World) -> FailureMode | None:
-    """Return the failure that most of the runs show; the first of equals; None where there is none."""
-    return usual(mode_of(run, world) for run in runs)
-
-
 def usual(modes: Iterable[FailureMode | None]) -> FailureMode | None:
     """Return the most frequent of some failures, the first of equals; None where there is none."""
     counted = Counter(mode for mode in modes if mode is not None)
     return counted.most_common(1)[0][0] if counted else None
-
-
-def candidates(
-    attempts: Sequence[Attempt], requirement: Requirement, kind_of: Callable[[Attempt], FailureMode | None]
-) -> list[Attempt]:
-    """Return the attempts worth confirming: those that violated the requirement, one of every kind of failure first.
-
-    Within a kind, and among the first of each kind, those measured in full come first, then those that violate surely
-    (2 of 2 runs say more than 1 of 1), then the worst for the robot.
-    """
-    full = {attempt.index for attempt in in_full(attempts)}
-    violating = [a for a in measured(attempts) if a.verdict is not None and a.verdict.violations]
-    violating.sort(key=lambda a: (a.index not in full, -_surely(a), -standing(a, requirement)[1], a.index))
-    kinds: dict[FailureMode | None, int] = {}
-    rank = []
-    for attempt in violating:
-        kind = kind_of(attempt)
-        rank.append((kinds.get(kind, 0), attempt))
-        kinds[kind] = kinds.get(kind, 0) + 1
-    return [attempt for _, attempt in sorted(rank, key=lambda pair: pair[0])]
-
-
-def _surely(attempt: Attempt) -> float:
-    """The share of violations, pulled towards one half by one run of each kind."""
-    assert attempt.verdict is not None
-    return (attempt.verdict.violations + 1.0) / (attempt.verdict.runs + 2.0)
 
 
 def _person(run: Run, index: int, human: int) -> str:
@@ -143,11 +106,10 @@ def seen_as(apart: tuple[float, float], velocity: tuple[float, float], yaw: floa
         apart: From the robot to the person, m.
         velocity: Of the person, m/s.
     """
-    bearing = _angle(math.atan2(apart[1], apart[0]) - yaw)
+    bearing, heading = (abs(math.remainder(math.atan2(y, x) - yaw, 2.0 * math.pi)) for x, y in (apart, velocity))
     side = "ahead of it" if bearing < ALONG else "behind it" if bearing > AGAINST else "beside it"
     if math.hypot(*velocity) < STANDS_M_S:
         return f"stands {side}"
-    heading = _angle(math.atan2(velocity[1], velocity[0]) - yaw)
     if heading < ALONG:
         return f"walks the same way {side}"
     return f"comes towards it {side}" if heading > AGAINST else f"crosses its way {side}"
@@ -157,9 +119,8 @@ def _robot(run: Run, index: int, *, touched: bool) -> str:
     """What the robot does around the closest approach."""
     path = run.trajectory
     window = (path.t >= path.t[index] - WINDOW_S) & (path.t <= path.t[index] + WINDOW_S)
-    speed = path.speed
-    slowest = float(speed[window].min())
-    moving = speed[speed > STOPS_M_S]
+    slowest = float(path.speed[window].min())
+    moving = path.speed[path.speed > STOPS_M_S]
     usual = float(np.median(moving)) if len(moving) else 0.0
     did = ["stops" if slowest < STOPS_M_S else "slows down" if slowest < SLOWS_TO * usual else "drives on"]
     if touched:
@@ -167,11 +128,6 @@ def _robot(run: Run, index: int, *, touched: bool) -> str:
     if run.outcome is not Outcome.REACHED:
         did.append("does not arrive")
     return " and ".join([", ".join(did[:-1]), did[-1]] if len(did) > 1 else did)
-
-
-def _angle(angle: float) -> float:
-    """The absolute value of an angle in (-pi, pi]."""
-    return abs(math.remainder(angle, 2.0 * math.pi))
 
 
 OfWalk = PersonReached | PersonPaused | PersonReacted
@@ -186,48 +142,36 @@ STILL_M_S, STOOD_S, STUCK_S = 0.1, 2.0, 5.0
 
 Who does so for longer than the third, until the run ends, is stuck.
 """
-AHEAD, BEHIND = math.radians(45.0), math.radians(135.0)
 
 
 @dataclass(frozen=True)
 class Walk:
-    """The walk of one person.
+    """The walk of one person along the waypoints of their tasks."""
 
-    Attributes:
-        goals: Names of the waypoints of the cycle, in order.
-        leg: (N,) Number of goals reached so far at every sample.
-        doing: What the person does at every sample; a reaction only where the simulator records it.
-        reached: The times at which goals are reached, in order, the start left out.
-        stuck_at: Since when and where the person stands still until the run ends; None for who walks on.
-        left_s: When the person leaves the place of the start; None if never.
-        stood: From when to when and where somebody who should walk stands still, and then walks on.
-    """
-
-    goals: tuple[str, ...]
-    leg: NDArray[np.int64]
+    begins_at: str
+    """The waypoint of the start."""
     doing: tuple[str, ...]
-    reached: tuple[float, ...]
+    """What the person does at every sample; a reaction only where the simulator records it."""
+    arrivals: tuple[Arrival, ...]
+    """When the person reaches each waypoint for the first time, and when unhindered walking would."""
     stuck_at: tuple[float, str] | None
+    """Since when and where the person stands still until the run ends; None for who walks on."""
     left_s: float | None
-    stood: tuple[tuple[float, float, str], ...] = ()
+    """When the person leaves the place of the start; None if never."""
+    stood: tuple[tuple[float, float, str], ...]
+    """From when to when and where somebody who should walk stands still, and then walks on."""
 
 
 def walks_of(run: Run, people: HumanConfiguration, grid: Grid) -> tuple[Walk, ...]:
-    """Follow everybody of a run along the waypoints of their tasks, in the order of the configuration."""
-    return tuple(walk_of(run, h, human, grid) for h, human in enumerate(people.humans))
+    """Follow everybody of a run, in the order of the configuration."""
+    return tuple(_walk_of(run, h, human, grid) for h, human in enumerate(people.humans))
 
 
-def walk_of(run: Run, h: int, human: Human, grid: Grid) -> Walk:
-    """Follow person `h` of a run along the waypoints of their tasks."""
+def _walk_of(run: Run, h: int, human: Human, grid: Grid) -> Walk:
     (agent,) = decode(HumanConfiguration(humans=(human,)), grid)
     times, xs, ys = run.trajectory.t, run.trajectory.human_x[:, h], run.trajectory.human_y[:, h]
-    recorded = [e for e in run.events if isinstance(e, OfWalk) and e.person == human.name]
-    reached, legs = _followed(times, xs, ys, agent, recorded)
-    busy = _busy(times, legs, reached, agent, recorded)
-    count = len(agent.goals)
-    walking = [f"walking leg {leg} of {count}" for leg in range(1, count + 1)]
-    doing = [what or walking[leg % count] for what, leg in zip(busy, legs, strict=True)]
-    still = np.array([what is None for what in busy], np.bool_) & (_speed(times, xs, ys) < STILL_M_S)
+    reached, doing = _followed(times, xs, ys, agent, [e for e in run.events if isinstance(e, OfWalk)], human.name)
+    still = np.array([what.startswith("walking") for what in doing], np.bool_) & (_speed(times, xs, ys) < STILL_M_S)
     stood, stuck_at = [], None
     for first, last in stretches(still):
         if times[last] - times[first] < STOOD_S or len(agent.goals) < 2:
@@ -240,14 +184,18 @@ def walk_of(run: Run, h: int, human: Human, grid: Grid) -> Walk:
         else:
             stood.append((float(times[first]), float(times[last]), place))
     away = np.flatnonzero(np.hypot(xs - agent.start[0], ys - agent.start[1]) > REACHED_M)
-    began = float(times[int(away[0])]) if away.size else None
+    names, n, clock, arrivals = goal_names(human), len(agent.goals), human.start_delay_s, []
+    for k, time in enumerate(reached[:n]):
+        k_next = (k + 1) % n
+        clock += math.dist(agent.goals[k], agent.goals[k_next]) / human.speed_m_s
+        arrivals.append(Arrival(at=names[k_next], time_s=round(time, 1), unhindered_s=round(clock, 1)))
+        clock += agent.pauses_s[k_next]
     return Walk(
-        goals=goal_names(human),
-        leg=np.asarray(legs, np.int64),
+        begins_at=names[0],
         doing=tuple(doing),
-        reached=tuple(reached),
+        arrivals=tuple(arrivals),
         stuck_at=stuck_at,
-        left_s=began,
+        left_s=float(times[int(away[0])]) if away.size else None,
         stood=tuple(stood),
     )
 
@@ -257,33 +205,53 @@ def _followed(
     xs: NDArray[np.float64],
     ys: NDArray[np.float64],
     agent: HumanAgent,
-    recorded: Sequence[OfWalk],
-) -> tuple[list[float], list[int]]:
-    """Return the times at which goals are reached, and at every sample how many were.
+    events: Sequence[OfWalk],
+    name: str,
+) -> tuple[list[float], list[str]]:
+    """Return the times at which goals are reached, and what the person does at every sample, though perhaps held up.
 
     A simulator that records what people do knows the arrivals of the first round and all pauses. What it does not
     record is read off the trajectory.
     """
     n = len(agent.goals)
-    seen = {e.goal: e.time_s for e in recorded if isinstance(e, PersonReached)}
-    pauses = deque(e for e in recorded if isinstance(e, PersonPaused))
+    own = [event for event in events if event.person == name]
+    seen = {e.goal: e.time_s for e in own if isinstance(e, PersonReached)}
+    pauses = [e for e in own if isinstance(e, PersonPaused)]
+    reactions = [e for e in own if isinstance(e, PersonReacted)]
+    ahead = deque(pauses)
     reached: list[float] = []
-    legs: list[int] = []
+    doing: list[str] = []
     for t, x, y in zip(times.tolist(), xs.tolist(), ys.tolist(), strict=True):  # plain numbers make the loop faster
         while (known := seen.get(len(reached) + 1)) is not None and known <= t:
             reached.append(known)
-        while pauses and pauses[0].time_s <= t:
-            pause = pauses.popleft()
+        while ahead and ahead[0].time_s <= t:
+            pause = ahead.popleft()
             while len(reached) % n != pause.goal:
                 reached.append(pause.time_s)
-        count = len(reached)
-        if n > 1 and (not seen or count + 1 >= n):
-            held = agent.pauses_s[count % n] if count else agent.start_pause_s
-            free_s = (reached[-1] if reached else agent.start_delay_s) + held
-            if t >= free_s and _arrives((x, y), agent, count):
-                reached.append(t)
-        legs.append(len(reached))
-    return reached, legs
+        free = t >= _since(agent, reached) + _held(agent, reached)
+        if n > 1 and (not seen or len(reached) + 1 >= n) and free and _arrives((x, y), agent, len(reached)):
+            reached.append(t)
+        since, held = _since(agent, reached), _held(agent, reached)
+        unrecorded = not seen and not pauses and held and t <= since + held + 1.5
+        if any(e.time_s <= t <= e.until_s for e in reactions):
+            doing.append("reacting to the robot")
+        elif t < agent.start_delay_s:
+            doing.append("waiting to start")
+        elif unrecorded or any(e.time_s <= t <= e.until_s for e in pauses):
+            doing.append("pausing")
+        else:
+            doing.append(f"walking leg {len(reached) % n + 1} of {n}")
+    return reached, doing
+
+
+def _since(agent: HumanAgent, reached: Sequence[float]) -> float:
+    """When the person reached the last goal, or could start."""
+    return reached[-1] if reached else agent.start_delay_s
+
+
+def _held(agent: HumanAgent, reached: Sequence[float]) -> float:
+    """How long the person pauses there."""
+    return agent.pauses_s[len(reached) % len(agent.goals)] if reached else agent.start_pause_s
 
 
 def _arrives(at: tuple[float, float], agent: HumanAgent, count: int) -> bool:
@@ -297,61 +265,16 @@ def _arrives(at: tuple[float, float], agent: HumanAgent, count: int) -> bool:
     return beyond and away <= PASSED_M and not agent.pauses_s[(count + 1) % n]
 
 
-def _busy(
-    times: NDArray[np.float64],
-    legs: Sequence[int],
-    reached: Sequence[float],
-    agent: HumanAgent,
-    recorded: Sequence[OfWalk],
-) -> list[str | None]:
-    """Return what else than walking the person is about at every sample; None: walking, though perhaps held up."""
-    n = len(agent.goals)
-    reactions = [(e.time_s, e.until_s) for e in recorded if isinstance(e, PersonReacted)]
-    pauses = [(e.time_s, e.until_s) for e in recorded if isinstance(e, PersonPaused)]
-    known = any(isinstance(e, PersonReached | PersonPaused) for e in recorded)
-    found: list[str | None] = []
-    for t, leg in zip(times.tolist(), legs, strict=True):
-        since = reached[leg - 1] if leg else agent.start_delay_s
-        held = agent.pauses_s[leg % n] if leg else agent.start_pause_s
-        if any(start <= t <= end for start, end in reactions):
-            found.append("reacting to the robot")
-        elif t < agent.start_delay_s:
-            found.append("waiting to start")
-        elif any(start <= t <= end for start, end in pauses) or (not known and held and t <= since + held + 1.5):
-            found.append("pausing")
-        else:
-            found.append(None)
-    return found
-
-
-def arrivals(walk: Walk, human: Human, grid: Grid) -> tuple[Arrival, ...]:
-    """Return when the person reaches each waypoint for the first time, and when unhindered walking would."""
-    (agent,) = decode(HumanConfiguration(humans=(human,)), grid)
-    found, clock = [], human.start_delay_s
-    for n, time in enumerate(walk.reached[: len(walk.goals)]):
-        before, goal = agent.goals[n % len(agent.goals)], agent.goals[(n + 1) % len(agent.goals)]
-        clock += math.dist(before, goal) / human.speed_m_s
-        name = walk.goals[(n + 1) % len(walk.goals)]
-        found.append(Arrival(at=name, time_s=round(time, 1), unhindered_s=round(clock, 1)))
-        clock += agent.pauses_s[(n + 1) % len(agent.goals)]
-    return tuple(found)
-
-
 def side_of(run: Run, k: int, h: int) -> str:
     """Return on which side of the robot person `h` is at sample `k`."""
-    bearing = _bearing(run, k, h)
-    if abs(bearing) < AHEAD:
+    bearing = bearing_of(run, k, h)
+    if abs(bearing) < ALONG:
         return "ahead"
-    return "behind" if abs(bearing) > BEHIND else "left" if bearing > 0.0 else "right"
+    return "behind" if abs(bearing) > AGAINST else "left" if bearing > 0.0 else "right"
 
 
-def left_of(run: Run, k: int, h: int) -> bool:
-    """Return whether person `h` is on the robot's left at sample `k`, ahead and behind included."""
-    return _bearing(run, k, h) > 0.0
-
-
-def _bearing(run: Run, k: int, h: int) -> float:
-    """Direction of person `h` off the robot's heading at sample `k`, rad; positive to the left."""
+def bearing_of(run: Run, k: int, h: int) -> float:
+    """Return the direction of person `h` off the robot's heading at sample `k`, rad; positive to the left."""
     path = run.trajectory
     towards = math.atan2(float(path.human_y[k, h] - path.y[k]), float(path.human_x[k, h] - path.x[k]))
     return math.remainder(towards - float(path.yaw[k]), 2.0 * math.pi)
@@ -413,7 +336,7 @@ def passings_of(run: Run, world: World) -> tuple[Passing, ...]:
             at=each.place.waypoint,
             who=each.person,
             how=each.kind.value,
-            left=left_of(run, int(times.searchsorted(each.time_s - 1e-3)), run.human_names.index(each.person)),
+            left=bearing_of(run, int(times.searchsorted(each.time_s - 1e-3)), run.human_names.index(each.person)) > 0.0,
             gap_m=round(each.gap_m, 2),
         )
         for each in sorted(closest, key=lambda each: each.time_s)
@@ -453,9 +376,9 @@ class RunObservation:
     touches: tuple[Touched, ...]
 
 
-def observe(run: Run, grid: Grid, world: World | None = None) -> RunObservation:
-    """Return what a search asks of a run; where the world is not known, without `mode` and `encounter`."""
-    path, gap, names = run.trajectory, sampled(run, world).gap, WaypointNames(grid)
+def observe(run: Run, world: World) -> RunObservation:
+    """Return what a search asks of a run."""
+    path, gap, names = run.trajectory, sampled(run, world).gap, WaypointNames(world.grid)
     step = max(1, len(path) // 400)
     people = []
     for h, name in enumerate(run.human_names):
@@ -465,15 +388,15 @@ def observe(run: Run, grid: Grid, world: World | None = None) -> RunObservation:
             met[place] = min(met.get(place, math.inf), distance)
         closest, near = (float(gap[:, h].min()), float((gap[:, h] < NEAR_M).mean())) if len(path) else (math.inf, 0.0)
         people.append(PersonObservation(name, closest, near, met))
-    mode = mode_of(run, world) if world is not None else None
+    mode = mode_of(run, world)
     return RunObservation(
         run_id=run.id,
         completed=run.completed,
         ended_s=float(path.t[-1]) if len(path) else 0.0,
         mode=mode,
-        encounter=_encounter(run, mode) if mode is not None else None,
+        encounter=_encounter(run, mode),
         people=tuple(people),
-        touches=touches_of(run, grid, world),
+        touches=touches_of(run, world),
     )
 
 
@@ -495,13 +418,9 @@ def _encounter(run: Run, mode: FailureMode | None) -> Encounter | None:
     )
 
 
-def touches_of(run: Run, grid: Grid, world: World | None = None) -> tuple[Touched, ...]:
+def touches_of(run: Run, world: World) -> tuple[Touched, ...]:
     """Return the touches of the robot and a person in a run, as events tell them, in order."""
-    s, names = sampled(run, world), WaypointNames(grid)
-
-    def at(x: float, y: float) -> Place:
-        return Place(x=x, y=y, waypoint=names.nearest(np.array([x]), np.array([y]))[0])
-
+    found = contacts(sampled(run, world), place_namer(world))
     return tuple(
         Touched(
             who=contact.person,
@@ -510,5 +429,5 @@ def touches_of(run: Run, grid: Grid, world: World | None = None) -> tuple[Touche
             until_s=round(contact.until_s, 1),
             moved_by=contact.moved_by,
         )
-        for contact in sorted(contacts(s, at), key=lambda contact: contact.time_s)
+        for contact in sorted(found, key=lambda contact: contact.time_s)
     )

@@ -24,7 +24,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.attempt import AttemptSummary
 from rvsg.core.kernels import inner, kernel
 from rvsg.scenario.brief import Tried, Tuning
 from rvsg.scenario.requirement import Requirement
@@ -216,14 +216,14 @@ BOUND = 1.645
 class Candidate:
     """One configuration in the race: what it was changed from, and the badness of its runs by seed."""
 
-    attempt: Attempt
+    attempt: AttemptSummary
     """Its first attempt."""
     parent: Candidate | None = None
     operator: str = "new"
     badness: dict[int, float] = field(default_factory=dict)
     estimate: float = -math.inf
     deviation: float = math.inf
-    last: Attempt = field(init=False)
+    last: AttemptSummary = field(init=False)
     """Its last attempt: the one with the most runs."""
 
     def __post_init__(self) -> None:
@@ -242,7 +242,7 @@ class Candidate:
     @property
     def scenario(self) -> Scenario:
         """The scenario that is run."""
-        scenario = self.attempt.proposal.scenario
+        scenario = self.attempt.record.proposal.scenario
         assert scenario is not None
         return scenario
 
@@ -333,40 +333,38 @@ def tuning_of(candidate: Candidate, own: Sequence[Candidate], requirement: Requi
     forms = _forms(origin, own)
     if not forms:
         return None
-    change = differences(origin.scenario.people, candidate.scenario.people) if candidate is not origin else ""
+    change = _difference(origin, candidate) if candidate is not origin else ""
     return Tuning(forms=len(forms), mean=mean_of(origin, requirement), runs=origin.runs, change=change)
 
 
-def tried(own: Sequence[Candidate], requirement: Requirement, *, last: int = LAST) -> tuple[Tried, ...]:
-    """Return the configurations that the generator wrote, the first one first, each with the best of its tuned forms.
+def tried(own: Sequence[Candidate], requirement: Requirement) -> tuple[Tried, ...]:
+    """Return the last configurations that the generator wrote, each with the best of its tuned forms.
 
     What changed from the one it was made from is told in one line. There is no list of a single one: `tuning_of` says
     what became of it.
     """
+
+    def told(candidate: Candidate, change: str, forms: int) -> Tried:
+        violations = None
+        if requirement.threshold is not None:  # the sign of badness turned back
+            violations = sum(requirement.violated_by(requirement.badness(b)) for b in candidate.badness.values())
+        mean = mean_of(candidate, requirement)
+        return Tried(mean=mean, change=change, runs=candidate.runs, violations=violations, best_of=forms)
+
     origins = [c for c in own if c.operator != TUNED]
     found: list[Tried] = []
-    for origin in origins[-last:] if len(origins) > 1 else ():
-        change = "first configuration"
-        if origin.parent is not None:
-            change = differences(origin.parent.scenario.people, origin.scenario.people)
-        found.append(_tried(origin, change, requirement))
-        forms = _forms(origin, own)
-        if forms:
+    for origin in origins[-LAST:] if len(origins) > 1 else ():
+        before = origin.parent
+        found.append(told(origin, _difference(before, origin) if before else "first configuration", 0))
+        if forms := _forms(origin, own):
             best = max(forms, key=lambda c: (c.estimate, -c.index))
-            change = differences(origin.scenario.people, best.scenario.people)
-            found.append(_tried(best, change, requirement).replace(best_of=len(forms)))
+            found.append(told(best, _difference(origin, best), len(forms)))
     return tuple(found)
+
+
+def _difference(before: Candidate, after: Candidate) -> str:
+    return differences(before.scenario.people, after.scenario.people)
 
 
 def _forms(origin: Candidate, own: Sequence[Candidate]) -> list[Candidate]:
     return [c for c in own if c is not origin and written(c) is origin]
-
-
-def _tried(candidate: Candidate, change: str, requirement: Requirement) -> Tried:
-    limit = requirement.threshold
-    beyond = None if limit is None else sum(map(requirement.violated_by, _objectives(candidate, requirement)))
-    return Tried(mean=mean_of(candidate, requirement), change=change, runs=candidate.runs, violations=beyond)
-
-
-def _objectives(candidate: Candidate, requirement: Requirement) -> list[float]:
-    return [requirement.badness(value) for value in candidate.badness.values()]  # the sign turned back

@@ -19,13 +19,13 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.campaign.attempt import Attempt, Measurement, Plan
+from rvsg.campaign.attempt import AnyAttempt, Attempt, AttemptSummary, Measurement, Plan
 from rvsg.core.records import Record
 from rvsg.scenario.brief import Remembered
 from rvsg.scenario.requirement import Requirement
 
 
-def search_attempts(attempts: Iterable[Attempt]) -> list[Attempt]:
+def search_attempts(attempts: Iterable[AnyAttempt]) -> list[AnyAttempt]:
     """Return the attempts of the search; a confirmation never takes part in a selection."""
     return [attempt for attempt in attempts if attempt.purpose == "search"]
 
@@ -37,7 +37,7 @@ def rule(requirement: Requirement) -> str:
     return "Ranked by the share of runs that violate the limit, then by the mean objective."
 
 
-def standing(attempt: Attempt, requirement: Requirement) -> tuple[float, float]:
+def standing(attempt: Attempt | AttemptSummary, requirement: Requirement) -> tuple[float, float]:
     """Return the share of runs that violate the limit (0 without one) and the badness of the mean; larger is worse.
 
     ValueError if nothing of the attempt was measured.
@@ -48,12 +48,12 @@ def standing(attempt: Attempt, requirement: Requirement) -> tuple[float, float]:
     return (attempt.violations / attempt.valued_runs if judged else 0.0, requirement.badness(attempt.mean))
 
 
-def measured(attempts: Iterable[Attempt]) -> list[Attempt]:
+def measured(attempts: Iterable[AnyAttempt]) -> list[AnyAttempt]:
     """Return the attempts of the search that have an objective, without those that a later one contains.
 
     An attempt contains an earlier one of the same scenario where it repeats all of its seeds and adds others.
     """
-    kept: list[Attempt] = []
+    kept: list[AnyAttempt] = []
     last: dict[str, int] = {}
     for attempt in search_attempts(attempts):
         if attempt.mean is None or attempt.scenario_id is None:
@@ -67,12 +67,12 @@ def measured(attempts: Iterable[Attempt]) -> list[Attempt]:
     return kept
 
 
-def seeds_of(attempt: Attempt) -> frozenset[int]:
+def seeds_of(attempt: Attempt | AttemptSummary) -> frozenset[int]:
     """Return the seeds of all runs of an attempt, those that failed included."""
     return frozenset(attempt.seeds)
 
 
-def in_full(attempts: Iterable[Attempt]) -> list[Attempt]:
+def in_full(attempts: Iterable[AnyAttempt]) -> list[AnyAttempt]:
     """Return the measured attempts that were not given up early: those with at least half the runs of the most run.
 
     A strategy that races stops measuring what falls behind. One or two lucky runs do not make a best configuration.
@@ -82,14 +82,9 @@ def in_full(attempts: Iterable[Attempt]) -> list[Attempt]:
     return [attempt for attempt in known if 2 * len(seeds_of(attempt)) >= most]
 
 
-def best_attempt(attempts: Iterable[Attempt], requirement: Requirement) -> Attempt | None:
+def best_attempt(attempts: Iterable[AnyAttempt], requirement: Requirement) -> AnyAttempt | None:
     """Return the search attempt that ranks first among those measured in full; the earliest of equals; None without."""
     return max(in_full(attempts), key=lambda a: (standing(a, requirement), -a.index), default=None)
-
-
-def worst_by_mean(attempts: Iterable[Attempt], requirement: Requirement) -> Attempt | None:
-    """Return the search attempt whose mean objective is worst for the robot; the earliest of equals; None without."""
-    return max(in_full(attempts), key=lambda a: (standing(a, requirement)[1], -a.index), default=None)
 
 
 def confirmed_candidate(confirmation: Attempt, attempts: Iterable[Attempt]) -> Attempt | None:
@@ -103,51 +98,50 @@ def confirmed_candidate(confirmation: Attempt, attempts: Iterable[Attempt]) -> A
     return max(tried, key=lambda a: (len(seeds_of(a)), a.index), default=None)
 
 
-def by_scenario(attempts: Iterable[Attempt]) -> list[list[Attempt]]:
+def by_scenario(attempts: Iterable[AnyAttempt]) -> list[list[AnyAttempt]]:
     """Return the attempts of the search that have an objective, scenario by scenario."""
-    groups: dict[int, list[Attempt]] = {}
+    groups: dict[int, list[AnyAttempt]] = {}
     for attempt in measured(attempts):
         groups.setdefault(attempt.scenario_index, []).append(attempt)
     return [group for _, group in sorted(groups.items())]
 
 
-def ranking(attempts: Iterable[Attempt], requirement: Requirement) -> list[Attempt]:
+def ranking(attempts: Iterable[AnyAttempt], requirement: Requirement) -> list[AnyAttempt]:
     """The best attempt of every scenario, the one that is worst for the robot first; the earlier of equals first."""
     best = (best_attempt(group, requirement) for group in by_scenario(attempts))
     chosen = sorted((attempt for attempt in best if attempt is not None), key=lambda a: a.index)
     return sorted(chosen, key=lambda a: standing(a, requirement), reverse=True)
 
 
-def confirmations(attempts: Iterable[Attempt]) -> list[Attempt]:
+def confirmations(attempts: Iterable[AnyAttempt]) -> list[AnyAttempt]:
     """Return the confirmations, in order; of one that was continued, the attempt that holds all of its runs."""
-    latest: dict[int, Attempt] = {}
+    latest: dict[int, AnyAttempt] = {}
     for attempt in attempts:
         if attempt.purpose == "confirmation":
             latest[attempt.confirms if attempt.confirms is not None else -1 - attempt.index] = attempt
     return sorted(latest.values(), key=lambda a: a.index)
 
 
-def candidates(attempts: Iterable[Attempt], requirement: Requirement) -> list[Attempt]:
+def candidates(attempts: Iterable[AnyAttempt], requirement: Requirement) -> list[AnyAttempt]:
     """Return the configurations worth confirming, in order.
 
     First the worst configuration of every scenario that violated the limit, the worst scenario first; then the other
     configurations that did. Where none did, or there is no limit, the configuration that ranks first.
     """
-    attempts = list(attempts)
-    first = ranking(attempts, requirement)
-    rest = sorted(in_full(attempts), key=lambda a: standing(a, requirement), reverse=True)
-    ordered = list({attempt.index: attempt for attempt in [*first, *rest]}.values())
-    violating = [attempt for attempt in ordered if standing(attempt, requirement)[0] > 0.0]
-    return violating or first[:1]
+    known = list(attempts)
+    ordered = ranking(known, requirement)
+    first = ordered[:1]
+    ordered += sorted(in_full(known), key=lambda a: standing(a, requirement), reverse=True)
+    distinct = {attempt.index: attempt for attempt in ordered}
+    return [attempt for attempt in distinct.values() if standing(attempt, requirement)[0] > 0.0] or first
 
 
-def remember(attempts: Iterable[Attempt], requirement: Requirement, *, last: int) -> tuple[Remembered, ...]:
-    """Return the memory for a new scenario: the `last` scenarios, each by its best configuration."""
+def remember(attempts: Iterable[AttemptSummary], requirement: Requirement, *, last: int) -> tuple[Remembered, ...]:
+    """Return the memory for a new scenario: the `last` scenarios, each by the configuration with the worst mean."""
     attempts, found = list(attempts), []
     taught = _taught(attempts)
     for group in by_scenario(attempts)[-last:] if last else ():
-        attempt = worst_by_mean(group, requirement)
-        assert attempt is not None
+        attempt = max(in_full(group), key=lambda a: (standing(a, requirement)[1], -a.index)).record
         scenario, verdict = attempt.proposal.scenario, attempt.verdict
         assert scenario is not None and verdict is not None and verdict.mean is not None
         found.append(
@@ -165,7 +159,7 @@ def remember(attempts: Iterable[Attempt], requirement: Requirement, *, last: int
     return tuple(found)
 
 
-def lessons_of(attempts: Iterable[Attempt], *, last: int) -> tuple[str, ...]:
+def lessons_of(attempts: Iterable[AttemptSummary], *, last: int) -> tuple[str, ...]:
     """Return what was learnt from the `last` scenarios, without repetition."""
     attempts = list(attempts)
     taught = _taught(attempts)
@@ -173,22 +167,22 @@ def lessons_of(attempts: Iterable[Attempt], *, last: int) -> tuple[str, ...]:
     return tuple(dict.fromkeys(lesson for lesson in lessons if lesson))
 
 
-def last_untold(attempts: Iterable[Attempt]) -> Attempt | None:
+def last_untold(attempts: Iterable[AttemptSummary]) -> AttemptSummary | None:
     """Return the measured attempt of the search that was made last, unless a later brief told of it."""
     attempts = list(attempts)
     last = max(measured(attempts), key=lambda a: a.index, default=None)
     if last is None:
         return None
-    told = (a.brief.feedback for a in attempts if a.index > last.index)
-    return None if any(f is not None and f.scenario.id == last.scenario_id for f in told) else last
+    told = any(a.index > last.index and a.feedback_id == last.scenario_id for a in attempts)
+    return None if told else last
 
 
-def _taught(attempts: Iterable[Attempt]) -> list[Attempt]:
+def _taught(attempts: Iterable[AttemptSummary]) -> list[AttemptSummary]:
     """The attempts whose generator said, before a new scenario, what it learnt from the one before."""
     return [a for a in attempts if a.untold_id is not None and a.lesson]
 
 
-def _lesson(group: list[Attempt], taught: list[Attempt]) -> str:
+def _lesson(group: list[AttemptSummary], taught: list[AttemptSummary]) -> str:
     """The lesson of a scenario: what was said when the next one began and all of it was known, else the last of it."""
     own = {a.scenario_id for a in group}
     after = [a for a in taught if a.untold_id in own]

@@ -138,27 +138,21 @@ class RunMaker:
             return Failure(seed=seed, reason=str(error))
         if trial and self.measuring is not None:
             return self.measuring.judged(run, place)
-        finished = self._finished(run, place)
         if made is not None:
             made(run)
-        if not self.observes:
-            return finished
-        return replace(finished, observation=observe(run, self.world.grid, self.world))
+        return self.finished(run, place, observation=observe(run, self.world) if self.observes else None)
 
     def close(self) -> None:
         """Release what the simulator holds."""
         self.simulator.close()
 
-    def finished(self, run: Run, scenario: Scenario) -> FinishedRun:
-        """Round, measure and pack a run that was made of a scenario."""
-        return self._finished(rounded(run), scenario.mission.place(self.world))
-
-    def _finished(self, run: Run, place: World) -> FinishedRun:
+    def finished(self, run: Run, place: World, *, observation: RunObservation | None = None) -> FinishedRun:
+        """Measure and pack a rounded run; `place` is the world as its scenario finds it."""
         if self.measuring is None:
             measured = Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values={})
         else:
             measured = self.measuring.measure(run, place)
-        return FinishedRun(run.seed, run.outcome, measured, PackedRun.of(run))
+        return FinishedRun(run.seed, run.outcome, measured, PackedRun.of(run), observation)
 
 
 class Executor(Protocol):
@@ -233,9 +227,7 @@ class PendingRun:
     def measurement(self) -> Measurement | None:
         """Return what was measured of the run; None where the simulator could not make it."""
         found = self._wait()
-        if isinstance(found, Failure):
-            return None
-        return found if isinstance(found, Measurement) else found.measurement
+        return found.measurement if isinstance(found, FinishedRun) else None if isinstance(found, Failure) else found
 
     def _wait(self) -> FinishedRun | Measurement | Failure:
         if self._found is None:
@@ -298,11 +290,7 @@ class Runner:
         Raises:
             SimulationError: A run could not be made.
         """
-        return self.run_each([(scenario, seed) for seed in seeds], label=label)
-
-    def run_each(self, runs: Iterable[tuple[Scenario, int]], *, label: str = "") -> Iterator[FinishedRun]:
-        """Make runs of several scenarios and yield them in the order given; as `run` in everything else."""
-        for pending in [self.submit(scenario, seed) for scenario, seed in runs]:
+        for pending in [self.submit(scenario, seed) for seed in seeds]:
             yield pending.finished(label)
 
     def submit(self, scenario: Scenario, seed: int, *, trial: bool = False) -> PendingRun:
@@ -327,7 +315,7 @@ class Runner:
         run = None if pending.trial or self._ledger is None else self._ledger.find(pending.run_id)
         if run is None:
             return None
-        finished = self._maker.finished(run, pending.scenario)
+        finished = self._maker.finished(rounded(run), pending.scenario.mission.place(self.world))
         self._recent.add((pending.run_id, False), finished)
         return finished
 

@@ -52,22 +52,15 @@ class Symptom(Record):
     @property
     def in_words(self) -> str:
         """The symptom as part of a sentence."""
-        words = {
-            "near its limit": f"{self.requirement} near its limit on {self.route}",
-            "violated": f"{self.requirement} violated on {self.route}",
-            "never tested": f"untested places on {self.route} ({', '.join(self.places)})",
-            "new version": f"the new version {self.version}",
-        }
-        return words[self.kind]
+        if self.kind == "new version":
+            return f"the new version {self.version}"
+        if self.kind == "never tested":
+            return f"untested places on {self.route} ({', '.join(self.places)})"
+        return f"{self.requirement} {self.kind} on {self.route}"
 
 
-class Sign(Record):
-    """A symptom with what it was read from."""
-
-    symptom: Symptom
-    source: str
-    text: str
-    """The values, in words for the log."""
+Sign = tuple[Symptom, str]
+"""A symptom, and the values it was read from, in words for the log."""
 
 
 class Planned(Record):
@@ -138,42 +131,6 @@ class Analyser(Protocol):
         ...
 
 
-class Planner(Protocol):
-    """Turns symptoms into scenarios."""
-
-    def plan(self, symptom: Symptom, *, index: int) -> Sequence[Planned]:
-        """Return scenarios for a symptom; none if nothing can be planned. Equal arguments give equal plans."""
-        ...
-
-
-class Legitimator(Protocol):
-    """Accepts or refuses plans by declared rules."""
-
-    def decide(self, planned: Planned, *, spent: int) -> Decision:
-        """Decide on a plan after `spent` runs."""
-        ...
-
-    def decide_change(self, change: Change, *, alike: int) -> Decision:
-        """Decide on a change of the suite, which knows `alike` failures of this requirement on this route."""
-        ...
-
-
-class Executor(Protocol):
-    """Runs what was accepted."""
-
-    def execute(self, planned: Planned) -> Sequence[CaseResult]:
-        """Run a plan and return a result for each requirement."""
-        ...
-
-
-class Memory(Protocol):
-    """Keeps what the loop learns."""
-
-    def add(self, entries: Iterable[Entry], *, origin: str = "") -> int:
-        """Add entries; return how many are new."""
-        ...
-
-
 class Keeper(Protocol):
     """Writes into the suite what the loop finds."""
 
@@ -211,6 +168,72 @@ class RuleSet(Record):
     """Whether new failures and fixed cases are written into the suite: never, once a person approved it, or at once."""
     max_failures: int = 5
     """No further failure of a requirement on a route is written into a suite that knows so many."""
+
+
+class DeclaredRules:
+    """Refuses a plan that breaks a rule, and lets one wait where a person has to approve it.
+
+    Args:
+        approved: the ids of the plans that a person has approved, read again for every decision.
+    """
+
+    def __init__(self, rules: RuleSet, world: World, approved: Callable[[], frozenset[str]]) -> None:
+        self.rules = rules
+        self.world = world
+        self.approved = approved
+
+    def decide(self, planned: Planned, *, spent: int) -> Decision:
+        """Decide on a plan by validity, plausibility, safety of the people, budget and approval, in this order."""
+        broken = [*self._implausible(planned), *self._unsafe(planned)]
+        if planned.runs > self.rules.max_runs_per_plan:
+            most = self.rules.max_runs_per_plan
+            broken.append(f"budget: {planned.runs} runs, at most {most} for one plan")
+        if spent + planned.runs > self.rules.max_runs:
+            left = f"{spent} of {self.rules.max_runs} runs are spent"
+            broken.append(f"budget: {left}, and the plan may take {planned.runs}")
+        if broken:
+            return Decision(outcome="refused", reasons=tuple(broken))
+        asks = self.rules.approval == "always" or (self.rules.approval == "new" and not planned.is_case)
+        if not asks:
+            return Decision(outcome="accepted", reasons=("all rules hold",))
+        if planned.id in self.approved():
+            return Decision(outcome="accepted", reasons=("all rules hold; a person approved it",))
+        return Decision(outcome="waits", reasons=("approval: a person has to approve it",))
+
+    def decide_change(self, change: Change, *, alike: int) -> Decision:
+        """Decide on a change of the suite by the rules `write_back` and `max_failures`."""
+        if self.rules.write_back == "never":
+            return Decision(outcome="refused", reasons=("write_back: the suite is not changed",))
+        if change.is_new and alike >= self.rules.max_failures:
+            known = f"max_failures: the suite knows {alike} failures of {change.requirement} on this route"
+            return Decision(outcome="refused", reasons=(known,))
+        if self.rules.write_back == "always":
+            return Decision(outcome="accepted", reasons=("write_back: always",))
+        if change.id in self.approved():
+            return Decision(outcome="accepted", reasons=("write_back: a person approved it",))
+        return Decision(outcome="waits", reasons=("write_back: a person has to approve it",))
+
+    def _implausible(self, planned: Planned) -> Iterator[str]:
+        for finding in validity.check(planned.scenario.people, planned.scenario.mission, self.world):
+            yield f"validity: {finding}"
+        low, high = self.rules.speed_m_s
+        people = planned.scenario.people.humans
+        if len(people) > self.rules.max_people:
+            yield f"plausibility: {len(people)} people, at most {self.rules.max_people}"
+        for human in people:
+            if not low <= human.speed_m_s <= high:
+                yield f"plausibility: {human.name} walks at {human.speed_m_s:g} m/s, not {low:g} to {high:g}"
+
+    def _unsafe(self, planned: Planned) -> Iterator[str]:
+        for human in planned.scenario.people.humans:
+            if human.behaviour.value in self.rules.forbidden_behaviours:
+                yield f"safety: {human.name} is asked to be {human.behaviour.value}"
+            at = human.starts_at(self.world.grid)
+            if at is None:
+                continue
+            gap = start_gap_m(human.radius_m, at, planned.scenario.mission)
+            if gap < self.rules.start_gap_m:
+                yield f"safety: {human.name} starts {gap:.2f} m from the robot, at least {self.rules.start_gap_m:g} m"
 
 
 QUIET = (State.PASSED.value, State.KNOWN_FAILURE.value)
@@ -296,10 +319,10 @@ class Journal:
     def add(self, note: Note) -> None:
         """Append a note to both files; each line is flushed before the next thing is done."""
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        with self.path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(note.model_dump(mode="json"), ensure_ascii=False) + "\n")
-        with self.words.open("a", encoding="utf-8") as file:
-            file.write(in_words(note) + "\n")
+        line = json.dumps(note.model_dump(mode="json"), ensure_ascii=False)
+        for path, text in ((self.path, line), (self.words, in_words(note))):
+            with path.open("a", encoding="utf-8") as file:
+                file.write(text + "\n")
         self.notes.append(note)
 
 
@@ -344,10 +367,13 @@ class Loop:
 
     monitor: Monitor
     analyser: Analyser
-    planner: Planner
-    legitimator: Legitimator
-    executor: Executor
-    knowledge: Memory
+    plan: Callable[[Symptom, int], Sequence[Planned]]
+    """Turns a symptom into scenarios, none if nothing can be planned; equal symptoms and indices give equal plans."""
+    legitimator: DeclaredRules
+    execute: Callable[[Planned], Sequence[CaseResult]]
+    """Runs what was accepted, and returns a result for each requirement."""
+    learn: Callable[[Iterable[Entry]], int]
+    """Keeps what the loop learns, and returns how many entries are new."""
     keeper: Keeper
     journal: Journal
     plans: Path
@@ -371,16 +397,17 @@ class Loop:
         if watched:
             told = ", ".join(each.source for each in watched[:5]) + (", ..." if len(watched) > 5 else "")
             self._note("monitor", f"{_number(len(watched), 'new run', 'new runs')}: {told}")
-            entries = self.analyser.entries(watched)
-            new = self.knowledge.add(entries, origin="watch")
-            self._note("knowledge", f"{_number(new, 'new entry', 'new entries')} of what was watched")
-        self._plan(self.analyser.analyse(watched))
+            self._learn(self.analyser.entries(watched), "what was watched")
+        for symptom, text in self.analyser.analyse(watched):
+            self._plan(symptom, text)
         busy = bool(watched)
-        for planned in self._open_plans():
+        # Plans that were accepted come first, then cases of the suite, then the others.
+        plans, decided = self._open("planned-*.json", Planned), self.journal.decided
+        for planned in sorted(plans, key=lambda p: (decided.get(p.id) != "accepted", not p.is_case, p.name)):
             if self.stop():
                 return True
             busy |= self._run_if_legitimate(planned)
-        for change in self._open_changes():
+        for change in self._open("change-*.json", Change):
             busy |= self._keep_if_legitimate(change)
         if told := self.journal.version_in_words():
             self._note("analyse", told, outcome="version")
@@ -389,81 +416,76 @@ class Loop:
             self._note("loop", f"cycle complete; {self.journal.spent} runs so far", seen=seen, outcome="complete")
         return busy
 
-    def _plan(self, signs: Sequence[Sign]) -> None:
-        for sign in signs:
-            if sign.symptom.id in self.journal.handled:
-                continue
-            self._note("analyse", sign.text)
-            made = self.planner.plan(sign.symptom, index=len(self.journal.handled))
-            for planned in made:
-                write_whole(self.plans / f"{planned.id}.json", planned.to_json())
-            names = ", ".join(each.name for each in made)
-            what = f"{_number(len(made), 'scenario', 'scenarios')} because of {sign.symptom.in_words}: {names}"
-            text = what if made else "nothing can be planned"
-            self._note("plan", text, symptom=sign.symptom)
+    def _plan(self, symptom: Symptom, text: str) -> None:
+        """Plan for a symptom that was not acted on yet."""
+        handled = self.journal.handled
+        if symptom.id in handled:
+            return
+        self._note("analyse", text)
+        made = self.plan(symptom, len(handled))
+        for planned in made:
+            write_whole(self.plans / f"{planned.id}.json", planned.to_json())
+        names = ", ".join(each.name for each in made)
+        what = f"{_number(len(made), 'scenario', 'scenarios')} because of {symptom.in_words}: {names}"
+        self._note("plan", what if made else "nothing can be planned", symptom=symptom)
 
-    def _open_plans(self) -> Iterator[Planned]:
-        """Yield the plans that are neither refused nor run: those that were accepted, then cases, then the others."""
-        decided = self.journal.decided
-        plans = [_read(path, Planned) for path in self._open("planned-*.json")]
-        yield from sorted(plans, key=lambda p: (decided.get(p.id) != "accepted", not p.is_case, p.name))
-
-    def _open_changes(self) -> Iterator[Change]:
-        """Yield the changes that are neither refused nor written."""
-        for path in self._open("change-*.json"):
-            yield _read(path, Change)
-
-    def _open(self, pattern: str) -> list[Path]:
+    def _open(self, pattern: str, kind: type[Kept]) -> list[Kept]:
+        """Return the plans or changes that are neither refused nor done."""
         settled = self.journal.settled
-        return [path for path in sorted(self.plans.glob(pattern)) if path.stem not in settled]
+        return [_read(path, kind) for path in sorted(self.plans.glob(pattern)) if path.stem not in settled]
+
+    def _decided(self, asked: Planned | Change, decision: Decision, what: str) -> bool:
+        """Note a decision; return whether it is another one than before."""
+        if decision.outcome == self.journal.decided.get(asked.id):
+            return False
+        text = f"{decision.outcome}: {what} ({'; '.join(decision.reasons)})"
+        if decision.outcome == "waits" and isinstance(asked, Change):
+            text += f"; approve it with --approve {asked.id}"
+        self._note("legitimate", text, plan=asked.id, outcome=decision.outcome)
+        return True
 
     def _run_if_legitimate(self, planned: Planned) -> bool:
         """Decide on a plan, run it where it is accepted; return whether anything was done."""
-        before = self.journal.decided.get(planned.id)
         decision = self.legitimator.decide(planned, spent=self.journal.spent)
-        if decision.outcome != before:
-            text = f"{decision.outcome}: {planned.name} ({'; '.join(decision.reasons)})"
-            self._note("legitimate", text, plan=planned.id, outcome=decision.outcome)
-            if decision.outcome == "refused":
-                self._learn([self._rejected(planned, decision)])
+        is_new = self._decided(planned, decision, planned.name)
+        if is_new and decision.outcome == "refused":
+            self._learn([self._rejected(planned, decision)], "refused plans")
         if decision.outcome != "accepted":
-            return decision.outcome != before
+            return is_new
         try:
-            results = self.executor.execute(planned)
+            results = self.execute(planned)
         except SimulationError as error:
             self._note("execute", f"{planned.name} could not be run: {error}", plan=planned.id, outcome="failed")
             return True
         # Knowledge before the note: entries are kept once, so a loop that is killed here repeats and adds none twice.
-        new = self.knowledge.add(self._entries(planned, results), origin="watch")
+        new = self.learn(self._entries(planned, results))
         for change in self.keeper.changes(planned, results):
             write_whole(self.plans / f"{change.id}.json", change.to_json())
-        runs = max((len(each.seeds) for each in results), default=0)
-        told = "; ".join(f"{each.requirement} {_state(planned, each)}: {_counted(each)}" for each in results)
+        told = "; ".join(
+            f"{each.requirement} {_state(planned, each)}: "
+            f"{each.verdict.violations} of {each.verdict.runs} runs violate it"
+            for each in results
+        )
         self._note(
             "execute",
             f"{planned.name}: {told}",
             plan=planned.id,
             outcome="run",
-            runs=runs,
-            results=_found(planned, results),
+            runs=max((len(each.seeds) for each in results), default=0),
+            results=tuple((f"{r.case} {r.requirement}", r.state.value) for r in results) if planned.is_case else (),
         )
         self._note("knowledge", f"{_number(new, 'new entry', 'new entries')} of {planned.name}")
         return True
 
     def _keep_if_legitimate(self, change: Change) -> bool:
         """Decide on a change of the suite, make it where it is accepted; return whether anything was done."""
-        before = self.journal.decided.get(change.id)
         decision = self.legitimator.decide_change(change, alike=self.keeper.alike(change))
-        if decision.outcome != before:
-            text = f"{decision.outcome}: {change.in_words} ({'; '.join(decision.reasons)})"
-            if decision.outcome == "waits":
-                text += f"; approve it with --approve {change.id}"
-            self._note("legitimate", text, plan=change.id, outcome=decision.outcome)
+        is_new = self._decided(change, decision, change.in_words)
         if decision.outcome == "accepted":
             self.keeper.keep(change)
             told = f"written into the suite: {change.case}, {change.requirement}"
             self._note("knowledge", told, plan=change.id, outcome="written")
-        return decision.outcome != before
+        return is_new
 
     def _entries(self, planned: Planned, results: Sequence[CaseResult]) -> list[Entry]:
         version = self.version()
@@ -484,9 +506,8 @@ class Loop:
             lessons=decision.reasons,
         )
 
-    def _learn(self, entries: Sequence[Entry]) -> None:
-        new = self.knowledge.add(entries, origin="watch")
-        self._note("knowledge", f"{_number(new, 'new entry', 'new entries')} of refused plans")
+    def _learn(self, entries: Sequence[Entry], of: str) -> None:
+        self._note("knowledge", f"{_number(self.learn(entries), 'new entry', 'new entries')} of {of}")
 
     def _note(self, part: Part, text: str, **more: Any) -> None:
         note = Note(time=self.clock(), cycle=self.journal.cycle + 1, part=part, text=text, **more)
@@ -505,86 +526,8 @@ def _number(number: int, one: str, many: str) -> str:
     return f"{number} {one if number == 1 else many}"
 
 
-def _found(planned: Planned, results: Sequence[CaseResult]) -> tuple[tuple[str, str], ...]:
-    """Return what the results say of each requirement of a case; nothing for a new scenario."""
-    return tuple((f"{r.case} {r.requirement}", r.state.value) for r in results) if planned.is_case else ()
-
-
 def _state(planned: Planned, result: CaseResult) -> str:
     """Return what a result says; only a case of the suite can be broken, for nothing was expected of a new scenario."""
     if planned.is_case:
         return result.state.value
     return {State.BROKEN: "violated", State.PASSED: "holds"}.get(result.state, result.state.value)
-
-
-def _counted(result: CaseResult) -> str:
-    return f"{result.verdict.violations} of {result.verdict.runs} runs violate it"
-
-
-class DeclaredRules:
-    """Refuses a plan that breaks a rule, and lets one wait where a person has to approve it.
-
-    Args:
-        approved: the ids of the plans that a person has approved, read again for every decision.
-    """
-
-    def __init__(self, rules: RuleSet, world: World, approved: Callable[[], frozenset[str]]) -> None:
-        self.rules = rules
-        self.world = world
-        self.approved = approved
-
-    def decide(self, planned: Planned, *, spent: int) -> Decision:
-        """Decide on a plan by validity, plausibility, safety of the people, budget and approval, in this order."""
-        broken = [*self._validity(planned), *self._plausibility(planned), *self._safety(planned)]
-        broken += self._budget(planned, spent)
-        if broken:
-            return Decision(outcome="refused", reasons=tuple(broken))
-        asks = self.rules.approval == "always" or (self.rules.approval == "new" and not planned.is_case)
-        if not asks:
-            return Decision(outcome="accepted", reasons=("all rules hold",))
-        if planned.id in self.approved():
-            return Decision(outcome="accepted", reasons=("all rules hold; a person approved it",))
-        return Decision(outcome="waits", reasons=("approval: a person has to approve it",))
-
-    def decide_change(self, change: Change, *, alike: int) -> Decision:
-        """Decide on a change of the suite by the rules `write_back` and `max_failures`."""
-        if self.rules.write_back == "never":
-            return Decision(outcome="refused", reasons=("write_back: the suite is not changed",))
-        if change.is_new and alike >= self.rules.max_failures:
-            known = f"max_failures: the suite knows {alike} failures of {change.requirement} on this route"
-            return Decision(outcome="refused", reasons=(known,))
-        if self.rules.write_back == "always":
-            return Decision(outcome="accepted", reasons=("write_back: always",))
-        if change.id in self.approved():
-            return Decision(outcome="accepted", reasons=("write_back: a person approved it",))
-        return Decision(outcome="waits", reasons=("write_back: a person has to approve it",))
-
-    def _validity(self, planned: Planned) -> Iterator[str]:
-        for finding in validity.check(planned.scenario.people, planned.scenario.mission, self.world):
-            yield f"validity: {finding}"
-
-    def _plausibility(self, planned: Planned) -> Iterator[str]:
-        low, high = self.rules.speed_m_s
-        people = planned.scenario.people.humans
-        if len(people) > self.rules.max_people:
-            yield f"plausibility: {len(people)} people, at most {self.rules.max_people}"
-        for human in people:
-            if not low <= human.speed_m_s <= high:
-                yield f"plausibility: {human.name} walks at {human.speed_m_s:g} m/s, not {low:g} to {high:g}"
-
-    def _safety(self, planned: Planned) -> Iterator[str]:
-        for human in planned.scenario.people.humans:
-            if human.behaviour.value in self.rules.forbidden_behaviours:
-                yield f"safety: {human.name} is asked to be {human.behaviour.value}"
-            at = human.starts_at(self.world.grid)
-            if at is None:
-                continue
-            gap = start_gap_m(human.radius_m, at, planned.scenario.mission)
-            if gap < self.rules.start_gap_m:
-                yield f"safety: {human.name} starts {gap:.2f} m from the robot, at least {self.rules.start_gap_m:g} m"
-
-    def _budget(self, planned: Planned, spent: int) -> Iterator[str]:
-        if planned.runs > self.rules.max_runs_per_plan:
-            yield f"budget: {planned.runs} runs, at most {self.rules.max_runs_per_plan} for one plan"
-        if spent + planned.runs > self.rules.max_runs:
-            yield f"budget: {spent} of {self.rules.max_runs} runs are spent, and the plan may take {planned.runs}"

@@ -14,10 +14,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
-from rvsg.campaign.attempt import Attempt, Measurement, Plan
-from rvsg.campaign.execution import Attempted, Event, Made, Parts, Shrinks, collect, store, submit
+from rvsg.campaign.attempt import Attempt, AttemptSummary, Measurement, Plan
+from rvsg.campaign.execution import Attempted, Event, Parts, Shrinks, make, submit
 from rvsg.campaign.findings import distinct_failures, findings
-from rvsg.campaign.ledger import whole
 from rvsg.campaign.runner import Runner
 from rvsg.core.errors import InputError
 from rvsg.core.records import Record
@@ -116,13 +115,15 @@ class Shrinking:
     def _smallest(self, scenario: Scenario, seeds: Sequence[int], needed: int) -> tuple[Scenario, list[Simplification]]:
         """Take away what can be taken away, the largest things first, until nothing more can."""
         steps: list[Simplification] = []
-        tried = {scenario.id}
-        again = True
+        tried, world, again = {scenario.id}, self.runner.world, True
         while again:
             again = False
-            for what, people in simpler(scenario.people, self.runner.world.grid):
-                candidate = self._valid(scenario, people)
-                if candidate is None or candidate.id in tried or size(candidate.people) >= size(scenario.people):
+            for what, people in simpler(scenario.people, world.grid):
+                mended, _ = repair(people, scenario.mission, world)  # its loops closed again
+                if size(mended) >= size(scenario.people) or check(mended, scenario.mission, world):
+                    continue
+                candidate = scenario.replace(people=mended)
+                if candidate.id in tried:
                     continue
                 if self.limit is not None and self.runs + len(seeds) > self.limit:
                     return scenario, steps
@@ -135,14 +136,6 @@ class Shrinking:
                     scenario, again = candidate, True
                     break
         return scenario, steps
-
-    def _valid(self, scenario: Scenario, people: HumanConfiguration) -> Scenario | None:
-        """Return the scenario with these people, its loops closed again; None if that is not possible."""
-        world = self.runner.world
-        mended, _ = repair(people, scenario.mission, world)
-        if check(mended, scenario.mission, world):
-            return None
-        return scenario.replace(people=mended)
 
     def _violations(self, scenario: Scenario, seeds: Sequence[int], needed: int) -> tuple[int, int]:
         """Return how many runs violate the requirement, and how many were made before it was clear that too few do."""
@@ -169,21 +162,19 @@ class Shrinking:
 def size(people: HumanConfiguration) -> tuple[int, int, int, int, int]:
     """How large a configuration is: people, tasks, waypoints, pauses, and everything else that is not as usual."""
     tasks = [task for human in people.humans for task in human.tasks]
+    specials = [
+        (h.start_delay_s > 0.0)
+        + (h.group is not None)
+        + (h.behaviour is not Behaviour.REGULAR)
+        + (h.factors != ForceFactors())
+        for h in people.humans
+    ]
     return (
         len(people.humans),
         len(tasks),
         sum(len(task.path) for task in tasks),
         sum(len(task.pauses) for task in tasks),
-        sum(_specials(human) for human in people.humans),
-    )
-
-
-def _specials(human: Human) -> int:
-    return (
-        (human.start_delay_s > 0.0)
-        + (human.group is not None)
-        + (human.behaviour is not Behaviour.REGULAR)
-        + (human.factors != ForceFactors())
+        sum(specials),
     )
 
 
@@ -214,8 +205,8 @@ def _simpler_human(human: Human, grid: Grid) -> Iterator[tuple[str, Human]]:
             yield f"without going to {tasks[i].path[0]}", human.replace(tasks=fewer)
     for i, task in enumerate(tasks):
         for pause in task.pauses:
-            rest = tuple(p for p in task.pauses if p is not pause)
-            yield f"without the pause at {pause.at}", human.replace(tasks=_with(tasks, i, task.replace(pauses=rest)))
+            rest = task.replace(pauses=tuple(p for p in task.pauses if p is not pause))
+            yield f"without the pause at {pause.at}", human.replace(tasks=(*tasks[:i], rest, *tasks[i + 1 :]))
     if human.start_delay_s > 0.0:
         yield "without its delay", human.replace(start_delay_s=0.0)
     if human.group is not None:
@@ -241,53 +232,44 @@ def _without_stop(tasks: tuple[Task, ...], i: int, grid: Grid) -> tuple[Task, ..
     return rest if len(rest) > 1 else None
 
 
-def _with(tasks: tuple[Task, ...], index: int, task: Task) -> tuple[Task, ...]:
-    return (*tasks[:index], task, *tasks[index + 1 :])
-
-
 REPEATS = 6
 """Runs of every simpler scenario: at most as many as tell that a failure that nearly always happens is gone."""
 CHECKED = 10
 """Runs of what is left, on the seeds of the confirmation, at most."""
 
 
-def shrink_all(plan: Plan, attempts: Sequence[Attempt], parts: Parts) -> Iterator[Event]:
+def shrink_all(plan: Plan, attempts: Sequence[AttemptSummary], parts: Parts) -> Iterator[Event]:
     """Shrink the worst confirmed scenario of every distinct failure; none gets more than its part of the runs left.
 
     What is stored already is not repeated.
     """
     if not parts.shrink_runs or plan.requirement.threshold is None:
         return
-    done = list(attempts)
+    done = [attempt.record for attempt in attempts if attempt.purpose != "search"]
+    index = max((attempt.index for attempt in attempts), default=-1)
     world = parts.runner.world
-    runs, modes = parts.ledger.run, partial(parts.ledger.failure_mode, world=world)
-    found = findings(plan, done, run_of=runs, world=world, procedure=parts.procedure, mode_of_run=modes)
+    modes = partial(parts.ledger.failure_mode, world=world)
+    found = findings(plan, done, run_of=parts.ledger.run, world=world, procedure=parts.procedure, mode_of_run=modes)
     confirmations = {finding.attempt: finding.confirmation for finding in found}
     worst = [confirmations[failure.attempts[0]] for failure in distinct_failures(found)]
-    for place, index in enumerate(worst):
-        if any(a.purpose == "shrinking" and a.confirms == index for a in done):
+    for place, confirmed in enumerate(worst):
+        shrunk = [attempt for attempt in done if attempt.purpose == "shrinking"]
+        share = (parts.shrink_runs - sum(a.trial_runs + a.runs for a in shrunk)) // (len(worst) - place)
+        if share < REPEATS + CHECKED or any(attempt.confirms == confirmed for attempt in shrunk):
             continue
-        spent = sum(a.trial_runs + a.runs for a in done if a.purpose == "shrinking")
-        share = (parts.shrink_runs - spent) // (len(worst) - place)
-        if share < REPEATS + CHECKED:
-            continue
-        confirmation = next(a for a in done if a.index == index)
-        for event in _shrunk(plan, confirmation, done, parts, share):
+        index += 1
+        for event in _shrunk(plan, next(a for a in done if a.index == confirmed), index, parts, share):
             if isinstance(event, Attempted):
                 done.append(event.attempt)
             yield event
 
 
-def _shrunk(plan: Plan, confirmation: Attempt, done: Sequence[Attempt], parts: Parts, runs: int) -> Iterator[Event]:
+def _shrunk(plan: Plan, confirmation: Attempt, index: int, parts: Parts, runs: int) -> Iterator[Event]:
     """Shrink one confirmed scenario in at most `runs` runs, the check at the end included."""
     scenario = confirmation.proposal.scenario
     assert scenario is not None
-    yield Shrinks(campaign=plan.name, confirmation=whole(confirmation), runs=runs)
+    yield Shrinks(campaign=plan.name, confirmation=confirmation, runs=runs)
     seeds = [m.seed for m in confirmation.measurements][:CHECKED]
-
-    def watch(_: Simplification) -> None:
-        parts.check()
-
     shrinking = Shrinking(
         requirement=plan.requirement,
         runner=parts.runner,
@@ -295,12 +277,12 @@ def _shrunk(plan: Plan, confirmation: Attempt, done: Sequence[Attempt], parts: P
         seed=plan.seed,
         repeats=REPEATS,
         limit=runs - len(seeds),
-        watch=watch,
+        watch=lambda _: parts.check(),
     )
     smallest, steps = shrinking.smallest(scenario)
     attempt = Attempt(
         campaign=plan.name,
-        index=max(a.index for a in done) + 1,
+        index=index,
         purpose="shrinking",
         strategy=confirmation.strategy,
         brief=confirmation.brief,
@@ -309,6 +291,4 @@ def _shrunk(plan: Plan, confirmation: Attempt, done: Sequence[Attempt], parts: P
         taken_away=tuple(step.what for step in steps if step.kept),
         trial_runs=shrinking.runs,
     )
-    made = Made()
-    yield from collect(attempt, submit(attempt, seeds, parts), made, parts)
-    yield Attempted(campaign=plan.name, attempt=store(attempt, made, parts))
+    yield from make(attempt, submit(attempt, seeds, parts), parts)

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Mapping
 from typing import Any, ClassVar, Protocol
 
-from rvsg.campaign.attempt import Attempt, Measurement, Plan
+from rvsg.campaign.attempt import Attempt, AttemptSummary, Measurement, Plan
 from rvsg.campaign.feedback import FeedbackSource, with_history
 from rvsg.campaign.ledger import Ledger
 from rvsg.campaign.ranking import last_untold, lessons_of, remember
@@ -21,7 +21,7 @@ from rvsg.core.seeds import seed_for
 from rvsg.evaluation.signals import aim_of, moved_by
 from rvsg.evaluation.verdict import judge
 from rvsg.generation.generator import Proposal
-from rvsg.scenario.brief import Brief, Feedback, Remembered
+from rvsg.scenario.brief import Brief, Feedback
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.archive import PackedRun, arrays_of
 from rvsg.simulation.run import Run
@@ -100,7 +100,7 @@ class BatchStrategy(Strategy):
         self.plan = plan
         self.feedback_of = feedback_of
         self.world = world
-        self.attempts: list[Attempt] = []
+        self.attempts: list[AttemptSummary] = []
         self.used: set[tuple[str | None, int]] = set()
         self.announce: Callable[[Ask], None] = lambda _: None
         self._search: Batches | None = None
@@ -131,7 +131,7 @@ class BatchStrategy(Strategy):
     def tell(self, attempt: Attempt) -> None:
         """Receive an attempt of the current batch."""
         self.ask()
-        self.attempts.append(attempt)
+        self.attempts.append(self.feedback_of.summary(attempt))
         self._results.append(attempt)
         self.used.update((attempt.scenario_id, seed) for seed in attempt.seeds)
 
@@ -153,6 +153,26 @@ class BatchStrategy(Strategy):
             self._batch.append(ask)
 
 
+def brief_of(plan: Plan, kind: str, number: int, place: tuple[int, int], **more: object) -> Brief:
+    """Return the brief with that number of a campaign.
+
+    Args:
+        place: Its scenario and configuration.
+    """
+    return Brief(
+        mission=plan.mission,
+        requirement=plan.requirement,
+        aim=aim_of(plan.requirement),
+        moved_by=moved_by(plan.requirement),
+        kind=kind,
+        humans=plan.humans,
+        seed=seed_for(plan.seed, "brief", number),
+        scenario_index=place[0],
+        configuration_index=place[1],
+        **more,
+    )
+
+
 class StudyStrategy(Strategy):
     """The study's method: refine a scenario from what it measured, then ask for one that differs from all before.
 
@@ -166,7 +186,7 @@ class StudyStrategy(Strategy):
     def __init__(self, plan: Plan, feedback_of: FeedbackSource, world: World | None = None) -> None:
         self.plan = plan
         self.feedback_of = feedback_of
-        self.attempts: list[Attempt] = []
+        self.attempts: list[AttemptSummary] = []
         self._open: deque[Brief] = deque()
         """The briefs of the attempts that are under way."""
         self._scenarios: list[int] = []
@@ -190,35 +210,27 @@ class StudyStrategy(Strategy):
             self._open.popleft()
         else:
             self._scenarios.append(attempt.scenario_index)
-        self.attempts.append(attempt)
+        self.attempts.append(self.feedback_of.summary(attempt))
 
     def _known(self, index: int) -> int:
         """Return how many attempts have to be known before attempt `index` is chosen; no more are looked at."""
         return max(0, index + 1 - self._place(index)[2])
 
-    def _next(self, index: int, known: list[Attempt]) -> Brief:
+    def _next(self, index: int, known: list[AttemptSummary]) -> Brief:
         """Return the brief of attempt `index`, from the attempts known."""
+        plan = self.plan
         scenario, configuration, _ = self._place(index)
-        measured = [a for a in known if a.scenario_index == scenario and a.mean is not None]
-        if not measured:
-            return self._new(index, (scenario, configuration), known)
-        feedback = self.feedback_of(measured[-1], measured[-2] if len(measured) > 1 else None)
-        return self._refinement(index, (scenario, configuration), feedback, known)
-
-    def _new(self, index: int, place: tuple[int, int], known: list[Attempt]) -> Brief:
-        """Return the brief of a new scenario: with the memory, and what the last configuration measured."""
-        memory = remember(known, self.plan.requirement, last=self.plan.memory)
+        own = [attempt for attempt in known if attempt.scenario_index == scenario]
+        measured = [attempt for attempt in own if attempt.mean is not None]
+        if measured:  # a refinement: with what was tried in its scenario, and the lessons of the others
+            previous = measured[-2].record if len(measured) > 1 else None
+            feedback = with_history(self.feedback_of(measured[-1].record, previous), own, plan.requirement)
+            lessons = lessons_of((a for a in known if a.scenario_index != scenario), last=plan.memory)
+            return brief_of(plan, "refine", index, (scenario, configuration), feedback=feedback, lessons=lessons)
+        memory = remember(known, plan.requirement, last=plan.memory)
         last = last_untold(known) if memory else None
-        untold = self.feedback_of(last, None) if last is not None else None
-        return self._brief(index, place, memory=memory, untold=untold)
-
-    def _refinement(self, index: int, place: tuple[int, int], feedback: Feedback, known: list[Attempt]) -> Brief:
-        """Return the brief of a refinement: with what was tried in its scenario, and the lessons of the others."""
-        own = [a for a in known if a.scenario_index == place[0]]
-        others = [a for a in known if a.scenario_index != place[0]]
-        lessons = lessons_of(others, last=self.plan.memory)
-        feedback = with_history(feedback, own, self.plan.requirement)
-        return self._brief(index, place, feedback=feedback, lessons=lessons)
+        untold = self.feedback_of(last.record, None) if last is not None else None
+        return brief_of(plan, "new", index, (scenario, configuration), memory=memory, untold=untold)
 
     def _place(self, index: int) -> tuple[int, int, int]:
         """Scenario and configuration of attempt `index`, and how many scenarios are worked on beside each other."""
@@ -227,32 +239,6 @@ class StudyStrategy(Strategy):
         width = min(self.plan.max_in_flight, self.plan.scenarios - first)
         configuration, lane = divmod(rest, width)
         return first + lane, configuration, width
-
-    def _brief(
-        self,
-        index: int,
-        place: tuple[int, int],
-        *,
-        feedback: Feedback | None = None,
-        memory: tuple[Remembered, ...] = (),
-        untold: Feedback | None = None,
-        lessons: tuple[str, ...] = (),
-    ) -> Brief:
-        return Brief(
-            mission=self.plan.mission,
-            requirement=self.plan.requirement,
-            aim=aim_of(self.plan.requirement),
-            moved_by=moved_by(self.plan.requirement),
-            kind="refine" if feedback else "new",
-            humans=self.plan.humans,
-            seed=seed_for(self.plan.seed, "brief", index),
-            scenario_index=place[0],
-            configuration_index=place[1],
-            feedback=feedback,
-            memory=memory,
-            untold=untold,
-            lessons=lessons,
-        )
 
 
 class UnguidedStrategy(Strategy):

@@ -30,7 +30,7 @@ def add(
 ) -> None:
     """Add attempts, findings, lessons and rejected proposals of campaigns. Known entries are not added twice."""
     from rvsg.app.campaign import learn_campaign
-    from rvsg.store.knowledge_search import open_knowledge
+    from rvsg.store.knowledge_base import open_knowledge
 
     with open_knowledge(base) as known:
         for source in sources:
@@ -60,8 +60,8 @@ def search(
 ) -> None:
     """Search the knowledge base: the most similar descriptions first; without a text, the worst entries first."""
     from rvsg.core.outputs import check_writable
-    from rvsg.store.knowledge_search import describe_match, open_knowledge, tell
-    from rvsg.store.knowledge_search import search as look
+    from rvsg.store.knowledge_base import describe_match, open_knowledge, tell
+    from rvsg.store.knowledge_base import search as look
 
     if out is not None:
         check_writable(out)
@@ -91,7 +91,7 @@ def search(
 @app.command()
 def status(base: Base = None) -> None:
     """Count the entries of each world."""
-    from rvsg.store.knowledge_search import open_knowledge
+    from rvsg.store.knowledge_base import open_knowledge
 
     with open_knowledge(base) as known:
         counts = known.counts()

@@ -530,12 +530,12 @@ def _why(plan: Plan, cause: Cause) -> tuple[list[Badge], list[Pieces]]:
     tone, badge, said = CAUSED[finding.about_people]
     if finding.also_alone:
         said = "It also happens without people, and these runs do not show whether people make it happen more often."
-    compared = finding.compared
-    if nobody is None or compared is None:
+    difference, interval = finding.difference, finding.difference_interval
+    if nobody is None or difference is None or interval is None:
         return [Badge(tone=tone, text=badge)], [[Piece(said)]]
     badges = [Badge(tone=tone, text=badge, runs=ids_of(nobody.runs))]
     confidence = finding.verdict.confidence
-    sentence = _alone(plan, nobody, said, difference_in_words(compared.difference, compared.interval, confidence))
+    sentence = _alone(plan, nobody, said, difference_in_words(difference, interval, confidence))
     for pair in cause.each:
         with_all = sum(run.violated for run in pair.before)
         sentence += [

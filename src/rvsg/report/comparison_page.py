@@ -13,8 +13,8 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 import rvsg
-from rvsg.campaign.comparison import CaseChange, Change, Comparison, VariantPair, counts
 from rvsg.campaign.exploration import Exploration
+from rvsg.campaign.suite import CaseChange, Change, Comparison, VariantPair, counts
 from rvsg.evaluation.statistics import Surface
 from rvsg.evaluation.verdict import counted, number
 from rvsg.report.answer import quantity, untimed

@@ -65,19 +65,19 @@ def describe_finding(finding: Finding, requirement: Requirement, *, brief: bool 
 
 def describe_difference(finding: Finding) -> str | None:
     """Return how often the requirement is violated with and without people; None where that was not measured."""
-    compared, probability = finding.compared, finding.violation_probability
-    if compared is None or probability is None:
+    alone, probability = finding.without_people, finding.violation_probability
+    if alone is None or finding.difference is None or finding.difference_interval is None or probability is None:
         return None
-    if compared.without.measures_nothing:
+    if alone.measures_nothing:
         return "Without people the requirement measures nothing: it is about the people themselves."
-    said = difference_in_words(compared.difference, compared.interval, finding.verdict.confidence)
+    said = difference_in_words(finding.difference, finding.difference_interval, finding.verdict.confidence)
     meant = {
         "no": " The violation recurs without people, so it is not a finding about people.",
         "open": " These runs do not tell whether the people cause it.",
     }
     if finding.also_alone:
         meant["open"] = " It also happens without people; these runs do not tell whether people make it more frequent."
-    without = percent(compared.without.probability)
+    without = percent(alone.probability)
     return f"{percent(probability)} with these people, {without} without ({said}).{meant.get(finding.about_people, '')}"
 
 

@@ -6,10 +6,14 @@ is there twice. What `add` returned for is committed, so a writer that is killed
 
 from __future__ import annotations
 
+import contextlib
 import datetime
+import json
+import os
 import sqlite3
-from collections.abc import Iterable, Sequence
-from typing import Any, Self
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Self, get_args
 
 import numpy as np
 import sqlalchemy as sa
@@ -19,10 +23,11 @@ from sqlalchemy.dialects.postgresql import insert as postgresql_insert
 from sqlalchemy.dialects.sqlite import insert as sqlite_insert
 from sqlalchemy.exc import ArgumentError, DatabaseError, NoSuchModuleError
 
-from rvsg.campaign.findings import Entry
-from rvsg.core.errors import InputError, StoreError, how_to_install
-from rvsg.core.records import canonical_json, text_id
-from rvsg.store.sqlite_file import write_ahead
+from rvsg.campaign.findings import Entry, Kind, remembered
+from rvsg.core.errors import FileError, InputError, StoreError, UnknownName, how_to_install
+from rvsg.core.files import write_whole
+from rvsg.core.records import Record, canonical_json, text_id
+from rvsg.store.sqlite import write_ahead
 
 _meta = sa.MetaData()
 _entries = sa.Table(
@@ -112,27 +117,14 @@ class KnowledgeBase:
                 connection.execute(self._insert(_origins).on_conflict_do_nothing(), origins)
         return new
 
-    def entries(
-        self,
-        *,
-        world: str | None = None,
-        place: str | None = None,
-        route: str | None = None,
-        requirement: str | None = None,
-        kind: str | None = None,
-        violates: bool | None = None,
-    ) -> list[Entry]:
-        """Return the entries that fit every condition, in the order of their ids."""
-        given = {
-            "world": world,
-            "place": place,
-            "route": route,
-            "requirement": requirement,
-            "kind": kind,
-            "violates": violates,
-        }
+    def entries(self, **conditions: str | bool | None) -> list[Entry]:
+        """Return the entries that fit every condition that is not None, in the order of their ids.
+
+        Args:
+            conditions: `world`, `place`, `route`, `requirement`, `kind` and `violates`.
+        """
         query = sa.select(_entries.c.id, _entries.c.record).order_by(_entries.c.id)
-        for column, wanted in given.items():
+        for column, wanted in conditions.items():
             if wanted is not None:
                 query = query.where(_entries.c[column] == wanted)
         with self._translated(), self._engine.connect() as connection:
@@ -177,23 +169,14 @@ class KnowledgeBase:
         except ValidationError as error:
             raise StoreError(f"{self.name}: {key} was written by a newer RVSG. Update RVSG. {error}") from None
 
-    def _translated(self) -> _Translated:
-        return _Translated(self.name)
-
-
-class _Translated:
-    """Turns a database error into a StoreError that names the database."""
-
-    def __init__(self, name: str) -> None:
-        self._name = name
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: object) -> None:
-        if isinstance(error, DatabaseError):
+    @contextlib.contextmanager
+    def _translated(self) -> Iterator[None]:
+        """Turn a database error into a StoreError that names the database."""
+        try:
+            yield
+        except DatabaseError as error:
             first = str(error.orig).strip().splitlines()
-            raise StoreError(f"{self._name}: {first[0] if first else error.__class__.__name__}") from None
+            raise StoreError(f"{self.name}: {first[0] if first else error.__class__.__name__}") from None
 
 
 def _row(entry: Entry, now: str) -> dict[str, Any]:
@@ -240,3 +223,118 @@ def _configure(connection: sqlite3.Connection, _: object) -> None:
     write_ahead(cursor, PATIENCE_S)
     cursor.execute("PRAGMA synchronous=FULL")
     cursor.close()
+
+
+DEFAULT_PLACE = "runs/knowledge.sqlite"
+KINDS: tuple[str, ...] = get_args(Kind)
+ENVIRONMENT = "RVSG_KNOWLEDGE"
+"""Names the knowledge base where no command does."""
+
+
+class Match(Record):
+    """An entry that was found."""
+
+    entry: Entry
+    similarity: float | None = None
+    """Of its description with what was searched for, at most 1; None if nothing was."""
+    origins: tuple[str, ...] = ()
+
+
+def open_knowledge(where: str | Path | None = None) -> KnowledgeBase:
+    """Open a knowledge base.
+
+    Args:
+        where: an SQLite file or the address of a PostgreSQL database; by default what the environment variable
+            RVSG_KNOWLEDGE says, else `runs/knowledge.sqlite`.
+    """
+    chosen = str(where or os.environ.get(ENVIRONMENT) or DEFAULT_PLACE)
+    if "://" not in chosen:
+        try:
+            Path(chosen).parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise FileError(chosen, f"the folder cannot be made: {error.strerror}.") from None
+    return KnowledgeBase(chosen)
+
+
+def search(
+    base: KnowledgeBase,
+    text: str = "",
+    *,
+    world: str | None = None,
+    route: str | None = None,
+    requirement: str | None = None,
+    kind: str | None = None,
+    at: str | None = None,
+    violates: bool | None = None,
+    limit: int = 20,
+) -> tuple[Match, ...]:
+    """Return what is known, the most similar to a text first, or the worst first without a text.
+
+    Args:
+        text: compared with the descriptions by sentence embeddings; without the extra `embeddings` by their words.
+        world: the name of a world.
+        kind: `attempt`, `finding`, `rejected` or `watched`; UnknownName for another.
+        at: a waypoint that a person of the scenario passes.
+        violates: whether the requirement is violated more than rarely.
+    """
+    if kind is not None and kind not in KINDS:
+        raise UnknownName("kind", kind, KINDS)
+    found = base.entries(world=world, route=route, requirement=requirement, kind=kind, violates=violates)
+    if at is not None:
+        found = [entry for entry in found if at in entry.waypoints]
+    if text:
+        closeness: Sequence[float | None] = similarities(base, text, [entry.description for entry in found])
+    else:
+        closeness = [None] * len(found)
+    ranked = sorted(
+        zip(closeness, found, strict=True), key=lambda p: (-_share(p[1]) if p[0] is None else -p[0], p[1].id)
+    )
+    return tuple(Match(entry=each, similarity=near, origins=base.origins(each.id)) for near, each in ranked[:limit])
+
+
+def similarities(base: KnowledgeBase, text: str, descriptions: Sequence[str]) -> list[float]:
+    """Return how similar a text is to each description.
+
+    By sentence embeddings, stored once computed; by the words in common where the model is not installed.
+    """
+    from rvsg.evaluation.diversity import embed, model_folder
+
+    if not descriptions:
+        return []
+    if model_folder() is None:
+        from rapidfuzz.fuzz import token_set_ratio
+
+        return [round(token_set_ratio(text, each) / 100.0, 6) for each in descriptions]
+    wanted = sorted({text, *descriptions})
+    known = base.vectors(wanted)
+    missing = [each for each in wanted if each not in known]
+    if missing:
+        made = dict(zip(missing, embed(missing), strict=True))
+        base.keep_vectors(made)
+        known |= made
+    return [round(float(np.dot(known[text], known[each])), 6) for each in descriptions]
+
+
+def tell(matches: Sequence[Match], path: str | Path) -> int:
+    """Write matches as earlier scenarios for a generator; return how many.
+
+    `rvsg run --knowledge FILE` reads the file: a new scenario then differs from them.
+    """
+    earlier = remembered([match.entry for match in matches])
+    values = [each.model_dump(mode="json") for each in earlier]
+    write_whole(Path(path), json.dumps(values, indent=2, ensure_ascii=False) + "\n")
+    return len(earlier)
+
+
+def _share(entry: Entry) -> float:
+    return -1.0 if entry.verdict is None else entry.verdict.violation_probability or 0.0
+
+
+def describe_match(match: Match) -> str:
+    """Return an entry as lines for a terminal."""
+    entry = match.entry
+    said = "" if entry.verdict is None else f", violated in {entry.verdict.violations} of {entry.verdict.runs} runs"
+    close = "" if match.similarity is None else f" [{match.similarity:.2f}]"
+    lines = [f"{entry.kind}{close}  {entry.world}, {entry.route}, {entry.requirement}{said}  {entry.id}"]
+    lines += [f"    {' '.join(text.split())[:200]}" for text in (entry.description, *entry.lessons) if text.strip()]
+    return "\n".join(lines)

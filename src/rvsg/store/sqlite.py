@@ -4,43 +4,74 @@ The file is in WAL mode: what was committed survives a kill (the last of it not 
 `user_version` is the version of the schema, its `application_id` says it is ours.
 
 The record of an attempt is compressed with a dictionary (`deflateSetDictionary`): an earlier record of the same
-campaign, kept once. A record needs only the dictionary, no other record.
+campaign, kept once. A record needs only the dictionary, no other record. Records are JSON in the shape of their models;
+a new field with a default needs no new schema: an id is checked against the text as it was stored.
 """
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import hashlib
 import json
+import os
 import sqlite3
+import threading
+import time
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, Self, TypeVar
+from urllib.parse import quote
 
-import sqlalchemy as sa
 from pydantic import ValidationError
-from sqlalchemy.exc import DatabaseError, IntegrityError
 
 import rvsg
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.ledger import Ledger, Sharing
-from rvsg.core.errors import InputError, StoreError
+from rvsg.campaign.ledger import Ledger
+from rvsg.core.errors import InputError, NewerStore, StoreError
 from rvsg.core.records import canonical_json, text_id
+from rvsg.generation.generator import Proposal
+from rvsg.scenario.brief import Feedback, Remembered
+from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.archive import PackedRun, unpack
 from rvsg.simulation.run import Run
-from rvsg.store.sqlite_file import BUSY, engine_of, has_log, may_write, migrate, result_code, version_of
 
+T = TypeVar("T", Remembered, Feedback, Proposal)
+APPLICATION_ID = 0x52565347
+"""`RVSG` in ASCII."""
+VERSION = 6
+"""Of the schema. Earlier ones kept runs and records in other forms."""
+SCHEMA = (
+    "CREATE TABLE campaigns (name TEXT PRIMARY KEY, settings TEXT NOT NULL, version TEXT NOT NULL, "
+    "begun TEXT NOT NULL)",
+    "CREATE TABLE attempts (campaign TEXT NOT NULL, position INTEGER NOT NULL, id TEXT NOT NULL, "
+    "purpose TEXT NOT NULL, scenario_id TEXT, record TEXT NOT NULL, PRIMARY KEY (campaign, position))",
+    "CREATE TABLE runs (id TEXT PRIMARY KEY, scenario_id TEXT NOT NULL, seed INTEGER NOT NULL, "
+    "header TEXT NOT NULL, arrays BLOB NOT NULL, checksum TEXT)",  # the header is empty: it is in the archive
+    "CREATE TABLE dictionaries (campaign TEXT PRIMARY KEY, packed BLOB NOT NULL)",
+    f"PRAGMA application_id={APPLICATION_ID}",
+    f"PRAGMA user_version={VERSION}",
+)
 LARGEST = 256 * 2**20
 """Bytes that a record may unpack to; a campaign's are below 1 MB."""
-_WINDOW = 2**15
+WINDOW = 2**15
 """How far back the compression looks; a longer dictionary adds nothing."""
-
-
-def dictionary_of(record: bytes) -> bytes:
-    """Return the part of a record that others are packed with."""
-    return record[-_WINDOW:]
+PATIENCE_S = 30.0
+"""How long to wait for another process that holds the file."""
+PAGE_BYTES = 16384
+"""Of a new file: a run takes some 6 kB, and of smaller pages a part would stay empty."""
+LOG_PAGES = 250
+"""Pages that the write-ahead log holds before they are moved into the file."""
+BUSY = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
+DAMAGED = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_ERROR)
+"""Result codes for a file that lost a part; the statements are ours, so a failing one misses a table or a column."""
+CODES = {
+    sqlite3.SQLITE_NOTADB: "store-foreign",
+    sqlite3.SQLITE_READONLY: "store-readonly",  # the rights were taken away while it was open
+    sqlite3.SQLITE_FULL: "store-full",
+} | dict.fromkeys(BUSY, "store-busy")
+"""What an error of SQLite is called in an error of RVSG."""
 
 
 def pack_record(record: bytes, dictionary: bytes = b"") -> bytes:
@@ -50,7 +81,7 @@ def pack_record(record: bytes, dictionary: bytes = b"") -> bytes:
 
 
 def unpack_record(packed: bytes, dictionary: bytes = b"") -> bytes:
-    """Return the record that `pack` was given, packed with this dictionary or with none.
+    """Return the record that `pack_record` was given, packed with this dictionary or with none.
 
     Raises:
         ValueError: The bytes are damaged, unpack to more than `LARGEST`, or need another dictionary.
@@ -58,78 +89,11 @@ def unpack_record(packed: bytes, dictionary: bytes = b"") -> bytes:
     decompressor = zlib.decompressobj(zdict=dictionary) if dictionary else zlib.decompressobj()
     try:
         record = decompressor.decompress(packed, LARGEST)
-    except zlib.error as error:
+    except (zlib.error, TypeError) as error:
         raise ValueError(f"it is damaged ({error})") from None
     if not decompressor.eof or decompressor.unused_data:
         raise ValueError("it is damaged (it has another length than it should)")
     return record
-
-
-_meta = sa.MetaData()
-_campaigns = sa.Table(
-    "campaigns",
-    _meta,
-    sa.Column("name", sa.Text, primary_key=True),
-    sa.Column("settings", sa.Text),
-    sa.Column("version", sa.Text),
-    sa.Column("begun", sa.Text),
-)
-_attempts = sa.Table(
-    "attempts",
-    _meta,
-    sa.Column("campaign", sa.Text, primary_key=True),
-    sa.Column("position", sa.Integer, primary_key=True),
-    sa.Column("id", sa.Text),
-    sa.Column("purpose", sa.Text),
-    sa.Column("scenario_id", sa.Text),
-    sa.Column("record"),  # text in stores of version 3 and older
-)
-_dictionaries = sa.Table(
-    "dictionaries",
-    _meta,
-    sa.Column("campaign", sa.Text, primary_key=True),
-    sa.Column("packed"),
-)
-_runs = sa.Table(
-    "runs",
-    _meta,
-    sa.Column("id", sa.Text, primary_key=True),
-    sa.Column("scenario_id", sa.Text),
-    sa.Column("seed", sa.Integer),
-    sa.Column("header", sa.Text),
-    sa.Column("arrays", sa.LargeBinary),
-    sa.Column("checksum", sa.Text),
-)
-DAMAGED = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_ERROR)
-"""Result codes for a file that lost a part; the statements are ours, so a failing one misses a table or a column."""
-CODES = {
-    sqlite3.SQLITE_NOTADB: "store-foreign",
-    sqlite3.SQLITE_READONLY: "store-readonly",  # the rights were taken away while it was open
-    sqlite3.SQLITE_FULL: "store-full",
-} | dict.fromkeys(BUSY, "store-busy")
-"""What an error of SQLite is called in an error of RVSG."""
-_CHECKSUMS_SINCE = 2
-"""The store version from which on runs have a checksum."""
-_PACKED_SINCE = 4
-"""The store version from which on records are packed."""
-
-
-# Given to the driver as they are: SQLAlchemy takes many times longer to prepare a statement than SQLite to execute it,
-# and these are executed for every run.
-_KEEP = (
-    "INSERT INTO runs (id, scenario_id, seed, header, arrays, checksum) VALUES (?, ?, ?, ?, ?, ?) "
-    "ON CONFLICT DO NOTHING"
-)
-_FIND = "SELECT header, arrays, checksum FROM runs WHERE id = ?"
-_FIND_WITHOUT_CHECKSUM = "SELECT header, arrays, NULL FROM runs WHERE id = ?"
-
-
-class _Kept(NamedTuple):
-    """The part of a row of a run that `_is_whole` looks at."""
-
-    header: Any
-    arrays: Any
-    checksum: Any
 
 
 class SqliteLedger(Ledger):
@@ -152,35 +116,89 @@ class SqliteLedger(Ledger):
         if not path.stat().st_size:
             raise StoreError(f"{path}: the file is empty, so it is no store.")
         ledger = cls.__new__(cls)
-        ledger._open(path, readonly=not may_write(path))
+        ledger._open(path, readonly=not (os.access(path, os.W_OK) and os.access(path.parent, os.W_OK)))
         return ledger
 
     def _open(self, path: Path, *, readonly: bool) -> None:
         if path.is_dir():
             raise StoreError(f"{path}: this is a folder; a store is a file in it.")
         self.path, self.readonly = path, readonly
-        self._engine = engine_of(self.path, readonly=self.readonly)
+        self._lock = threading.RLock()
+        self._connection: sqlite3.Connection | None = None
         try:
-            with self._translated(), self._engine.connect() as connection:
-                if not self.readonly:
-                    migrate(connection, self.path)
-                self._version = version_of(connection, self.path)
-                self._check(connection)
+            with self._translated():
+                self._connection = self._connect()
+                if not self.readonly and not self._version():
+                    self._make()
+                self._version()
+                self._check()
         except StoreError:
             self.close()
             raise
 
-    def _check(self, connection: sa.Connection) -> None:
+    def _connect(self) -> sqlite3.Connection:
+        where, uri = str(self.path), self.readonly
+        if self.readonly:
+            # SQLite would still make files beside it, for locks, unless it knows that nobody writes. Then it
+            # passes over a log that is left there by a campaign under way or killed, with what was committed last.
+            where = f"file:{quote(str(self.path.absolute()))}?{'mode=ro' if self._has_log() else 'immutable=1'}"
+        connection = sqlite3.connect(where, PATIENCE_S, uri=uri, check_same_thread=False, isolation_level=None)
+        if not self.readonly:
+            try:
+                connection.execute(f"PRAGMA page_size={PAGE_BYTES}")  # changes nothing in a file that has pages
+                connection.execute(f"PRAGMA wal_autocheckpoint={LOG_PAGES}")
+                write_ahead(connection.cursor(), PATIENCE_S)
+                connection.execute("PRAGMA synchronous=NORMAL")
+            except sqlite3.Error:
+                connection.close()
+                raise
+        return connection
+
+    def _has_log(self) -> bool:
+        """Return whether a write-ahead log that holds something lies beside the file."""
+        log = self.path.with_name(f"{self.path.name}-wal")
+        return log.exists() and log.stat().st_size > 0
+
+    def _make(self) -> None:
+        """Make the tables of a new file, unless another process that opened the same new file did so meanwhile."""
+        with self._writing() as connection:
+            if not self._version():
+                for statement in SCHEMA:
+                    connection.execute(statement)
+
+    def _version(self) -> int:
+        """Return the version of the file, 0 of a new one; StoreError if it is not ours, or of another version."""
+        # One statement reads one state of the file: another process may be making it.
+        ((version, application, tables),) = self._rows(
+            "SELECT (SELECT user_version FROM pragma_user_version), (SELECT application_id FROM pragma_application_id),"
+            " (SELECT count(*) FROM sqlite_master)"
+        )
+        if application != APPLICATION_ID and (tables or version or application):
+            raise StoreError(
+                f"{self.path}: this is an SQLite file of another program, not an RVSG store. Choose another.",
+                code="store-foreign",
+            )
+        if version > VERSION:
+            raise NewerStore(
+                f"{self.path}: written by a newer RVSG (store version {version}; this is RVSG {rvsg.__version__} and "
+                f"knows {VERSION}). Update RVSG, or use another --out."
+            )
+        if 0 < version < VERSION:
+            raise StoreError(
+                f"{self.path}: written by an earlier RVSG (store version {version}; this is RVSG {rvsg.__version__} "
+                f"and reads {VERSION}). Read it with that version, or use another --out.",
+                code="store-earlier",
+            )
+        return int(version)
+
+    def _check(self) -> None:
         """Read all of the file once, so that damage is reported before work is built on it."""
-        result = str(connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one())
+        ((result,),) = self._rows("PRAGMA quick_check(1)")
         if result != "ok":
-            raise self._damaged(result.splitlines()[-1])
-        if self._version < _CHECKSUMS_SINCE:
-            return
-        columns = sa.select(_runs.c.id, _runs.c.header, _runs.c.arrays, _runs.c.checksum)
-        for row in connection.execution_options(yield_per=200).execute(columns):
-            if not _is_whole(row):
-                raise self._damaged(f"{row.id} is not what was stored: it lost the checksum it was kept with")
+            raise self._damaged(str(result).splitlines()[-1])
+        with self._lock:
+            for row in self._db.execute("SELECT id, header, arrays, checksum FROM runs"):
+                self._check_run(*row)
 
     def __enter__(self) -> Self:
         return self
@@ -190,7 +208,8 @@ class SqliteLedger(Ledger):
 
     def close(self) -> None:
         """Close the file."""
-        self._engine.dispose()
+        if self._connection is not None:
+            self._connection.close()
 
     def begin(self, campaign: str, settings: Mapping[str, Any]) -> None:
         """Keep the settings of a new campaign; again with equal settings changes nothing."""
@@ -202,42 +221,37 @@ class SqliteLedger(Ledger):
                     f"{self.path}: campaign {campaign!r} was begun with other settings", code="other-settings"
                 )
             return
-        row = {
-            "name": campaign,
-            "settings": text,
-            "version": rvsg.__version__,
-            "begun": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        }
+        begun = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
         with self._translated(), self._writing() as connection:
-            connection.execute(_campaigns.insert().values(row))
+            connection.execute(
+                "INSERT INTO campaigns (name, settings, version, begun) VALUES (?, ?, ?, ?)",
+                (campaign, text, rvsg.__version__, begun),
+            )
 
     def forget_empty(self, campaign: str) -> bool:
         """Delete a campaign that has no attempt and return True; return False, changing nothing, where it has one."""
-        made = sa.select(_attempts.c.position).where(_attempts.c.campaign == campaign).limit(1)
         with self._translated(), self._writing() as connection:
-            if connection.execute(made).first() is not None:
-                return False
-            connection.execute(_campaigns.delete().where(_campaigns.c.name == campaign))
-        return True
+            deleted = connection.execute(
+                "DELETE FROM campaigns WHERE name = ? AND NOT EXISTS (SELECT * FROM attempts WHERE campaign = ?)",
+                (campaign, campaign),
+            )
+            return deleted.rowcount > 0 or not self._rows("SELECT 1 FROM attempts WHERE campaign = ?", campaign)
 
     def settings(self, campaign: str) -> dict[str, Any] | None:
         """Return the settings of a campaign; None if it was never begun."""
-        query = sa.select(_campaigns.c.settings).where(_campaigns.c.name == campaign)
-        with self._translated(), self._engine.connect() as connection:
-            text = connection.execute(query).scalar_one_or_none()
+        rows = self._rows("SELECT settings FROM campaigns WHERE name = ?", campaign)
         try:
-            return None if text is None else dict(json.loads(text))
+            return dict(json.loads(rows[0][0])) if rows else None
         except (ValueError, TypeError):
             raise self._damaged(f"the settings of campaign {campaign!r} are not what was stored") from None
 
     def campaigns(self) -> tuple[str, ...]:
         """Return the names of all campaigns in the order they were begun, then those that only have attempts."""
-        with self._translated(), self._engine.connect() as connection:
-            begun = connection.execute(sa.select(_campaigns.c.name).order_by(sa.text("rowid"))).scalars().all()
-            others = connection.execute(sa.select(_attempts.c.campaign).distinct()).scalars().all()
-        if not all(isinstance(name, str) for name in (*begun, *others)):
+        names = [name for (name,) in self._rows("SELECT name FROM campaigns ORDER BY rowid")]
+        names += [name for (name,) in self._rows("SELECT DISTINCT campaign FROM attempts ORDER BY campaign")]
+        if not all(isinstance(name, str) for name in names):
             raise self._damaged("the name of a campaign is not what was stored")
-        return tuple(dict.fromkeys([*begun, *sorted(others)]))
+        return tuple(dict.fromkeys(names))
 
     def keep(self, run: PackedRun) -> None:
         """Keep a run; one of the same id that is known already stays as it is."""
@@ -248,83 +262,80 @@ class SqliteLedger(Ledger):
         """Keep an attempt with its runs in one transaction; StoreError if its index is taken."""
         scenario = attempt.proposal.scenario
         record = canonical_json(attempt.model_dump(mode="json"))
-        row = {
-            "campaign": attempt.campaign,
-            "position": attempt.index,
-            "id": text_id(Attempt.__name__.lower(), record),
-            "purpose": attempt.purpose,
-            "scenario_id": scenario.id if scenario else None,
-        }
-        try:
-            with self._writing() as connection:
-                for run in runs:
-                    _keep(connection, run)
-                packed = self._packed(connection, attempt, record.encode())
-                connection.execute(_attempts.insert().values(row | {"record": packed}))
-        except (IntegrityError, sqlite3.IntegrityError):
-            raise StoreError(
-                f"{self.path}: attempt {attempt.index} of campaign {attempt.campaign!r} is there already. "
-                "Does another process work on the same folder?",
-                code="attempt-taken",
-            ) from None
-        except (DatabaseError, sqlite3.DatabaseError) as error:
-            raise self._error(error) from None
+        with self._translated(), self._writing() as connection:
+            for run in runs:
+                _keep(connection, run)
+            row = (
+                attempt.campaign,
+                attempt.index,
+                text_id(Attempt.__name__.lower(), record),
+                attempt.purpose,
+                scenario.id if scenario else None,
+                self._packed(connection, attempt, record.encode()),
+            )
+            try:
+                connection.execute(
+                    "INSERT INTO attempts (campaign, position, id, purpose, scenario_id, record) "
+                    "VALUES (?, ?, ?, ?, ?, ?)",
+                    row,
+                )
+            except sqlite3.IntegrityError:
+                raise StoreError(
+                    f"{self.path}: attempt {attempt.index} of campaign {attempt.campaign!r} is there already. "
+                    "Does another process work on the same folder?",
+                    code="attempt-taken",
+                ) from None
 
     def attempts(self, campaign: str) -> Iterator[Attempt]:
         """Yield the attempts of a campaign in the order of their index; StoreError if a record was altered."""
-        query = (
-            sa.select(_attempts.c.position, _attempts.c.id, _attempts.c.record)
-            .where(_attempts.c.campaign == campaign)
-            .order_by(_attempts.c.position)
-        )
-        with self._translated(), self._engine.connect() as connection:
-            rows = connection.execute(query).all()
-            dictionary = self._dictionary(connection, campaign)
-        shared = Sharing()
+        query = "SELECT position, id, record FROM attempts WHERE campaign = ? ORDER BY position"
+        rows, dictionary = self._rows(query, campaign), self._dictionary(campaign)
+        known: dict[str, Scenario] = {}
         for row in rows:
-            yield shared(self._attempt(campaign, row, dictionary))
+            yield _shared(self._attempt(campaign, row, dictionary), known)
 
     def attempt(self, campaign: str, index: int) -> Attempt:
         """Return one attempt of a campaign; StoreError if there is none, or its record was altered."""
-        query = sa.select(_attempts.c.position, _attempts.c.id, _attempts.c.record).where(
-            _attempts.c.campaign == campaign, _attempts.c.position == index
-        )
-        with self._translated(), self._engine.connect() as connection:
-            row = connection.execute(query).one_or_none()
-            dictionary = self._dictionary(connection, campaign)
-        if row is None:
+        query = "SELECT position, id, record FROM attempts WHERE campaign = ? AND position = ?"
+        rows = self._rows(query, campaign, index)
+        if not rows:
             raise self._damaged(f"there is no attempt {index} of campaign {campaign!r}")
-        return self._attempt(campaign, row, dictionary)
+        return self._attempt(campaign, rows[0], self._dictionary(campaign))
 
-    def _attempt(self, campaign: str, row: Any, dictionary: bytes) -> Attempt:
-        position, kept_id, kept = row
+    def _attempt(self, campaign: str, row: tuple[Any, ...], dictionary: bytes) -> Attempt:
+        position, kept_id, packed = row
         try:
-            record = unpack_record(kept, dictionary).decode() if isinstance(kept, bytes) else kept
+            record = unpack_record(packed, dictionary).decode()
         except ValueError:
-            record = None
+            record = ""
         # The text is verified, not the parsed record: an older one lacks the fields that came later.
-        if not isinstance(record, str) or text_id(Attempt.__name__.lower(), record) != kept_id:
+        if text_id(Attempt.__name__.lower(), record) != kept_id:
             raise self._damaged(f"attempt {position} of campaign {campaign!r} is not what was stored")
-        return self._parsed(record, f"attempt {position} of {campaign!r}")
+        try:
+            return Attempt.from_json(record)
+        except ValidationError as error:
+            raise StoreError(
+                f"{self.path}: attempt {position} of {campaign!r} is whole, but not as RVSG {rvsg.__version__} keeps "
+                f"it; was it written by a newer RVSG? {error}",
+                code="attempt-unreadable",
+            ) from None
 
-    def _packed(self, connection: sa.Connection, attempt: Attempt, record: bytes) -> bytes:
+    def _packed(self, connection: sqlite3.Connection, attempt: Attempt, record: bytes) -> bytes:
         """Pack a record; the first with measurements, so with the names of all metrics, is what the others repeat."""
-        dictionary = self._dictionary(connection, attempt.campaign)
+        dictionary = self._dictionary(attempt.campaign)
         if not dictionary and attempt.measurements:
-            dictionary = dictionary_of(record)
-            row = {"campaign": attempt.campaign, "packed": pack_record(dictionary)}
-            connection.execute(_dictionaries.insert().values(row))
+            dictionary = record[-WINDOW:]
+            connection.execute(
+                "INSERT INTO dictionaries (campaign, packed) VALUES (?, ?)", (attempt.campaign, pack_record(dictionary))
+            )
         return pack_record(record, dictionary)
 
-    def _dictionary(self, connection: sa.Connection, campaign: str) -> bytes:
+    def _dictionary(self, campaign: str) -> bytes:
         """Return what the records of a campaign are packed with; nothing if there is none."""
-        if self._version < _PACKED_SINCE:
-            return b""
-        query = sa.select(_dictionaries.c.packed).where(_dictionaries.c.campaign == campaign)
-        packed = connection.execute(query).scalar_one_or_none()
+        rows = self._rows("SELECT packed FROM dictionaries WHERE campaign = ?", campaign)
         try:
-            return b"" if packed is None else unpack_record(packed)
-        except (ValueError, TypeError) as error:
+            return unpack_record(rows[0][0]) if rows else b""
+        except ValueError as error:
             raise self._damaged(f"the dictionary of campaign {campaign!r} cannot be read: {error}") from None
 
     def run(self, run_id: str) -> Run:
@@ -336,50 +347,53 @@ class SqliteLedger(Ledger):
 
     def find(self, run_id: str) -> Run | None:
         """Return the run of that id, or None."""
-        query = _FIND if self._version >= _CHECKSUMS_SINCE else _FIND_WITHOUT_CHECKSUM
-        with self._translated(), self._engine.connect() as connection:
-            found = _driver(connection).execute(query, (run_id,)).fetchone()
-        if found is None:
+        rows = self._rows("SELECT header, arrays, checksum FROM runs WHERE id = ?", run_id)
+        if not rows:
             return None
-        row = _Kept(*found)
-        if not _is_whole(row):
-            raise self._damaged(f"{run_id} is not what was stored: it lost the checksum it was kept with")
+        self._check_run(run_id, *rows[0])
         try:
-            run = unpack(row.arrays)
+            run = unpack(rows[0][1])
         except (ValidationError, InputError, ValueError) as error:
             raise self._damaged(f"{run_id} cannot be read ({error})") from None
         if run.id != run_id:
             raise self._damaged(f"{run_id} is not what was stored")
         return run
 
-    def _parsed(self, record: str, what: str) -> Attempt:
-        try:
-            return Attempt.from_json(record)
-        except ValidationError as error:
-            raise StoreError(
-                f"{self.path}: {what} is whole, but not as RVSG {rvsg.__version__} keeps it; was it written by a "
-                f"newer RVSG? {error}",
-                code="attempt-unreadable",
-            ) from None
+    def _check_run(self, run_id: str, header: object, arrays: object, checksum: object) -> None:
+        """Raise StoreError unless a run is as it was kept: its id is of what determines it, not of what came out."""
+        if header != "" or not isinstance(arrays, bytes) or checksum != _checksum(arrays):
+            raise self._damaged(f"{run_id} is not what was stored: it lost the checksum it was kept with")
 
-    def _damaged(self, what: str) -> StoreError:
-        return StoreError(
-            f"{self.path}: {what}. The file was damaged or changed from outside: restore it from a copy, or repeat the "
-            "campaign in another --out.",
-            code="store-damaged",
-        )
+    @property
+    def _db(self) -> sqlite3.Connection:
+        assert self._connection is not None
+        return self._connection
 
-    def _writing(self) -> AbstractContextManager[sa.Connection]:
-        """Return a transaction; StoreError if the file was opened to be read only."""
+    def _rows(self, query: str, *values: object) -> list[Any]:
+        with self._lock, self._translated():
+            return self._db.execute(query, values).fetchall()
+
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[sqlite3.Connection]:
+        """Begin a transaction, and commit or undo it; StoreError if the file was opened to be read only."""
         if self.readonly:
             raise StoreError(f"{self.path}: the file cannot be written, only read.", code="store-readonly")
-        return self._engine.begin()
+        with self._lock:
+            self._db.execute("BEGIN IMMEDIATE")
+            with self._db:  # commits, or rolls back
+                yield self._db
 
-    def _translated(self) -> _Translated:
-        return _Translated(self)
+    @contextlib.contextmanager
+    def _translated(self) -> Iterator[None]:
+        """Turn an error of SQLite inside into a StoreError that names the file."""
+        try:
+            yield
+        except sqlite3.Error as error:
+            raise self._error(error) from None
+        except UnicodeDecodeError:  # of a message of SQLite that quotes what is damaged
+            raise self._damaged("its tables are not what was stored") from None
 
-    def _error(self, given: DatabaseError | sqlite3.DatabaseError) -> StoreError:
-        error = given.orig if isinstance(given, DatabaseError) else given
+    def _error(self, error: sqlite3.Error) -> StoreError:
         reason, code = str(error), result_code(error)
         if code is None and isinstance(error, sqlite3.OperationalError):  # a text that is not UTF-8
             return self._damaged("a text in it is not what was stored")
@@ -389,52 +403,67 @@ class SqliteLedger(Ledger):
             reason += "; another process holds it"
         if code == sqlite3.SQLITE_NOTADB:
             reason = "this is no RVSG store (file is not a database). If it was one, restore it from a copy."
-        if code == sqlite3.SQLITE_CANTOPEN and has_log(self.path):
+        if code == sqlite3.SQLITE_CANTOPEN and self._has_log():
             reason += f". The last records are in {self.path.name}-wal; copy the folder to where it may be written"
         if code == sqlite3.SQLITE_FULL:
             reason += ". Free some space and run the same command again to resume."
         return StoreError(f"{self.path}: {reason}", code=None if code is None else CODES.get(code))
 
-
-class _Translated:
-    """Turns a database error inside into a StoreError that names the file."""
-
-    def __init__(self, ledger: SqliteLedger) -> None:
-        self._ledger = ledger
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: object) -> None:
-        if isinstance(error, DatabaseError | sqlite3.DatabaseError):
-            raise self._ledger._error(error) from None
-        if isinstance(error, UnicodeDecodeError):  # of a message of SQLite that quotes what is damaged
-            raise self._ledger._damaged("its tables are not what was stored") from None
+    def _damaged(self, what: str) -> StoreError:
+        return StoreError(
+            f"{self.path}: {what}. The file was damaged or changed from outside: restore it from a copy, or repeat the "
+            "campaign in another --out.",
+            code="store-damaged",
+        )
 
 
-def _keep(connection: sa.Connection, run: PackedRun) -> None:
-    row = (run.id, run.scenario_id, run.seed, "", run.data, _checksum("", run.data))
-    _driver(connection).execute(_KEEP, row)
+def result_code(error: sqlite3.Error) -> int | None:
+    """Return the primary result code of an SQLite error; None if Python raised it."""
+    code = getattr(error, "sqlite_errorcode", None)
+    return None if code is None else code & 0xFF
 
 
-def _driver(connection: sa.Connection) -> sqlite3.Connection:
-    """Return SQLite's own connection, in the same transaction."""
-    driver = connection.connection.driver_connection
-    assert isinstance(driver, sqlite3.Connection)
-    return driver
+def write_ahead(cursor: sqlite3.Cursor, patience_s: float) -> None:
+    """Have the file keep a write-ahead log.
+
+    SQLite does not wait by itself here where another process opens the same new file.
+
+    Raises:
+        sqlite3.OperationalError: The file cannot be written, or another process held it for longer than `patience_s`.
+    """
+    deadline = time.monotonic() + patience_s
+    while True:
+        try:
+            cursor.execute("PRAGMA journal_mode=WAL")
+            return
+        except sqlite3.OperationalError as error:
+            if result_code(error) not in BUSY or time.monotonic() > deadline:
+                raise
+            time.sleep(0.02)
 
 
-def _is_whole(row: Any) -> bool:
-    """Return whether a run is as it was kept; of one that was kept before there were checksums nobody can say."""
-    if row.checksum is None:
-        return True
-    return (
-        isinstance(row.header, str)
-        and isinstance(row.arrays, bytes)
-        and row.checksum == _checksum(row.header, row.arrays)
+def _shared(attempt: Attempt, known: dict[str, Scenario]) -> Attempt:
+    """Return an attempt whose scenarios are those of earlier ones where they are equal: a brief repeats many."""
+
+    def one(part: T) -> T:
+        if part.scenario is None:
+            return part
+        return part.model_copy(update={"scenario": known.setdefault(part.scenario.id, part.scenario)})
+
+    brief = attempt.brief
+    changes: dict[str, object] = {"memory": tuple(map(one, brief.memory))}
+    changes |= {"feedback": brief.feedback and one(brief.feedback), "untold": brief.untold and one(brief.untold)}
+    return attempt.model_copy(update={"brief": brief.model_copy(update=changes), "proposal": one(attempt.proposal)})
+
+
+def _keep(connection: sqlite3.Connection, run: PackedRun) -> None:
+    connection.execute(
+        "INSERT INTO runs (id, scenario_id, seed, header, arrays, checksum) VALUES (?, ?, ?, '', ?, ?) "
+        "ON CONFLICT DO NOTHING",
+        (run.id, run.scenario_id, run.seed, run.data, _checksum(run.data)),
     )
 
 
-def _checksum(header: str, arrays: bytes) -> str:
+def _checksum(arrays: bytes) -> str:
     """Of a run as it is stored, before it is unpacked."""
-    return hashlib.sha256(header.encode() + b"\0" + arrays).hexdigest()
+    return hashlib.sha256(b"\0" + arrays).hexdigest()

@@ -13,8 +13,7 @@ from nicegui import ui
 
 import rvsg
 from rvsg.app.comparison import VersionComparison, compare_campaigns
-from rvsg.campaign.comparison import CaseChange, Change
-from rvsg.campaign.suite import CaseResult
+from rvsg.campaign.suite import CaseChange, CaseResult, Change
 from rvsg.core.errors import InputError
 from rvsg.report.comparison_page import change_rows
 from rvsg_studio.answers import compared_versions
