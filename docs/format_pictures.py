@@ -23,8 +23,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import yaml
 
-from rvsg_exchange.exporters import foxglove_layout
-from rvsg_exchange.formats import export
+from rvsg_exchange.formats import export, foxglove_layout
 from rvsg_exchange.recordings import bag_messages, open_bag
 
 Point = tuple[float, float]

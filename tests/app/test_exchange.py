@@ -18,8 +18,7 @@ from rvsg.evaluation.metrics.registry import measure
 from rvsg.scenario.builder import save_scenario
 from rvsg.simulation.archive import rounded
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
-from rvsg_exchange.exporters import foxglove_layout
-from rvsg_exchange.formats import export, import_agents
+from rvsg_exchange.formats import export, foxglove_layout, import_agents
 
 
 @pytest.fixture(scope="module")

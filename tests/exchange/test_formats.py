@@ -23,7 +23,7 @@ from rvsg.simulation.run import Run
 from rvsg.world.world import World
 from rvsg.world.world_folder import load_world
 from rvsg_exchange.bag import rosbags_types, write_bag
-from rvsg_exchange.exporters import Csv, Parquet, goals_yaml, scenario_osc, world_sdf
+from rvsg_exchange.formats import Csv, Parquet, goals_yaml, scenario_osc, world_sdf
 from rvsg_exchange.recordings import open_bag, read_recording
 
 

@@ -19,7 +19,7 @@ from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.world.world_folder import load_world
-from rvsg_exchange.exporters import SDF_VERSION, world_sdf
+from rvsg_exchange.formats import SDF_VERSION, world_sdf
 
 INSTALLED = ("/usr/share", "/usr/local/share", "/opt/ros")
 VALUES = {"double": 1, "int": 1, "unsigned int": 1, "vector2d": 2, "vector2i": 2, "vector3": 3, "pose": 6, "color": 4}

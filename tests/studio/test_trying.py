@@ -12,9 +12,9 @@ from rvsg.app.settings import CampaignConfig
 from rvsg.campaign.suite import Change
 from rvsg.core.errors import InputError
 from rvsg.evaluation.verdict import load_requirement
-from rvsg_studio.estimate import estimate
 from rvsg_studio.listing import FoundCampaign
 from rvsg_studio.model_questions import conversations_of, named_in
+from rvsg_studio.pages.new_campaign import estimate
 from rvsg_studio.scenario_editor import empty_scenario, scenario_of, try_out, with_person
 
 

@@ -1,25 +1,328 @@
-"""Export of scenarios and runs, and import of HuNavSim agents files."""
+"""Export of scenarios and runs in formats of other tools, and import of HuNavSim agents files."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import csv
+import io
+import math
+import re
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
+
+import numpy as np
+import shapely
+import yaml
+from jinja2 import Environment, PackageLoader
+from numpy.typing import NDArray
 
 from rvsg.app.playback import trace as traced_run
 from rvsg.app.runs import RunSet, simulate
 from rvsg.core import plugins
-from rvsg.core.errors import InputError, UnknownName
+from rvsg.core.errors import InputError, UnknownName, how_to_install
+from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec, ignore
+from rvsg.core.records import Pose
 from rvsg.scenario.builder import load_scenario_in, read_scenario
 from rvsg.scenario.builder import scenario as scenario_of
-from rvsg.scenario.scenario import Human, HumanAgent, Pause, Scenario, Task
+from rvsg.scenario.scenario import Human, HumanAgent, Pause, Scenario, Task, decode
 from rvsg.scenario.world_lookup import as_world, world_of
 from rvsg.simulation.archive import once, read_runs
 from rvsg.simulation.exporter import Exportable, Exporter
+from rvsg.simulation.run import Run
 from rvsg.simulation.stacks.registry import StackLike
-from rvsg.world.world import World
+from rvsg.world.world import Polygon, Route, SolidObject, World
 from rvsg_exchange import hunav_agents
+from rvsg_exchange.bag import rosbags_types, write_bag
+
+DIALECTS: tuple[hunav_agents.Dialect, ...] = get_args(hunav_agents.Dialect)
+Release = Literal["humble", "jazzy", "kilted"]
+RELEASES: tuple[Release, ...] = get_args(Release)
+SDF_VERSION = "1.7"
+"""Read by Gazebo Classic 11 and by Gazebo Fortress and later."""
+ACTOR_STEP_S = 0.5
+SKIN = "https://fuel.gazebosim.org/1.0/Mingfei/models/actor/tip/files/meshes/walk.dae"
+"""The actors' mesh and walking animation."""
+Column = NDArray[Any]
+
+
+def _render(template: str, *, xml: bool = False, **values: Any) -> str:
+    environment = Environment(
+        loader=PackageLoader("rvsg_exchange", "."),
+        autoescape=xml,  # noqa: S701 (what is not XML has nothing to escape)
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters["line"] = lambda text: " ".join(str(text).split())
+    return environment.get_template(template).render(**values)
+
+
+def scenario_osc(scenario: Scenario, world: World, *, agents_file: str = "agents.yaml") -> str:
+    """Return a scenario as OpenSCENARIO DSL.
+
+    Args:
+        scenario: the scenario; its mission becomes the robot's actions, its time limit the timeout.
+        world: the world of the scenario; poses are shifted by `map_offset` into the map frame.
+        agents_file: the HuNavSim file that holds the people; a comment names it.
+    """
+    dx, dy = world.map_offset
+
+    def pose(at: Pose) -> str:
+        position = f"position_3d(x: {at.x - dx:.6f}m, y: {at.y - dy:.6f}m)"
+        return f"pose_3d({position}, orientation: orientation_3d(yaw: {at.yaw:.6f}rad))"
+
+    return _render(
+        "scenario.osc.j2",
+        scenario=scenario,
+        route=scenario.mission.route,
+        description=" ".join(scenario.description.split()),
+        name=re.sub(r"\W", "_", scenario.id),
+        agents_file=agents_file,
+        pose=pose,
+    )
+
+
+def goals_yaml(route: Route, world: World, *, release: Release = "jazzy") -> str:
+    """Return the poses the robot must pass and the goal, in the map frame, as the YAML of an action goal.
+
+    Args:
+        route: the route; its `through` poses come first, its goal last.
+        world: the world of the route; its poses are shifted by `map_offset` into the map frame.
+        release: up to Jazzy the goal holds a list of PoseStamped, from Kilted on a nav_msgs/Goals.
+    """
+    header = {"frame_id": "map"}
+    goals: Any = [{"header": {**header}, "pose": _goal_pose(p, world)} for p in (*route.through, route.goal)]
+    if release == "kilted":
+        goals = {"header": header, "goals": goals}
+    return yaml.safe_dump({"poses": goals, "behavior_tree": ""}, sort_keys=False)
+
+
+def initial_pose_yaml(route: Route, world: World) -> str:
+    """Return the start of the route as the YAML of a `geometry_msgs/PoseWithCovarianceStamped` for `/initialpose`."""
+    covariance = [0.0] * 36
+    covariance[0] = covariance[7] = 0.25
+    covariance[35] = (math.pi / 12) ** 2
+    pose = {"pose": _goal_pose(route.start, world), "covariance": covariance}
+    return yaml.safe_dump({"header": {"frame_id": "map"}, "pose": pose}, sort_keys=False)
+
+
+def _goal_pose(pose: Pose, world: World) -> dict[str, dict[str, float]]:
+    dx, dy = world.map_offset
+    return {
+        "position": {"x": pose.x - dx, "y": pose.y - dy, "z": 0.0},
+        "orientation": {"x": 0.0, "y": 0.0, "z": math.sin(pose.yaw / 2), "w": math.cos(pose.yaw / 2)},
+    }
+
+
+def world_sdf(world: World, run: Run | None = None) -> str:
+    """Return a world as SDF.
+
+    Args:
+        world: its solid objects become static models, extruded from the floor to their height.
+        run: its people become actors that repeat what they did in the run, on the run's clock; None: no people.
+    """
+    actors = {name: _waypoints(run, k) for k, name in enumerate(run.human_names)} if run is not None else {}
+    return _render("world.sdf.j2", xml=True, world=world, version=SDF_VERSION, rings=_rings, actors=actors, skin=SKIN)
+
+
+def _rings(thing: SolidObject) -> list[Polygon]:
+    """Return outlines without holes that together cover the object: a polyline of SDF is one closed ring."""
+    if not thing.holes:
+        return [thing.footprint]
+    pieces = shapely.constrained_delaunay_triangles(shapely.Polygon(thing.footprint, thing.holes))
+    return [tuple(piece.exterior.coords[:-1]) for piece in shapely.get_parts(pieces)]
+
+
+def _waypoints(run: Run, index: int) -> list[tuple[float, str]]:
+    """Return times and poses of a person, as an actor repeats them."""
+    path = run.trajectory
+    times = np.arange(0.0, float(path.t[-1]) + ACTOR_STEP_S / 2, ACTOR_STEP_S)
+    if times.size < 2:
+        raise InputError("The run is too short to make actors of its people.")
+    x = np.interp(times, path.t, path.human_x[:, index])
+    y = np.interp(times, path.t, path.human_y[:, index])
+    yaw = np.interp(times, path.t, np.unwrap(path.human_yaw[:, index]))
+    return [(t, f"{x[k]:.4f} {y[k]:.4f} 0 0 0 {yaw[k]:.4f}") for k, t in enumerate(times.tolist())]
+
+
+def trajectory_table(runs: Iterable[Run]) -> dict[str, Column]:
+    """Return the trajectories of runs as columns of equal length.
+
+    Columns: `run` (content id), `seed`, `t` (s), `robot` or the name of a person as `who`, `x`, `y` (m, world frame),
+    `yaw` (rad), `speed` (m/s), and for the robot `omega` (rad/s) and `acceleration` (m/s2); people have NaN there.
+    Rows are ordered by run, then who, then time.
+    """
+    parts: list[dict[str, Column]] = []
+    for run in runs:
+        path = run.trajectory
+        n = len(path)
+        none = np.full(n, np.nan)
+        same = {"run": np.full(n, run.id), "seed": np.full(n, run.seed), "t": path.t}
+        parts.append(
+            same
+            | {"who": np.full(n, "robot"), "x": path.x, "y": path.y, "yaw": path.yaw, "speed": path.v}
+            | {"omega": path.omega, "acceleration": path.acceleration}
+        )
+        for k, name in enumerate(run.human_names):
+            human = {"x": path.human_x, "y": path.human_y, "yaw": path.human_yaw, "speed": path.human_speed}
+            parts.append(
+                same
+                | {"who": np.full(n, name)}
+                | {key: values[:, k] for key, values in human.items()}
+                | {"omega": none, "acceleration": none}
+            )
+    if not parts:
+        raise InputError("There are no runs to write a table of.")
+    return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+
+
+def foxglove_layout() -> str:
+    """Return a layout as Foxglove imports it: the map with robot and people, and plots of speed and acceleration."""
+    return Path(__file__).with_name("foxglove_layout.json").read_text(encoding="utf-8")
+
+
+def _scenario_in(source: Exportable) -> tuple[Scenario, World]:
+    if source.scenario is None or source.world is None:
+        raise InputError("This is a format of scenarios: give the scenario, not its runs.")
+    return source.scenario, source.world
+
+
+class Csv(Exporter):
+    """Trajectories as CSV."""
+
+    takes = "runs"
+
+    def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
+        """Write a header, and a row for each sample of robot and people; reading a number gives the same float."""
+        table = trajectory_table(source.runs)
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(table)
+        for row in zip(*(values.tolist() for values in table.values()), strict=True):
+            writer.writerow(["" if value != value else value for value in row])
+        write_whole(path, text.getvalue())
+        return ()
+
+
+class Parquet(Exporter):
+    """Trajectories as Parquet; needs pyarrow (extra `tables`)."""
+
+    takes = "runs"
+
+    def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
+        """Write a row for each sample of robot and people."""
+        try:
+            import pyarrow as pa
+            import pyarrow.parquet as pq
+        except ImportError:
+            raise InputError(f"Parquet needs pyarrow: {how_to_install('tables')}.") from None
+        table = trajectory_table(source.runs)
+        sink = io.BytesIO()
+        columns = {key: pa.array(values.tolist(), from_pandas=True) for key, values in table.items()}
+        pq.write_table(pa.table(columns), sink)
+        write_whole(path, sink.getvalue())
+        return ()
+
+
+class Mcap(Exporter):
+    """A run as rosbag2 for Foxglove, RViz and `ros2 bag play`."""
+
+    takes = "runs"
+
+    def check(self) -> None:
+        """Raise InputError where rosbags is not installed."""
+        rosbags_types()
+
+    def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
+        """Write the one run that a bag holds, with its trace where there is one."""
+        if len(source.runs) > 1:
+            raise InputError(f"A bag holds one run, and {len(source.runs)} are given. Give the scenario and --seed.")
+        if source.world is None:
+            raise InputError("A bag holds the map: say with --world (in Python world=) which world the run is of.")
+        write_bag(source.runs[0], source.world, path, trace=source.trace)
+        return ()
+
+
+class HunavAgents(Exporter):
+    """The people of a scenario as an agents file of HuNavSim."""
+
+    def __init__(self, dialect: hunav_agents.Dialect = "block") -> None:
+        if dialect not in DIALECTS:
+            raise UnknownName("dialect", dialect, DIALECTS)
+        self.dialect = dialect
+
+    def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
+        """Write the agents; return what HuNavSim does not hold of them."""
+        scenario, world = _scenario_in(source)
+        agents = decode(scenario.people, world.grid)
+        text, notes = hunav_agents.agents_yaml(agents, map_name=world.name, dialect=self.dialect)
+        write_whole(path, text)
+        return notes
+
+
+class Nav2Goals(Exporter):
+    """The route of a scenario as the goal of Nav2's `NavigateThroughPoses`."""
+
+    def __init__(self, release: Release = "jazzy") -> None:
+        if release not in RELEASES:
+            raise UnknownName("release", release, RELEASES)
+        self.release = release
+
+    def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
+        """Write the poses in the map frame."""
+        scenario, world = _scenario_in(source)
+        write_whole(path, goals_yaml(scenario.mission.route, world, release=self.release))
+        return ()
+
+
+class InitialPose(Exporter):
+    """The start of a scenario's route as a message for `/initialpose`."""
+
+    def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
+        """Write the pose in the map frame."""
+        scenario, world = _scenario_in(source)
+        write_whole(path, initial_pose_yaml(scenario.mission.route, world))
+        return ()
+
+
+class OpenScenario(Exporter):
+    """A scenario as OpenSCENARIO DSL."""
+
+    def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
+        """Write the scenario in the dialect of scenario-execution."""
+        write_whole(path, scenario_osc(*_scenario_in(source)))
+        return ()
+
+
+class Gazebo(Exporter):
+    """A world as SDF, with the people of a run as actors."""
+
+    takes = "either"
+
+    def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
+        """Write the world; a scenario without a run has no course of its people."""
+        if source.world is None or (source.scenario is None and not source.runs):
+            raise InputError('"sdf" is a format of scenarios: give the scenario, not its runs.')
+        if not source.runs:
+            write_whole(path, world_sdf(source.world))
+            return ("A scenario has no recorded course of its people; export a run to get actors.",)
+        if len(source.runs) != 1:
+            raise InputError(f"A Gazebo world replays one run, and {len(source.runs)} are given.")
+        write_whole(path, world_sdf(source.world, source.runs[0]))
+        return ()
+
+
+class FoxgloveLayout(Exporter):
+    """The layout for Foxglove that fits the bags."""
+
+    takes = "nothing"
+
+    def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
+        """Write the layout."""
+        write_whole(path, foxglove_layout())
+        return ()
+
 
 LONGEST_PAUSE_S = 600.0
 

@@ -313,10 +313,6 @@ class ActionClient:
         """Whether a server is connected for goals, results and cancelling."""
         return self._send.is_matched and self._result.is_matched and self._cancel.is_matched
 
-    def new_goal(self) -> Any:
-        """Return an empty goal."""
-        return self.types[f"{self.kind}_Goal"]()
-
     def send_goal(self, goal: Any) -> None:
         """Send a goal; `poll` learns what becomes of it."""
         self._goal_id = list(uuid.uuid4().bytes)

@@ -36,8 +36,6 @@ from rvsg.simulation.stacks.registry import StackChoice, StackLike
 from rvsg_ros2.interfaces import Release
 from rvsg_ros2.options import Ros2Options, scan_topic
 
-_CRITICS = ("RotateToGoal", "Oscillation", "BaseObstacle", "GoalAlign", "PathAlign", "PathDist", "GoalDist")
-
 
 def nav2_text(robot: Robot, driver: NavigationStack, release: Release, options: Ros2Options | None = None) -> str:
     """Return Nav2's parameter file for a robot, with the names and frames that the stack `ros2` uses.
@@ -50,7 +48,7 @@ def nav2_text(robot: Robot, driver: NavigationStack, release: Release, options: 
         InputError: the stack has no controller of Nav2.
     """
     name = driver.name or type(driver).__name__
-    controller = _controller(driver, robot, name)
+    controller = _controller(driver, name)
     robot, options = driver.adapt(robot), options or Ros2Options()
     if robot.navigation.costmaps.local_size_m % 1:
         size = robot.navigation.costmaps.local_size_m
@@ -72,6 +70,8 @@ def nav2_text(robot: Robot, driver: NavigationStack, release: Release, options: 
         old=old,
         separator=Verbatim("/" if old else "::"),
         controller=controller,
+        dwb=robot.navigation.dwb,
+        planned=planned_range(robot),
         planning=PLANNING,
         lidars=lidars,
         polygons={each.name: _polygon(each, old) for each in robot.navigation.collision_monitor},
@@ -97,7 +97,7 @@ def _yaml(value: Any) -> str:
     return yaml.safe_dump(value, default_flow_style=True, width=math.inf, sort_keys=False).removesuffix("...\n").strip()
 
 
-def _controller(driver: NavigationStack, robot: Robot, name: str) -> dict[str, Any]:
+def _controller(driver: NavigationStack, name: str) -> dict[str, Any]:
     """Return the section of the controller, without what the robot adds to it."""
     if isinstance(driver, Configured):
         dumped = driver.settings.model_dump(mode="json")  # the names of a controller's own options are Nav2's
@@ -111,44 +111,11 @@ def _controller(driver: NavigationStack, robot: Robot, name: str) -> dict[str, A
         plugin = "nav2_mppi_controller::MPPIController"
         return {"plugin": plugin, "motion_model": "DiffDrive", **own, "visualize": False, "critics": critics}
     if type(driver) is Nav2Dwb:
-        return {"plugin": "dwb_core::DWBLocalPlanner", **_dwb(driver.adapt(robot))}
+        return {}  # the template has it
     raise InputError(
         f"The stack {name} has no controller of Nav2. Those that have one: nav2-dwb, nav2-rpp, nav2-mppi.",
         code="stack-not-nav2",
     )
-
-
-def _dwb(robot: Robot) -> dict[str, Any]:
-    dwb, planned = robot.navigation.dwb, planned_range(robot)
-    side = planned.side
-    obstacle = "ObstacleFootprint" if dwb.check_footprint else "BaseObstacle"
-    critics = [obstacle if name == "BaseObstacle" else name for name in _CRITICS]
-    return {
-        "debug_trajectory_details": False,
-        "min_vel_x": planned.low, "min_vel_y": -side, "max_vel_x": planned.high, "max_vel_y": side,
-        "max_vel_theta": planned.turn, "min_speed_xy": 0.0, "max_speed_xy": planned.high, "min_speed_theta": 0.0,
-        "acc_lim_x": planned.acceleration, "acc_lim_y": planned.acceleration if side else 0.0,
-        "acc_lim_theta": planned.yaw_acceleration,
-        "decel_lim_x": -planned.deceleration, "decel_lim_y": -planned.acceleration if side else 0.0,
-        "decel_lim_theta": -planned.yaw_acceleration,
-        "vx_samples": dwb.speed_samples, "vy_samples": dwb.lateral_samples if side else 1,
-        "vtheta_samples": dwb.yaw_rate_samples,
-        "sim_time": dwb.sim_time_s, "linear_granularity": dwb.linear_granularity_m,
-        "angular_granularity": dwb.angular_granularity_rad, "transform_tolerance": 0.2,
-        "xy_goal_tolerance": robot.navigation.behaviours.goal_tolerance_m,
-        "prune_distance": dwb.prune_distance_m, "forward_prune_distance": dwb.prune_distance_m,
-        "trans_stopped_velocity": dwb.stopped_m_s, "short_circuit_trajectory_evaluation": True, "stateful": True,
-        "critics": critics,
-        f"{obstacle}.scale": dwb.obstacle_scale,
-        "PathAlign.scale": dwb.path_align_scale, "PathAlign.forward_point_distance": dwb.forward_point_m,
-        "GoalAlign.scale": dwb.goal_align_scale, "GoalAlign.forward_point_distance": dwb.forward_point_m,
-        "PathDist.scale": dwb.path_distance_scale, "GoalDist.scale": dwb.goal_distance_scale,
-        "RotateToGoal.scale": dwb.rotate_to_goal_scale, "RotateToGoal.slowing_factor": dwb.slowing_factor,
-        "RotateToGoal.lookahead_time": -1.0,
-        "Oscillation.x_only_threshold": dwb.oscillation_speed_m_s,
-        "Oscillation.oscillation_reset_dist": dwb.oscillation_reset_m,
-        "Oscillation.oscillation_reset_angle": dwb.oscillation_reset_rad,
-    }  # fmt: skip
 
 
 def _polygon(polygon: MonitorPolygon, old: bool) -> dict[str, Any]:

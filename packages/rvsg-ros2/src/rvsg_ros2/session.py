@@ -369,7 +369,7 @@ class Session:
             messages.make("geometry_msgs/PoseStamped", header=header, pose=messages.pose(x, y, yaw))
             for x, y, yaw in poses
         ]
-        goal = client.new_goal()
+        goal = client.types[f"{client.kind}_Goal"]()
         if client.kind == TO_POSE:
             goal.pose = stamped[-1]
         elif isinstance(goal.poses, list):

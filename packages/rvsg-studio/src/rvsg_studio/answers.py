@@ -1,4 +1,7 @@
-"""The answers of each address of data, as functions of the workspace and the question."""
+"""The data behind the pages: each address answers with JSON or a listed file, by a function of workspace and question.
+
+The JavaScript components fetch and send it.
+"""
 
 from __future__ import annotations
 
@@ -8,19 +11,24 @@ import shlex
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from fastapi.responses import Response
+from fastapi import FastAPI, Request
+from fastapi.responses import JSONResponse, Response
+from nicegui import run
 
 import rvsg
 from rvsg import Scenario, Spec, World
 from rvsg.app.comparison import VersionComparison, compare_versions
 from rvsg.app.playback import kept_trace, trace_source, trace_text
 from rvsg.app.runs import RunSet
-from rvsg.core.errors import InputError
+from rvsg.core import permission
+from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import write_whole
 from rvsg.evaluation.verdict import counted, load_requirement
+from rvsg.report.page import component, look
 from rvsg.scenario.builder import check_valid, load_scenario_in, save_scenario
 from rvsg.scenario.requirement import Requirement, shipped_requirements
 from rvsg.scenario.world_lookup import world_of
@@ -39,7 +47,7 @@ from rvsg_studio.scenario_editor import (
     try_out,
     with_person,
 )
-from rvsg_studio.workspace import Workspace, read_json
+from rvsg_studio.workspace import LARGEST_FILE, Workspace, forget, listed, read_json, receive, typed, typed_keep
 from rvsg_studio.world_editor import History, editable_world, remarks_on
 
 Answer = Callable[[Workspace, dict[str, Any]], Any]
@@ -287,29 +295,6 @@ def picture(workspace: Workspace, given: dict[str, Any]) -> Response:
 MOST_SEEDS = 20
 _editing = threading.Lock()
 
-ANSWERS: dict[str, Answer] = {
-    "replay": replay,
-    "world": world,
-    "world-check": world_check,
-    "scenario": scenario,
-    "runs": runs,
-    "versions": versions,
-}
-"""Questions by their address below `/data/`: they change nothing."""
-CHANGES: dict[str, Answer] = {
-    "world-edit": world_edit,
-    "world-undo": _world_step(History.undo),
-    "world-redo": _world_step(History.redo),
-    "world-drive": world_drive,
-    "scenario-try": scenario_try,
-    "scenario-keep": scenario_keep,
-    "scenario-replay": scenario_replay,
-    "scenario-save": scenario_save,
-    "scenario-discard": scenario_discard,
-}
-"""What may change something or takes a long question."""
-
-
 DROPPED = "dropped.json"
 
 
@@ -377,3 +362,116 @@ def trace(workspace: Workspace, given: dict[str, Any]) -> Response:
             folder = workspace.existing(text_of(given, "campaign"))
             text = kept_trace(rvsg.Campaign.open(folder, given.get("name") or None), run)
     return Response(text, media_type="application/json")
+
+
+ANSWERS: dict[str, Answer] = {
+    "replay": replay,
+    "world": world,
+    "world-check": world_check,
+    "scenario": scenario,
+    "runs": runs,
+    "versions": versions,
+    "picture": picture,
+    "names": names,
+    "typed": typed,
+    "files": listed,
+}
+"""Questions by their address below `/data/`: they change nothing."""
+CHANGES: dict[str, Answer] = {
+    "world-edit": world_edit,
+    "world-undo": _world_step(History.undo),
+    "world-redo": _world_step(History.redo),
+    "world-drive": world_drive,
+    "scenario-try": scenario_try,
+    "scenario-keep": scenario_keep,
+    "scenario-replay": scenario_replay,
+    "scenario-save": scenario_save,
+    "scenario-discard": scenario_discard,
+    "trace": trace,
+    "names-ask": ask,
+    "names-drop": drop,
+    "names-model": model,
+    "typed-keep": typed_keep,
+    "files-forget": forget,
+}
+"""What may change something or takes a long question."""
+LARGEST = 2_000_000
+"""Bytes that a request may send."""
+SCRIPTS = ("studio.js", "world.js", "pages.js", "scenario.js")
+FRESH = {"cache-control": "no-cache"}
+
+
+def add_data(app: FastAPI, workspace: Workspace) -> None:
+    """Add the addresses of the files and data to the application."""
+
+    @app.get("/files/{name}")
+    def files(name: str) -> Response:
+        if name in ("look.css", "replay.js"):
+            text = look() if name == "look.css" else component()
+        elif name in ("studio.css", *SCRIPTS):
+            text = (resources.files("rvsg_studio") / "static" / name).read_text(encoding="utf-8")
+        else:
+            return Response(status_code=404)
+        kind = "text/css" if name.endswith(".css") else "text/javascript"
+        return Response(text, media_type=kind, headers=FRESH)
+
+    for name, answer in ANSWERS.items():
+        app.add_api_route(f"/data/{name}", _get(workspace, answer), methods=["GET"])
+    for name, answer in CHANGES.items():
+        app.add_api_route(f"/data/{name}", _post(workspace, answer), methods=["POST"])
+
+    @app.post("/data/file")
+    async def file(request: Request, name: str = "") -> Response:
+        if request.headers.get("content-type") != "application/octet-stream":
+            return JSONResponse({"error": "Expected the bytes of a file."}, status_code=415)
+        content = await _limited(request, LARGEST_FILE)
+        if content is None:
+            return JSONResponse({"error": f"{name}: the file has more than {LARGEST_FILE} bytes."}, status_code=413)
+        return await _answered(workspace, lambda place, _: receive(place, name, content), {})
+
+
+async def _limited(request: Request, most: int) -> bytes | None:
+    """Return what a request sends; None where it is more than it may be."""
+    content = bytearray()
+    async for piece in request.stream():
+        content += piece
+        if len(content) > most:
+            return None
+    return bytes(content)
+
+
+def _get(workspace: Workspace, answer: Answer) -> Callable[[Request], Any]:
+    async def asked(request: Request) -> Response:
+        return await _answered(workspace, answer, dict(request.query_params))
+
+    return asked
+
+
+def _post(workspace: Workspace, answer: Answer) -> Callable[[Request], Any]:
+    async def sent(request: Request) -> Response:
+        if request.headers.get("content-type", "").partition(";")[0] != "application/json":
+            return JSONResponse({"error": "Expected JSON."}, status_code=415)
+        content = await _limited(request, LARGEST)
+        if content is None:
+            return JSONResponse({"error": "The request is too large."}, status_code=413)
+        try:
+            value = json.loads(content)
+        except ValueError:
+            return JSONResponse({"error": "This is no JSON."}, status_code=400)
+        if not isinstance(value, dict):
+            return JSONResponse({"error": "Expected an object."}, status_code=400)
+        return await _answered(workspace, answer, value)
+
+    return sent
+
+
+async def _answered(workspace: Workspace, answer: Answer, given: dict[str, Any]) -> Response:
+    def work() -> Any:
+        with permission.only():  # a request names no code of its own
+            return answer(workspace, given)
+
+    try:
+        made = await run.io_bound(work)
+    except RvsgError as error:
+        return JSONResponse({"error": str(error)}, status_code=400)
+    return made if isinstance(made, Response) else JSONResponse(made)

@@ -80,7 +80,7 @@ def _inner(workspace: Workspace) -> FastAPI:
     from fastapi import FastAPI
     from nicegui import ui
 
-    from rvsg_studio.data import add_data
+    from rvsg_studio.answers import add_data
 
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     add_data(app, workspace)

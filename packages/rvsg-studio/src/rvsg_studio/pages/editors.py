@@ -15,8 +15,7 @@ from rvsg.world.creation import save_created, world_from
 from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.answers import scenario_place, world_place
 from rvsg_studio.frame import PATIENT_S, Page, actions, address, field, load, page, route, select, tag, text_input
-from rvsg_studio.unsaved_input import KINDS, Typed, forget, received
-from rvsg_studio.workspace import Workspace
+from rvsg_studio.workspace import KINDS, Typed, Workspace, forget, received
 from rvsg_studio.world_editor import editable_world, folder_of_world
 
 

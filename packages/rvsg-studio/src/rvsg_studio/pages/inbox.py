@@ -22,8 +22,7 @@ from rvsg_studio.frame import Page, actions, chip, field, link, load, number_inp
 from rvsg_studio.model_questions import asked_model
 from rvsg_studio.pages.describe import model_form
 from rvsg_studio.pages.new_campaign import GENERATORS, routes_of
-from rvsg_studio.unsaved_input import Typed
-from rvsg_studio.workspace import Job, Workspace
+from rvsg_studio.workspace import Job, Typed, Workspace
 
 FOLDER = "proposals"
 """Where the proposals lie, in the folder of the studio."""
