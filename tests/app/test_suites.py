@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -135,3 +136,12 @@ def test_a_test_of_ones_own_is_called_for_every_case(suite: rvsg.Suite, pytester
     )
     result = pytester.runpytest_inprocess("--rvsg-suite", str(suite.folder), "-q")
     result.assert_outcomes(passed=2)
+
+
+def test_suites_that_are_opened_at_once_lose_no_expectation(tmp_path: Path, scenario: rvsg.Scenario) -> None:
+    folder = tmp_path / "suite"
+    opened = {name: rvsg.Suite.create(folder) for name in ("R1", "R2", "R3")}
+    with ThreadPoolExecutor() as pool:
+        list(pool.map(lambda name: opened[name].add(scenario, name, name="same"), opened))
+    [case] = rvsg.Suite.open(folder).cases
+    assert {each.requirement for each in case.expectations} == {"R1", "R2", "R3"}

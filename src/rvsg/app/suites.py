@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from filelock import FileLock
 from pydantic import Field
 
 from rvsg.campaign.attempt import Failure, Measurement
@@ -145,17 +146,19 @@ class Suite:
         check_valid(scenario, place)
         load_requirement(_requirement(requirement, self.folder), scenario.mission.route)
         expectation = Expectation.model_validate({"requirement": requirement, "expected": expected, "reason": reason})
-        known = next((case for case in self.cases if case.scenario.id == scenario.id), None)
-        if known is not None:
-            kept = tuple(each for each in known.expectations if each.requirement != requirement)
-            case = known.replace(expectations=(*kept, expectation))
-        else:
-            words = title or _title(scenario)
-            free = _free_name(name or words, {case.name for case in self.cases}, given=name is not None)
-            runs = max_runs or self.head.judging.max_runs
-            case = Case(name=free, title=words, expectations=(expectation,), scenario=scenario, max_runs=runs)
-        self._write(case, place)
-        return Suite.open(self.folder)
+        with FileLock(self.folder / ".lock"):  # another `rvsg suite add` may have changed the case
+            cases = Suite.open(self.folder).cases
+            known = next((case for case in cases if case.scenario.id == scenario.id), None)
+            if known is not None:
+                kept = tuple(each for each in known.expectations if each.requirement != requirement)
+                case = known.replace(expectations=(*kept, expectation))
+            else:
+                words = title or _title(scenario)
+                free = _free_name(name or words, {case.name for case in cases}, given=name is not None)
+                runs = max_runs or self.head.judging.max_runs
+                case = Case(name=free, title=words, expectations=(expectation,), scenario=scenario, max_runs=runs)
+            self._write(case, place)
+            return Suite.open(self.folder)
 
     def run(
         self,
