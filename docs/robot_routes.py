@@ -28,7 +28,7 @@ def main() -> None:
         cells = []
         for route in world.routes:
             try:
-                fit = fitted(route, robot, world).route
+                fit, _ = fitted(route, robot, world)
             except InputError as error:
                 cells.append(f"refused: `{error.code}`")
                 continue

@@ -94,7 +94,7 @@ def scenes(robot: Robot) -> list[tuple[str, World, list[HumanAgent]]]:
 def run_of(robot: Robot, world: World, people: list[HumanAgent]) -> Run:
     """Simulate the robot on the way across a room."""
     route = Route(name="across", start=Pose(x=1.6, y=3.0), goal=Pose(x=10.2, y=3.0), time_limit_s=60.0)
-    return simulate_agents(world, fitted(route, robot, world).route, people, robot=robot, seed=0)
+    return simulate_agents(world, fitted(route, robot, world)[0], people, robot=robot, seed=0)
 
 
 def boxes(world: World) -> list[tuple[float, float, float, float]]:

@@ -45,11 +45,11 @@ def route(goal_x: float = 8.0) -> Route:
 
 def test_a_goal_in_front_of_a_wall_moves_back_by_the_body_and_its_stopping_zone() -> None:
     world = hall(2.0)
-    fit = fitted(route(9.4), TUGGER, world)
+    fit, notes = fitted(route(9.4), TUGGER, world)
     front = 1.45  # the protective zone ends there
-    assert fit.route.goal.x == pytest.approx(9.95 - front - 0.1, abs=0.06)
-    assert len(fit.notes) == 1
-    assert fitted(fit.route, TUGGER, world) == (fit.route, ())
+    assert fit.goal.x == pytest.approx(9.95 - front - 0.1, abs=0.06)
+    assert len(notes) == 1
+    assert fitted(fit, TUGGER, world) == (fit, ())
     assert setback_m(route(8.0).goal, TUGGER, world) == 0.0
     assert setback_m(route(9.4).goal, TIAGO, world) == 0.0
 
@@ -58,22 +58,22 @@ def test_a_goal_that_no_setback_helps_stays() -> None:
     corner = Pose(x=5.0, y=0.1, yaw=0.0)
     assert setback_m(corner, TUGGER, hall(2.0)) is None
     asked = route().model_copy(update={"goal": corner})
-    assert fitted(asked, TUGGER, hall(2.0)).route.goal == corner
+    assert fitted(asked, TUGGER, hall(2.0))[0].goal == corner
 
 
 def test_a_slow_robot_gets_the_time_it_needs() -> None:
     slow = load_robot("turtlebot3_waffle")
-    fit = fitted(route(), slow, hall())
-    assert fit.route.time_limit_s >= 6.0 / slow.driving_speed_m_s
-    assert fitted(fit.route, slow, hall()).notes == ()
-    assert fitted(route(), AMR, hall()).notes == ()
+    fit, _ = fitted(route(), slow, hall())
+    assert fit.time_limit_s >= 6.0 / slow.driving_speed_m_s
+    assert fitted(fit, slow, hall())[1] == ()
+    assert fitted(route(), AMR, hall())[1] == ()
 
 
 @pytest.mark.parametrize("name", sorted(shipped_robots()))
 def test_every_shipped_robot_can_stand_at_the_ends_of_the_warehouse(name: str) -> None:
     world = load_world("warehouse")
     for each in world.routes:
-        assert setback_m(fitted(each, load_robot(name), world).route.goal, load_robot(name), world) == 0.0
+        assert setback_m(fitted(each, load_robot(name), world)[0].goal, load_robot(name), world) == 0.0
         assert fits_through(load_robot(name), each, world)
 
 

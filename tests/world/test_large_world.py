@@ -43,9 +43,9 @@ def hall() -> tuple[OccupancyMap, list[Area]]:
 def test_a_map_of_2000_by_2000_cells_is_read_gridded_and_drawn_in_seconds(
     hall: tuple[OccupancyMap, list[Area]], tmp_path: Path
 ) -> None:
-    path = write_map(hall[0], tmp_path)
+    write_map(hall[0], tmp_path)
     began = time.process_time()
-    world = build_world(name="hall", occupancy=load_nav2_map(path).occupancy, areas=hall[1])
+    world = build_world(name="hall", occupancy=load_nav2_map(tmp_path / "map.yaml").occupancy, areas=hall[1])
     pictures = [draw_plan(world, show=show) for show in (LABELLED, GRID)]
     assert all(png_bytes(picture.image) for picture in pictures)
     assert time.process_time() - began < 20.0  # far from quadratic; a busy machine takes longer
@@ -67,9 +67,9 @@ def test_a_grid_too_fine_for_one_picture_is_drawn_in_tiles_that_name_every_waypo
     assert any("too dense" in word.text for word in whole.words)
     parts = tiles(world, width_px=900)
     assert len(parts) == 4
-    named = {word.text for tile in parts for word in tile.picture.words}
+    named = {word.text for tile in parts.values() for word in tile.words}
     assert world.grid.valid <= named
-    assert overlaps(parts[0].picture) == []
+    assert overlaps(parts[0, 0]) == []
 
 
 def test_tiles_without_end_are_refused(hall: tuple[OccupancyMap, list[Area]]) -> None:
@@ -82,6 +82,6 @@ def test_a_room_of_5_by_5_metres_is_one_picture_with_every_name() -> None:
     cells = np.zeros((100, 100), np.uint8)
     cells[[0, -1], :] = cells[:, [0, -1]] = 100
     world = build_world(name="room", occupancy=OccupancyMap(cells=cells, resolution=0.05, origin=Pose(x=0, y=0)))
-    (only,) = tiles(world)
+    only = tiles(world)[0, 0]
     assert world.grid.spacing_m == 0.5
-    assert world.grid.valid <= {word.text for word in only.picture.words}
+    assert world.grid.valid <= {word.text for word in only.words}

@@ -158,7 +158,7 @@ def test_an_area_of_open_floor_is_worked_inside_and_a_shelf_from_within_reach() 
     wall = ((4.8, 0.0), (5.2, 0.0), (5.2, 4.8), (4.8, 4.8))
     inside = area_waypoints(floor, grid, space)
     assert inside and all(0.5 <= grid.position(n)[0] <= 3.5 and 0.5 <= grid.position(n)[1] <= 3.5 for n in inside)
-    beside = area_waypoints(wall, grid, space, reach_m=1.0)
+    beside = area_waypoints(wall, grid, space)
     assert beside and all(abs(grid.position(n)[0] - 5) <= 1.2 + 1e-9 for n in beside)
     assert {grid.position(n)[0] > 5 for n in beside} == {True, False}
 

@@ -77,7 +77,7 @@ def test_a_written_map_reads_back_equal(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     cells = rng.choice(np.array([0, 100, 255], np.uint8), (31, 47))
     occupancy = OccupancyMap(cells=cells, resolution=0.05, origin=Pose(x=-1.23456789, y=2.5, yaw=0.0))
-    path = write_map(occupancy, tmp_path)
-    again = load_nav2_map(path).occupancy
+    write_map(occupancy, tmp_path)
+    again = load_nav2_map(tmp_path / "map.yaml").occupancy
     assert (again.cells == cells).all()
     assert (again.resolution, again.origin) == (occupancy.resolution, occupancy.origin)

@@ -257,7 +257,7 @@ def check_same_route(mission: Mission, world: World) -> None:
     route = mission.route
     same = next((each for each in world.routes if each.name == route.name), None)
     if same is not None and not isinstance(mission.robot, str):
-        same = fitted(same, mission.robot, world).route
+        same = fitted(same, mission.robot, world)[0]
     if same == route:
         return
     raise InputError(

@@ -226,8 +226,8 @@ def mission_of(
     driver = as_robot(robot, known)
     if not isinstance(driver, Robot):
         return Mission.of(world, route, robot=driver), ()
-    fit = fitted(route, driver, world)
-    return Mission.of(world, fit.route, robot=driver), fit.notes
+    route, notes = fitted(route, driver, world)
+    return Mission.of(world, route, robot=driver), notes
 
 
 def with_robot(scenario: Scenario, robot: Robot | str | Path, world: World) -> tuple[Scenario, tuple[str, ...]]:

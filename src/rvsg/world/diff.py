@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from typing import Literal
 
 import numpy as np
 
-from rvsg.core.records import Pose, Record
-from rvsg.world.space import Frame, frame_of, world_map
+from rvsg.core.records import Record
+from rvsg.world.space import frame_of, world_map
 from rvsg.world.world import FREE, OCCUPIED, Area, Door, Route, SolidObject, World
 
+Part = Literal["map", "objects", "doors", "waypoints", "areas", "routes", "activities"]
 MOVED_M = 1e-6
 MOST_NAMED = 8
 
@@ -23,7 +24,7 @@ class Difference(Record):
     it. Labels, activities and routes do not, because a scenario holds its own route.
     """
 
-    part: Literal["map", "objects", "doors", "waypoints", "areas", "routes", "activities"]
+    part: Part
     message: str
     matters: bool
 
@@ -32,12 +33,17 @@ def differences(old: World, new: World) -> tuple[Difference, ...]:
     """Return every difference between two worlds, those that matter to scenarios first in each part."""
     return (
         *_map(old, new),
-        *_objects(old, new),
-        *_doors(old, new),
+        *_named("objects", "object", old.objects, new.objects, matters=True, without={"name", "kind"}),
+        *_named("doors", "door", old.doors, new.doors, matters=True),
         *_waypoints(old, new),
         *_areas(old, new),
         *_routes(old, new),
-        *_words(old, new),
+        *(
+            Difference(part="activities", message=f'The activity "{text}" is {said}.', matters=False)
+            for said, these, those in (("gone", old, new), ("new", new, old))
+            for text in these.activities
+            if text not in those.activities
+        ),
     )
 
 
@@ -48,33 +54,14 @@ def _map(old: World, new: World) -> Iterator[Difference]:
     frame = frame_of(a)
     rows, columns = np.indices(frame.shape)
     middles = frame.to_metres(np.stack([columns + 0.5, rows + 0.5], axis=-1).astype(float))
-    there = _cells_at(b.cells, frame_of(b), middles)
+    known = frame_of(b).looked_up(np.ones(b.cells.shape, bool), middles)  # off the map nothing is free
+    there = np.where(known, frame_of(b).looked_up(b.cells, middles), OCCUPIED)
     size = frame.resolution**2
     closed = float(((a.cells == FREE) & (there != FREE)).sum() * size)
     opened = float(((a.cells != FREE) & (there == FREE)).sum() * size)
     parts = [f"{closed:.1f} m² of floor closed" if closed else "", f"{opened:.1f} m² opened" if opened else ""]
     said = " and ".join(part for part in parts if part) or "the frame, the resolution or the lidar height changed"
     yield Difference(part="map", message=f"The map changed: {said}.", matters=True)
-
-
-def _cells_at(cells: np.ndarray, frame: Frame, points: np.ndarray) -> np.ndarray:
-    """Return the values of a map at points (..., 2); occupied off the map."""
-    known = frame.looked_up(np.ones(cells.shape, np.uint8), points)
-    return np.where(known == 1, frame.looked_up(cells, points), OCCUPIED)
-
-
-def _objects(old: World, new: World) -> Iterator[Difference]:
-    def what(thing: SolidObject) -> dict[str, object]:
-        return thing.model_dump(exclude={"name", "kind"})
-
-    yield from _named("objects", "object", old.objects, new.objects, what, matters=True)
-
-
-def _doors(old: World, new: World) -> Iterator[Difference]:
-    def what(door: Door) -> dict[str, object]:
-        return door.model_dump(exclude={"name"})
-
-    yield from _named("doors", "door", old.doors, new.doors, what, matters=True)
 
 
 def _waypoints(old: World, new: World) -> Iterator[Difference]:
@@ -100,55 +87,38 @@ def _waypoints(old: World, new: World) -> Iterator[Difference]:
 
 
 def _areas(old: World, new: World) -> Iterator[Difference]:
-    by_outline = {area.outline: area for area in new.areas}
+    by_outline = {area.outline: area.name for area in new.areas}
     now = {area.name for area in new.areas}
-    renamed = [
-        (area.name, by_outline[area.outline].name)
-        for area in old.areas
-        if area.name not in now and area.outline in by_outline
-    ]
-    for before, after in renamed:
+    renamed = {a.name: by_outline[a.outline] for a in old.areas if a.name not in now and a.outline in by_outline}
+    for before, after in renamed.items():
         yield Difference(part="areas", message=f'Area "{before}" is now called "{after}".', matters=False)
-    taken_old, taken_new = {a for a, _ in renamed}, {b for _, b in renamed}
-
-    def what(area: Area) -> dict[str, object]:
-        return area.model_dump(exclude={"name"})
-
-    yield from _named(
-        "areas",
-        "area",
-        [area for area in old.areas if area.name not in taken_old],
-        [area for area in new.areas if area.name not in taken_new],
-        what,
-        matters=False,
-    )
+    before_others = [area for area in old.areas if area.name not in renamed]
+    others = [area for area in new.areas if area.name not in renamed.values()]
+    yield from _named("areas", "area", before_others, others, matters=False)
 
 
 def _routes(old: World, new: World) -> Iterator[Difference]:
-    def what(route: Route) -> dict[str, object]:
-        return route.model_dump()
-
-    yield from _named("routes", "route", old.routes, new.routes, what, matters=False)
+    yield from _named("routes", "route", old.routes, new.routes, matters=False)
     now = {route.name: route for route in new.routes}
-    for route in old.routes:
-        for end, a, b in ((e, getattr(route, e), getattr(now.get(route.name, route), e)) for e in ("start", "goal")):
+    for before in old.routes:
+        after = now.get(before.name, before)
+        for end, a, b in (("start", before.start, after.start), ("goal", before.goal, after.goal)):
             if a != b:
-                message = f"The {end} of {route.name} moved by {_metres(_apart(a, b))}."
-                yield Difference(part="routes", message=message, matters=False)
+                moved = _metres(math.dist((a.x, a.y), (b.x, b.y)))
+                yield Difference(part="routes", message=f"The {end} of {before.name} moved by {moved}.", matters=False)
 
 
-def _words(old: World, new: World) -> Iterator[Difference]:
-    gone = [text for text in old.activities if text not in new.activities]
-    added = [text for text in new.activities if text not in old.activities]
-    for text in gone:
-        yield Difference(part="activities", message=f'The activity "{text}" is gone.', matters=False)
-    for text in added:
-        yield Difference(part="activities", message=f'The activity "{text}" is new.', matters=False)
-
-
-def _named(part, word, old, new, what, *, matters: bool) -> Iterator[Difference]:  # type: ignore[no-untyped-def]
-    """Yield which named things are gone, new or changed."""
-    before, now = ({thing.name: what(thing) for thing in things} for things in (old, new))
+def _named(
+    part: Part,
+    word: str,
+    old: Sequence[SolidObject | Door | Area | Route],
+    new: Sequence[SolidObject | Door | Area | Route],
+    *,
+    matters: bool,
+    without: Set[str] = frozenset({"name"}),
+) -> Iterator[Difference]:
+    """Yield which named things are gone, new or changed, but for these keys of theirs."""
+    before, now = ({thing.name: thing.model_dump(exclude=set(without)) for thing in things} for things in (old, new))
     lists = (
         ("is gone", "are gone", [name for name in before if name not in now]),
         ("is new", "are new", [name for name in now if name not in before]),
@@ -156,14 +126,10 @@ def _named(part, word, old, new, what, *, matters: bool) -> Iterator[Difference]
     )
     for one, many, names in lists:
         if names:
-            message = (
+            said = (
                 f"{word.capitalize()}{'s' if len(names) > 1 else ''} {_some(names)} {one if len(names) == 1 else many}."
             )
-            yield Difference(part=part, message=message, matters=matters)
-
-
-def _apart(a: Pose, b: Pose) -> float:
-    return math.dist((a.x, a.y), (b.x, b.y))
+            yield Difference(part=part, message=said, matters=matters)
 
 
 def _metres(distance: float) -> str:

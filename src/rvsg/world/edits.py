@@ -16,18 +16,21 @@ from typing import Any
 
 import yaml
 
-from rvsg.core.documents import Document, parse_yaml, read_yaml, validated
+from rvsg.core.documents import parse_yaml, read_yaml, validated
 from rvsg.core.errors import FileError, InputError, UnknownName, how_to_install
 from rvsg.core.files import write_whole
 from rvsg.core.inputs import read_text
+from rvsg.core.records import Record
 from rvsg.world.routes import time_limit_s
 from rvsg.world.schema import LabelsFile, RoutesFile, WorldFile
 from rvsg.world.world_folder import SHIPPED, world_folder
 
-LABELS, ROUTES, HEAD = "labels.yaml", "routes.yaml", "world.yaml"
+HEAD = "world.yaml"
 SHAPES = ("rectangle", "outline")
 DIGITS = 2
 """Decimals of metres that are written: centimetres."""
+Change = Callable[[Any, Mapping[str, Any]], None]
+"""Changes the values of a file; gets the values of the change."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,29 +72,18 @@ def edit_world(folder: str | Path, change: Mapping[str, Any]) -> Edit:
     if what not in CHANGES:
         raise UnknownName("change", str(what), CHANGES)
     key, change_it = CHANGES[what]
-    head = read_yaml(folder / HEAD)
-    path = folder / _file(head, key)
+    name = HEAD if key == "head" else str(read_yaml(folder / HEAD).value.get(key, f"{key}.yaml"))
+    path = folder / name
     if not path.resolve().is_relative_to(folder.resolve()):
         raise FileError(folder / HEAD, f"{key}: this file lies outside the world folder.")
     before = read_text(path)
     after = _changed(before, path, change_it, change)
-    document = parse_yaml(after, path)
-    if key == "labels":
-        validated(document, LabelsFile)
-    elif key == "routes":
-        validated(document, RoutesFile)
-    else:
-        validated(document, WorldFile)
+    models: dict[str, type[Record]] = {"labels": LabelsFile, "routes": RoutesFile, "head": WorldFile}
+    validated(parse_yaml(after, path), models[key])
     return Edit(path=path, before=before, after=after)
 
 
-def _file(head: Document, key: str) -> str:
-    if key == "head":
-        return HEAD
-    return str(head.value.get(key, {"labels": LABELS, "routes": ROUTES}[key]))
-
-
-def _changed(text: str, path: Path, change_it: Callable[[Any, Any], None], change: Mapping[str, Any]) -> str:
+def _changed(text: str, path: Path, change_it: Change, change: Mapping[str, Any]) -> str:
     """Return the text of a YAML file after a change of its values, with its comments."""
     try:
         from ruamel.yaml import YAML
@@ -106,17 +98,15 @@ def _changed(text: str, path: Path, change_it: Callable[[Any, Any], None], chang
         value = round_trip.load(text)
     except YAMLError as error:
         raise FileError(path, f"not valid YAML: {error}") from None
-    unchanged = _dumped(round_trip, value)
-    change_it(value, change)
-    changed = _dumped(round_trip, value)
-    kept = _transplanted(text.splitlines(), unchanged.splitlines(), changed.splitlines())
-    return kept if yaml.safe_load(kept) == yaml.safe_load(changed) else changed
-
-
-def _dumped(round_trip: Any, value: Any) -> str:
-    out = io.StringIO()
-    round_trip.dump(value, out)
-    return out.getvalue()
+    dumps = []
+    for changed in (False, True):
+        if changed:
+            change_it(value, change)
+        out = io.StringIO()
+        round_trip.dump(value, out)
+        dumps.append(out.getvalue())
+    kept = _transplanted(*(each.splitlines() for each in (text, *dumps)))
+    return kept if yaml.safe_load(kept) == yaml.safe_load(dumps[1]) else dumps[1]
 
 
 def _transplanted(original: Sequence[str], before: Sequence[str], after: Sequence[str]) -> str:
@@ -148,36 +138,34 @@ def _transplanted(original: Sequence[str], before: Sequence[str], after: Sequenc
 def _add_area(value: Any, change: Mapping[str, Any]) -> None:
     areas = _listed(value, "areas")
     name = _new_name(change, areas)
-    entry = {"name": _text(name), "kind": _text(str(change.get("kind") or "area"))}
-    areas.append(_flow({**entry, **_shape(change)}))
+    areas.append(_flow({"name": _text(name), "kind": _text(str(change.get("kind") or "area")), **_shape(change)}))
 
 
 def _change_area(value: Any, change: Mapping[str, Any]) -> None:
     """Change name, kind, region, note or shape; with a new shape the waypoints are found from the grid again."""
-    areas = _listed(value, "areas")
-    entry = areas[_index(areas, change, "area")]
-    values = _mapping(change, "values")
+    areas, index = _found(value, "areas", change)
+    entry, values = areas[index], _mapping(change, "values")
     if "name" in values and values["name"] != entry["name"]:
         entry["name"] = _text(_new_name(values, areas))
     for key in ("kind", "region", "note"):
         if key in values:
             _put(entry, key, values[key])
     if any(key in values for key in SHAPES):
-        shape = _shape(values)
-        for key in {*SHAPES, "waypoints"} - set(shape):
-            entry.pop(key, None)
-        entry.update(shape)
+        _put_shape(entry, _shape(values))
 
 
 def _renew_waypoints(value: Any, change: Mapping[str, Any]) -> None:
     """Leave the waypoints of an area to be found from the grid."""
-    areas = _listed(value, "areas")
-    areas[_index(areas, change, "area")].pop("waypoints", None)
+    areas, index = _found(value, "areas", change)
+    areas[index].pop("waypoints", None)
 
 
-def _remove_area(value: Any, change: Mapping[str, Any]) -> None:
-    areas = _listed(value, "areas")
-    del areas[_index(areas, change, "area")]
+def _remove(key: str) -> Change:
+    def remove(value: Any, change: Mapping[str, Any]) -> None:
+        entries, index = _found(value, key, change)
+        del entries[index]
+
+    return remove
 
 
 def _split_area(value: Any, change: Mapping[str, Any]) -> None:
@@ -185,42 +173,32 @@ def _split_area(value: Any, change: Mapping[str, Any]) -> None:
     from shapely import LineString, Polygon
     from shapely.ops import split
 
-    areas = _listed(value, "areas")
-    index = _index(areas, change, "area")
+    areas, index = _found(value, "areas", change)
     entry = areas[index]
     line = _points(change.get("line"), fewest=2)
-    parts = [part for part in split(Polygon(_outline(entry)), LineString(line)).geoms if isinstance(part, Polygon)]
+    parts = [part for part in split(_polygon(entry), LineString(line)).geoms if isinstance(part, Polygon)]
     if len(parts) != 2:
         raise InputError("The line must cross the area once, from edge to edge.")
     parts.sort(key=lambda part: (round(part.centroid.x, 3), round(part.centroid.y, 3)))
     taken = {str(each.get("name")) for each in areas}
-    for place, part in enumerate(parts):
-        name = _free(str(entry["name"]), taken)
-        taken.add(name)
-        kept = {key: entry[key] for key in ("kind", "region", "note") if key in entry}
-        made = _flow({"name": _text(name), **kept, **_shape_of(part)})
-        if place == 0:
-            areas[index] = made
-        else:
-            areas.insert(index + 1, made)
+    free = [name for k in range(1, len(taken) + 3) if (name := f"{entry['name']} {k}") not in taken]
+    kept = {key: entry[key] for key in ("kind", "region", "note") if key in entry}
+    areas[index] = _flow({"name": _text(free[0]), **kept, **_shape_of(parts[0])})
+    areas.insert(index + 1, _flow({"name": _text(free[1]), **kept, **_shape_of(parts[1])}))
 
 
 def _merge_areas(value: Any, change: Mapping[str, Any]) -> None:
     """Make one area of two that touch; it keeps the name and kind of the first."""
     from shapely import Polygon, unary_union
 
-    areas = _listed(value, "areas")
-    first = _index(areas, change, "area")
-    second = _index(areas, {"name": change.get("other")}, "area")
+    areas, first = _found(value, "areas", change)
+    _, second = _found(value, "areas", {"name": change.get("other")})
     if first == second:
         raise InputError("Choose two different areas to merge.")
-    union = unary_union([Polygon(_outline(areas[place])) for place in (first, second)])
+    union = unary_union([_polygon(areas[place]) for place in (first, second)])
     if not isinstance(union, Polygon) or union.interiors:
         raise InputError("Only areas that share an edge can be merged, and the result may have no hole.")
-    entry = areas[first]
-    for key in (*SHAPES, "waypoints"):
-        entry.pop(key, None)
-    entry.update(_shape_of(union.simplify(0.001)))
+    _put_shape(areas[first], _shape_of(union.simplify(0.001)))
     del areas[second]
 
 
@@ -231,13 +209,14 @@ def _add_route(value: Any, change: Mapping[str, Any]) -> None:
     """Add a route over points: the first is the start, the last the goal, the robot passes those between."""
     routes = _listed(value, "routes")
     points = _points(change.get("points"), fewest=2)
-    ways = [math.dist(a, b) for a, b in itertools.pairwise(points)]
-    poses = [_pose(points, place) for place in range(len(points))]
+    ways = list(itertools.pairwise(points))
+    yaws = [round(math.atan2(b[1] - a[1], b[0] - a[0]), DIGITS) for a, b in ways]
+    poses = [_flow({"x": x, "y": y, "yaw": yaw}) for (x, y), yaw in zip(points, [*yaws, yaws[-1]], strict=True)]
     entry: dict[str, Any] = {
         "name": _text(_new_name(change, routes)),
         "start": poses[0],
         "goal": poses[-1],
-        "time_limit_s": float(change.get("time_limit_s") or time_limit_s(sum(ways))),
+        "time_limit_s": float(change.get("time_limit_s") or time_limit_s(sum(math.dist(a, b) for a, b in ways))),
     }
     if len(points) > 2:
         entry["through"] = _flow_list(poses[1:-1])
@@ -247,9 +226,8 @@ def _add_route(value: Any, change: Mapping[str, Any]) -> None:
 
 
 def _change_route(value: Any, change: Mapping[str, Any]) -> None:
-    routes = _listed(value, "routes")
-    entry = routes[_index(routes, change, "route")]
-    values = _mapping(change, "values")
+    routes, index = _found(value, "routes", change)
+    entry, values = routes[index], _mapping(change, "values")
     if "name" in values and values["name"] != entry["name"]:
         entry["name"] = _text(_new_name(values, routes))
     for key in ("purpose", "description"):
@@ -262,16 +240,11 @@ def _change_route(value: Any, change: Mapping[str, Any]) -> None:
             entry[key] = _given_pose(values[key])
             entry.pop("via", None)  # it named the way from the place before
     if "through" in values:
-        told = _mapping(values, "through")
-        passed, index = entry.get("through"), told.get("index")
-        if not isinstance(passed, list) or not isinstance(index, int) or not 0 <= index < len(passed):
+        through = _mapping(values, "through")
+        passed, place = entry.get("through"), through.get("index")
+        if not isinstance(passed, list) or not isinstance(place, int) or not 0 <= place < len(passed):
             raise InputError("The route has no such pose to pass.")
-        passed[index] = _given_pose(told.get("pose"))
-
-
-def _remove_route(value: Any, change: Mapping[str, Any]) -> None:
-    routes = _listed(value, "routes")
-    del routes[_index(routes, change, "route")]
+        passed[place] = _given_pose(through.get("pose"))
 
 
 def _set_activities(value: Any, change: Mapping[str, Any]) -> None:
@@ -297,16 +270,16 @@ def _set_activities(value: Any, change: Mapping[str, Any]) -> None:
         value.pop("activities", None)
 
 
-CHANGES: dict[str, tuple[str, Callable[[Any, Any], None]]] = {
+CHANGES: dict[str, tuple[str, Change]] = {
     "add area": ("labels", _add_area),
     "change area": ("labels", _change_area),
     "renew waypoints": ("labels", _renew_waypoints),
-    "remove area": ("labels", _remove_area),
+    "remove area": ("labels", _remove("areas")),
     "split area": ("labels", _split_area),
     "merge areas": ("labels", _merge_areas),
     "add route": ("routes", _add_route),
     "change route": ("routes", _change_route),
-    "remove route": ("routes", _remove_route),
+    "remove route": ("routes", _remove("routes")),
     "set activities": ("head", _set_activities),
 }
 """Every change: the file it is made in and what makes it."""
@@ -330,12 +303,14 @@ def _mapping(change: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     return values
 
 
-def _index(entries: Any, change: Mapping[str, Any], kind: str) -> int:
+def _found(value: Any, key: str, change: Mapping[str, Any]) -> tuple[Any, int]:
+    """Return the list under a key, and where in it the entry stands that the change names."""
+    entries = _listed(value, key)
     names = [str(each.get("name")) if isinstance(each, Mapping) else "" for each in entries]
     name = str(change.get("name"))
     if name not in names:
-        raise UnknownName(kind, name, names)
-    return names.index(name)
+        raise UnknownName(key.removesuffix("s"), name, names)
+    return entries, names.index(name)
 
 
 def _new_name(change: Mapping[str, Any], entries: Any) -> str:
@@ -347,18 +322,15 @@ def _new_name(change: Mapping[str, Any], entries: Any) -> str:
     return name
 
 
-def _free(name: str, taken: set[str]) -> str:
-    return next(each for k in range(1, len(taken) + 3) if (each := f"{name} {k}") not in taken)
-
-
 def _shape(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the shape of an area as it is written; InputError where none or a wrong one is given."""
-    if values.get("rectangle") is not None:
-        (x0, y0), (x1, y1) = _points(_pairs(values["rectangle"]), fewest=2)
-        corners = [min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1)]
-        return {"rectangle": _flow_list(corners)}
-    ring = _points(values.get("outline"), fewest=3)
-    return {"outline": _flow_list([_flow_list(point) for point in ring])}
+    given = values.get("rectangle")
+    if given is None:
+        ring = _points(values.get("outline"), fewest=3)
+        return {"outline": _flow_list([_flow_list(point) for point in ring])}
+    whole = isinstance(given, Sequence) and not isinstance(given, str) and len(given) == 4
+    (x0, y0), (x1, y1) = _points([given[:2], given[2:]] if whole else None, fewest=2)
+    return {"rectangle": _flow_list([min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1)])}
 
 
 def _shape_of(polygon: Any) -> dict[str, Any]:
@@ -369,16 +341,16 @@ def _shape_of(polygon: Any) -> dict[str, Any]:
     return _shape({"outline": list(polygon.exterior.coords)[:-1]})
 
 
-def _outline(entry: Mapping[str, Any]) -> list[tuple[float, float]]:
-    if entry.get("rectangle") is not None:
-        x0, y0, x1, y1 = (float(v) for v in entry["rectangle"])
-        return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
-    return [(float(x), float(y)) for x, y in entry.get("outline", ())]
+def _put_shape(entry: Any, shape: Mapping[str, Any]) -> None:
+    for key in {*SHAPES, "waypoints"} - set(shape):
+        entry.pop(key, None)
+    entry.update(shape)
 
 
-def _pairs(values: Any) -> Any:
-    ok = isinstance(values, Sequence) and not isinstance(values, str) and len(values) == 4
-    return [values[:2], values[2:]] if ok else None
+def _polygon(entry: Mapping[str, Any]) -> Any:
+    from shapely import Polygon, box
+
+    return Polygon(entry.get("outline", ())) if entry.get("rectangle") is None else box(*entry["rectangle"])
 
 
 def _points(values: Any, *, fewest: int) -> list[tuple[float, float]]:
@@ -405,16 +377,6 @@ def _given_pose(value: Any) -> Any:
     return _flow({"x": x, "y": y, "yaw": round(_number(yaw), DIGITS)})
 
 
-def _pose(points: Sequence[tuple[float, float]], place: int) -> Any:
-    """Return the pose at a point of a way: it looks along the way."""
-    a, b = (
-        points[max(0, place - 1)] if place == len(points) - 1 else points[place],
-        points[min(place + 1, len(points) - 1)],
-    )
-    yaw = round(math.atan2(b[1] - a[1], b[0] - a[0]), DIGITS)
-    return _flow({"x": points[place][0], "y": points[place][1], "yaw": yaw})
-
-
 def _put(entry: Any, key: str, given: Any) -> None:
     text = str(given or "").strip()
     if text:
@@ -434,16 +396,16 @@ def _text(text: str) -> Any:
     return text if plain else DoubleQuotedScalarString(text)
 
 
-def _flow(values: Mapping[str, Any]) -> Any:
-    made = _block(values)
-    made.fa.set_flow_style()
-    return made
-
-
 def _block(values: Mapping[str, Any]) -> Any:
     from ruamel.yaml.comments import CommentedMap
 
     return CommentedMap(values)
+
+
+def _flow(values: Mapping[str, Any]) -> Any:
+    made = _block(values)
+    made.fa.set_flow_style()
+    return made
 
 
 def _flow_list(values: Sequence[Any]) -> Any:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rvsg.core.errors import InputError
 from rvsg.world.grid import Grid, GridSpec, Waypoint
 from rvsg.world.space import Space, human_space, in_same_space, inside_window, outermost, robot_space
-from rvsg.world.world import Area, Description, Door, OccupancyMap, Point, Route, SolidObject, State, World
+from rvsg.world.world import Area, Description, Door, OccupancyMap, Point, Polygon, Route, SolidObject, State, World
 
 Floats = NDArray[np.float64]
 
@@ -28,12 +28,7 @@ ARM_M = 1.0
 
 def row_letters(index: int) -> str:
     """The name of a row counted from 0: A..Z, AA, AB, .. as spreadsheets name their columns."""
-    letters = ""
-    index += 1
-    while index:
-        index, rest = divmod(index - 1, 26)
-        letters = chr(ord("A") + rest) + letters
-    return letters
+    return (row_letters(index // 26 - 1) if index >= 26 else "") + chr(ord("A") + index % 26)
 
 
 def build_grid(
@@ -58,10 +53,9 @@ def build_grid(
             f"{spec.spacing_m or 0:g}, so that there are at most {MOST_WAYPOINTS} waypoints",
             code="grid-too-fine",
         )
-    names = [f"{row}{column}" for row in rows for column in columns]
-    points = np.array(
-        [spec.moved.get(f"{r}{c}") or _point(spec, u, v) for r, u in rows.items() for c, v in columns.items()]
-    )
+    upright = spec.up == "y"
+    at = {f"{r}{c}": (v, u) if upright else (u, v) for r, u in rows.items() for c, v in columns.items()} | spec.moved
+    names, points = list(at), np.array(list(at.values()))
     _reject_far(names, points, human)
     fits = _fitting(spec, human, floor or human, points, seeds) if spec.valid is None else np.isin(names, spec.valid)
     if not fits.any():
@@ -73,12 +67,12 @@ def build_grid(
     robot_fits = (robot_clear > 0) & (robot_clear >= spec.robot_clearance_m)
     shape = (len(rows), len(columns))
     waypoints = tuple(
-        Waypoint(
-            name=name, x=float(x), y=float(y), row=i // shape[1], column=i % shape[1], human=bool(h), robot=bool(r)
+        Waypoint(name=name, x=x, y=y, row=i // shape[1], column=i % shape[1], human=h, robot=r)
+        for i, (name, (x, y), h, r) in enumerate(
+            zip(names, points.tolist(), fits.tolist(), robot_fits.tolist(), strict=True)
         )
-        for i, (name, (x, y), h, r) in enumerate(zip(names, points, fits, robot_fits, strict=True))
     )
-    hops = tuple((names[a], names[b]) for a, b in _hops(points, fits, shape, human, spec.hop_radius_m))
+    hops = _hops(names, points, fits, shape, human, spec.hop_radius_m)
     return Grid(rows=tuple(rows), columns=tuple(str(c) for c in columns), waypoints=waypoints, hops=hops)
 
 
@@ -106,8 +100,8 @@ def relaid(grid: Grid, spec: GridSpec, human: Space, *, seeds: Sequence[tuple[fl
         w if w.human == fit else w.model_copy(update={"human": bool(fit)})
         for w, fit in zip(grid.waypoints, fits, strict=True)
     )
-    pairs = _hops(points, fits, (len(grid.rows), len(grid.columns)), human, spec.hop_radius_m)
-    return grid.model_copy(update={"waypoints": waypoints, "hops": tuple((names[a], names[b]) for a, b in pairs)})
+    hops = _hops(names, points, fits, (len(grid.rows), len(grid.columns)), human, spec.hop_radius_m)
+    return grid.model_copy(update={"waypoints": waypoints, "hops": hops})
 
 
 def _fitting(
@@ -121,10 +115,6 @@ def _fitting(
         main = {int(part) for part in floor.frame.looked_up(parts, np.array(seeds).reshape(-1, 2))} - {0} or {1}
         fits &= np.isin(floor.frame.looked_up(parts, points), sorted(main))
     return fits
-
-
-def _point(spec: GridSpec, up: float, right: float) -> tuple[float, float]:
-    return (up, right) if spec.up == "x" else (right, up)
 
 
 def _coordinates(spec: GridSpec, space: Space) -> tuple[dict[str, float], dict[int, float]]:
@@ -173,54 +163,48 @@ def _ticks(low: float, high: float, spacing: float, through: float | None) -> li
 
 
 def _hops(
-    points: Floats, fits: NDArray[np.bool_], shape: tuple[int, int], human: Space, radius: float
-) -> list[tuple[int, int]]:
-    """Pairs of indices of adjacent valid waypoints (eight neighbours) between which the straight way is free."""
+    names: Sequence[str],
+    points: Floats,
+    fits: NDArray[np.bool_],
+    shape: tuple[int, int],
+    human: Space,
+    radius: float,
+) -> tuple[tuple[str, str], ...]:
+    """Return pairs of adjacent valid waypoints (eight neighbours) between which the straight way is free."""
     index = np.arange(len(points)).reshape(shape)
-    pairs = np.concatenate(
-        [
-            np.stack([index[:, :-1].ravel(), index[:, 1:].ravel()], axis=1),
-            np.stack([index[:-1, :].ravel(), index[1:, :].ravel()], axis=1),
-            np.stack([index[:-1, :-1].ravel(), index[1:, 1:].ravel()], axis=1),
-            np.stack([index[:-1, 1:].ravel(), index[1:, :-1].ravel()], axis=1),
-        ]
-    )
+    sides = (index[:, :-1], index[:, 1:]), (index[:-1], index[1:]), (index[:-1, :-1], index[1:, 1:])
+    pairs = np.concatenate([np.stack([a.ravel(), b.ravel()], 1) for a, b in (*sides, (index[:-1, 1:], index[1:, :-1]))])
     pairs = pairs[fits[pairs].all(axis=1)]
     free = human.segments_free(points[pairs[:, 0]], points[pairs[:, 1]], radius)
-    return sorted((int(a), int(b)) for a, b in pairs[free])
+    return tuple((names[a], names[b]) for a, b in sorted(pairs[free].tolist()))
 
 
 def area_waypoints(
-    outline: Sequence[tuple[float, float]],
-    grid: Grid,
-    human: Space,
-    *,
-    objects: Sequence[SolidObject] = (),
-    reach_m: float = ARM_M,
+    outline: Sequence[tuple[float, float]], grid: Grid, human: Space, *, objects: Sequence[SolidObject] = ()
 ) -> tuple[str, ...]:
     """The waypoints from which an area is worked: a proposal.
 
     Where most of the area is open floor, the valid waypoints inside it; otherwise (a shelf, a pile of boxes) those
-    outside it within `reach_m` metres (arm's length) of its border with nothing in between, such as the wall behind
+    outside it within arm's length of its border with nothing in between, such as the wall behind
     a desk; the `objects` that stand on the area are not in the way. Where that yields none, the nearest such
     waypoint within three times that. May be empty.
     """
-    from shapely import Polygon, points, prepare
+    import shapely
 
-    shape = Polygon(outline)
-    prepare(shape)
+    shape = shapely.Polygon(outline)
+    shapely.prepare(shape)
     valid = [w for w in grid.waypoints if w.human]
     if not valid:
         return ()
-    places = points([(w.x, w.y) for w in valid])
+    places = shapely.points([(w.x, w.y) for w in valid])
     away = shape.distance(places)
     inside = away == 0.0
     if open_share(outline, human) > 0.5 and inside.any():
         return tuple(w.name for w, chosen in zip(valid, inside, strict=True) if chosen)
-    near = np.flatnonzero(away <= 3 * reach_m)
+    near = np.flatnonzero(away <= 3 * ARM_M)
     own = _with_what_stands_on_it(shape, objects).buffer(1.5 * human.frame.resolution)
     near = near[np.array([_in_reach(shape, valid[i], human, own) for i in near], bool)]
-    chosen = near[away[near] <= reach_m]
+    chosen = near[away[near] <= ARM_M]
     if not len(chosen) and len(near):
         chosen = near[away[near] <= away[near].min() + 1e-9]
     return tuple(valid[i].name for i in chosen)
@@ -247,21 +231,17 @@ def _with_what_stands_on_it(area: Any, objects: Sequence[SolidObject]) -> Any:
     for thing in objects:
         xs, ys = [p[0] for p in thing.footprint], [p[1] for p in thing.footprint]
         if max(xs) >= x0 and min(xs) <= x1 and max(ys) >= y0 and min(ys) <= y1:
-            footprint = _footprint(thing)
+            footprint = _polygon(thing.footprint, thing.holes)
             if footprint.intersection(area).area >= 0.5 * min(footprint.area, area.area):
                 parts.append(footprint)
     return unary_union(parts)
 
 
-def _footprint(thing: SolidObject) -> Any:
-    return _polygon(thing.footprint, thing.holes)
-
-
 @lru_cache(maxsize=256)
-def _polygon(footprint: tuple[tuple[float, float], ...], holes: tuple[tuple[tuple[float, float], ...], ...]) -> Any:
-    from shapely import Polygon
+def _polygon(footprint: Polygon, holes: tuple[Polygon, ...]) -> Any:
+    import shapely
 
-    return Polygon(footprint, holes).buffer(0)
+    return shapely.Polygon(footprint, holes).buffer(0)
 
 
 def open_share(outline: Sequence[tuple[float, float]], space: Space) -> float:
@@ -314,11 +294,11 @@ def floor_with_open_doors(world: World) -> Space:
 
 def closed_between(world: World, a: Point, b: Point, clearance_m: float = 0.0) -> Door | None:
     """Return a closed door whose leaf is this near to the straight line between two points; None where none is."""
-    from shapely import LineString, Polygon
+    import shapely
 
     closed = [door for door in world.staged_doors if door.state == "closed"]
-    line = LineString([a, b]) if closed else None
-    return next((door for door in closed if Polygon(door.leaf(0.0)).distance(line) <= clearance_m), None)
+    line = shapely.LineString([a, b]) if closed else None
+    return next((door for door in closed if shapely.Polygon(door.leaf(0.0)).distance(line) <= clearance_m), None)
 
 
 LIDAR_HEIGHT_M = 0.21
@@ -367,9 +347,9 @@ def build_world(
     human, robot = human_space(world), robot_space(world)
     seeds = [(route.start.x, route.start.y) for route in routes]
     grid = build_grid(spec, human, robot, seeds=seeds, floor=floor_with_open_doors(world))
-    filled = tuple(area if area.waypoints else _with_waypoints(area, grid, human, world.objects) for area in areas)
-    return in_same_space(replace(world, grid=grid, areas=filled), world)
-
-
-def _with_waypoints(area: Area, grid: Grid, human: Space, objects: Sequence[SolidObject]) -> Area:
-    return area.model_copy(update={"waypoints": area_waypoints(area.outline, grid, human, objects=objects)})
+    filled = list(areas)
+    for index, area in enumerate(areas):
+        if not area.waypoints:
+            worked_from = area_waypoints(area.outline, grid, human, objects=world.objects)
+            filled[index] = area.model_copy(update={"waypoints": worked_from})
+    return in_same_space(replace(world, grid=grid, areas=tuple(filled)), world)

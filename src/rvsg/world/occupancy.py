@@ -6,11 +6,12 @@ and then made trinary as Nav2's static costmap layer does by default (`trinary_c
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,8 +43,7 @@ class Nav2Map:
     notes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Header:
+class _Header(NamedTuple):
     image: Path
     resolution: float
     origin: Pose
@@ -53,28 +53,39 @@ class _Header:
     free_thresh: float
 
 
-def load_nav2_map(
-    path: str | Path, *, free_thresh: float | None = None, occupied_thresh: float | None = None
-) -> Nav2Map:
-    """Read `map.yaml` and its image; the two thresholds can be overridden.
+def load_nav2_map(path: str | Path, *, free_thresh: float | None = None) -> Nav2Map:
+    """Read `map.yaml` and its image; the threshold below which a cell is free can be overridden.
 
     FileError with everything that is wrong in the header at once, or with what is wrong with the image: missing,
     unreadable, 16 bits deep, absurdly large or small, without a single free cell.
     """
     path = Path(path)
     if path.suffix.lower() in IMAGE_SUFFIXES:
-        raise FileError(
-            path,
-            f"this is the picture of a map; give the yaml file that describes it ({path.stem}.yaml?)",
-            code="map-picture",
-        )
+        message = f"this is the picture of a map; give the yaml file that describes it ({path.stem}.yaml?)"
+        raise FileError(path, message, code="map-picture")
     document = read_yaml(path)
-    header = _header(document, free_thresh, occupied_thresh)
-    shade, opaque, notes = _shade(header.image, trinary=header.mode == "trinary", document=document)
+    header = _header(document, free_thresh)
+    shade, opaque, notes = _shade(header.image, trinary=header.mode == "trinary")
     rows, columns = shade.shape
-    _refuse_absurd_sides(document, header, rows, columns)
+    wide, high = columns * header.resolution, rows * header.resolution
+    if max(wide, high) > LONGEST_SIDE_M:
+        message = (
+            f"the map would be {wide:g} x {high:g} m ({columns} x {rows} cells of {header.resolution:g} m); at most "
+            f"{LONGEST_SIDE_M:g} m a side are supported. Is the resolution in metres?"
+        )
+        raise DocumentError([document.problem(message, "resolution")])
+    if min(rows, columns) < 2:
+        message = f"the image has {columns} x {rows} pixels: too few to be a map."
+        raise FileError(header.image, message, code="map-too-small")
     cells = trinary(classify(shade, opaque, header))[::-1]
-    notes = [*notes, *_grey_notes(shade, header)]
+    grey = float(np.isclose(shade, SAVERS_UNKNOWN / 255.0, atol=1e-6).mean())
+    taken_for_free = header.mode == "trinary" and not header.negate and header.free_thresh > 1 - SAVERS_UNKNOWN / 255
+    if grey > 0.0 and taken_for_free:
+        notes.append(
+            f"{grey:.0%} of the pixels have the grey {SAVERS_UNKNOWN} that map savers write for unknown, and with "
+            f"free_thresh {header.free_thresh:g} they count as free, as they do for Nav2. If they are unknown, "
+            "give a free threshold of 0.196."
+        )
     counts = {value: int(np.count_nonzero(cells == value)) for value in (FREE, OCCUPIED, UNKNOWN)}
     if counts[FREE] == 0:
         raise FileError(
@@ -129,12 +140,10 @@ def upright(occupancy: OccupancyMap) -> OccupancyMap:
     most are, else free; what lies outside the original is unknown.
     """
     yaw = math.remainder(occupancy.origin.yaw, math.tau)
+    if occupancy.origin.yaw == 0.0:
+        return occupancy
     if abs(yaw) < 1e-9:
-        return (
-            occupancy
-            if occupancy.origin.yaw == 0.0
-            else _with_origin(occupancy, occupancy.origin.x, occupancy.origin.y)
-        )
+        return replace(occupancy, origin=occupancy.origin.model_copy(update={"yaw": 0.0}))
     rows, columns = occupancy.cells.shape
     size = occupancy.resolution
     cos, sin = math.cos(yaw), math.sin(yaw)
@@ -146,30 +155,24 @@ def upright(occupancy: OccupancyMap) -> OccupancyMap:
     high = math.ceil((float(ys.max()) - low) / size - 1e-9)
     if wide * high > MOST_CELLS:
         raise InputError(f"the turned map would need {wide} x {high} cells; at most {MOST_CELLS} are supported.")
-    occupied = np.zeros((high, wide), np.uint8)
-    unknown = np.zeros((high, wide), np.uint8)
-    for part_x in (1 / 6, 3 / 6, 5 / 6):
-        for part_y in (1 / 6, 3 / 6, 5 / 6):
-            x = left + (np.arange(wide) + part_x) * size - occupancy.origin.x
-            y = (low + (np.arange(high) + part_y) * size - occupancy.origin.y)[:, None]
-            column = np.floor((cos * x + sin * y) / size).astype(np.int64)
-            row = np.floor((cos * y - sin * x) / size).astype(np.int64)
-            inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-            seen = occupancy.cells[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
-            occupied += inside & (seen == OCCUPIED)
-            unknown += ~inside | (seen == UNKNOWN)
+    occupied, unknown = np.zeros((2, high, wide), np.uint8)
+    for part_x, part_y in itertools.product((1 / 6, 3 / 6, 5 / 6), repeat=2):
+        x = left + (np.arange(wide) + part_x) * size - occupancy.origin.x
+        y = (low + (np.arange(high) + part_y) * size - occupancy.origin.y)[:, None]
+        column = np.floor((cos * x + sin * y) / size).astype(np.int64)
+        row = np.floor((cos * y - sin * x) / size).astype(np.int64)
+        inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+        seen = occupancy.cells[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
+        occupied += inside & (seen == OCCUPIED)
+        unknown += ~inside | (seen == UNKNOWN)
     cells = np.where(occupied >= 3, OCCUPIED, np.where(unknown >= 5, UNKNOWN, FREE)).astype(np.uint8)
     return OccupancyMap(cells=cells, resolution=size, origin=Pose(x=left, y=low, yaw=0.0))
-
-
-def _with_origin(occupancy: OccupancyMap, x: float, y: float) -> OccupancyMap:
-    return OccupancyMap(cells=occupancy.cells, resolution=occupancy.resolution, origin=Pose(x=x, y=y, yaw=0.0))
 
 
 # --- the header ---------------------------------------------------------------------------------------------------
 
 
-def _header(document: Document, free_thresh: float | None, occupied_thresh: float | None) -> _Header:
+def _header(document: Document, free_thresh: float | None) -> _Header:
     data = document.value
     if not isinstance(data, dict):
         raise DocumentError([document.problem("expected a Nav2 map header: image, resolution, origin, negate, ...")])
@@ -189,29 +192,47 @@ def _header(document: Document, free_thresh: float | None, occupied_thresh: floa
     occupied = number("occupied_thresh", 0.0, 1.0, "a share from 0 to 1, usually 0.65")
     free = number("free_thresh", 0.0, 1.0, "a share from 0 to 1, usually 0.196 or 0.25")
     free = free if free_thresh is None else free_thresh
-    occupied = occupied if occupied_thresh is None else occupied_thresh
     if not problems and not free < occupied:
         message = f"free_thresh ({free:g}) must be smaller than occupied_thresh ({occupied:g})"
         problems.append(document.problem(message, "free_thresh"))
-    origin = _origin(document, problems)
+    origin = Pose(x=0.0, y=0.0)
+    given = data.get("origin")
+    values = [_as_float(value) for value in given] if isinstance(given, list) else []
+    x, y, yaw = (values[0], values[1], values[2]) if len(values) == 3 else (None, None, None)
+    if x is None or y is None or yaw is None:
+        wanted = "[x, y, yaw] of the image's lower left corner, metres and radians"
+        problems.append(document.problem(f"origin must be three numbers, {wanted}, got {given!r}", "origin"))
+    else:
+        origin = Pose(x=x, y=y, yaw=yaw)
+        if max(abs(x), abs(y)) > FARTHEST_ORIGIN_M:
+            message = (
+                f"the origin ({x:g}, {y:g}) lies more than {FARTHEST_ORIGIN_M:g} m away: is it in millimetres or a "
+                "geographic coordinate? Expected metres in the map frame"
+            )
+            problems.append(document.problem(message, "origin"))
+        if abs(yaw) > math.tau:
+            message = (
+                f"the origin's yaw must be in radians, between -6.28 and 6.28, got {yaw:g}; "
+                f"if these are degrees, write {math.radians(yaw):.4f}"
+            )
+            problems.append(document.problem(message, "origin"))
     mode = str(data.get("mode", "trinary")).lower()
     if mode not in MODES:
         problems.append(document.problem(f"mode must be one of {', '.join(MODES)}, got {data['mode']!r}", "mode"))
     negate = data.get("negate")
     if negate not in (0, 1):
         problems.append(document.problem(f"negate must be 0 or 1, usually 0, got {negate!r}", "negate"))
-    image = _image_path(document, problems)
+    name = data.get("image")
+    image = document.path.parent / str(name)
+    if not isinstance(name, str) or not name:
+        problems.append(document.problem(f"image must name the map's picture, such as map.pgm, got {name!r}", "image"))
+    elif not image.is_file():
+        there = sorted(p.name for p in image.parent.glob("*") if p.suffix.lower() in IMAGE_SUFFIXES)
+        listed = f"Images there: {', '.join(there[:10])}" if there else "There is no pgm, png or bmp image there"
+        problems.append(document.problem(f"the image {image} does not exist. {listed}", "image"))
     if problems:
         raise DocumentError(sorted(problems, key=lambda problem: problem.line or 0))
-    return _Header(
-        image=image,
-        resolution=resolution,
-        origin=origin,
-        mode=mode,
-        negate=bool(negate),
-        occupied_thresh=occupied,
-        free_thresh=free,
-    )
+    return _Header(image, resolution, origin, mode, bool(negate), occupied, free)
 
 
 def _as_float(value: Any) -> float | None:
@@ -225,49 +246,10 @@ def _as_float(value: Any) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def _origin(document: Document, problems: list[Problem]) -> Pose:
-    given = document.value.get("origin")
-    values = [_as_float(v) for v in given] if isinstance(given, list) else []
-    numbers = [v for v in values if v is not None]
-    if len(values) != 3 or len(numbers) != 3:
-        wanted = "[x, y, yaw] of the image's lower left corner, metres and radians"
-        problems.append(document.problem(f"origin must be three numbers, {wanted}, got {given!r}", "origin"))
-        return Pose(x=0.0, y=0.0)
-    x, y, yaw = numbers
-    if max(abs(x), abs(y)) > FARTHEST_ORIGIN_M:
-        message = (
-            f"the origin ({x:g}, {y:g}) lies more than {FARTHEST_ORIGIN_M:g} m away: is it in millimetres or a "
-            "geographic coordinate? Expected metres in the map frame"
-        )
-        problems.append(document.problem(message, "origin"))
-    if abs(yaw) > math.tau:
-        message = (
-            f"the origin's yaw must be in radians, between -6.28 and 6.28, got {yaw:g}; "
-            f"if these are degrees, write {math.radians(yaw):.4f}"
-        )
-        problems.append(document.problem(message, "origin"))
-    return Pose(x=x, y=y, yaw=yaw)
-
-
-def _image_path(document: Document, problems: list[Problem]) -> Path:
-    name = document.value.get("image")
-    if not isinstance(name, str) or not name:
-        problems.append(document.problem(f"image must name the map's picture, such as map.pgm, got {name!r}", "image"))
-        return document.path
-    image = document.path.parent / name
-    if not image.is_file():
-        there = sorted(p.name for p in image.parent.glob("*") if p.suffix.lower() in IMAGE_SUFFIXES)
-        listed = f"Images there: {', '.join(there[:10])}" if there else "There is no pgm, png or bmp image there"
-        problems.append(document.problem(f"the image {image} does not exist. {listed}", "image"))
-    return image
-
-
 # --- the image ----------------------------------------------------------------------------------------------------
 
 
-def _shade(
-    path: Path, *, trinary: bool, document: Document
-) -> tuple[NDArray[np.float64], NDArray[np.bool_], list[str]]:
+def _shade(path: Path, *, trinary: bool) -> tuple[NDArray[np.float64], NDArray[np.bool_], list[str]]:
     """Brightness (rows, columns) from 0 to 1 as Nav2 averages it, whether opaque, and notes."""
     notes: list[str] = []
     try:
@@ -280,13 +262,11 @@ def _shade(
                     "Crop it, or save it at a coarser resolution.",
                 )
             if image.mode.startswith(("I", "F")):
-                raise FileError(
-                    path,
-                    f"the image has more than 8 bits per channel ({image.mode}); Nav2 maps are "
-                    "8 bit. Convert it to 8-bit grey first (an 8-bit map needs no more than three "
-                    "shades).",
-                    code="map-depth",
+                message = (
+                    f"the image has more than 8 bits per channel ({image.mode}); Nav2 maps are 8 bit. Convert it to "
+                    "8-bit grey first (an 8-bit map needs no more than three shades)."
                 )
+                raise FileError(path, message, code="map-depth")
             if wide == 0 or high == 0:
                 raise FileError(path, f"the image is empty ({wide} x {high} pixels).")
             transparent = "A" in image.getbands() or "transparency" in image.info
@@ -295,55 +275,23 @@ def _shade(
     except UnidentifiedImageError:
         raise FileError(path, "this is not a readable pgm, png or bmp image.") from None
     except (Image.DecompressionBombError, Image.DecompressionBombWarning):
-        raise FileError(
-            path, f"the image is far too large; at most {MOST_CELLS} pixels are supported.", code="map-too-large"
-        ) from None
+        message = f"the image is far too large; at most {MOST_CELLS} pixels are supported."
+        raise FileError(path, message, code="map-too-large") from None
     except (OSError, SyntaxError, ValueError, EOFError) as error:
         raise FileError(path, f"the image cannot be read: {error}. Is the file complete?") from None
-    if pixels.ndim == 2:
-        return pixels / 255.0, np.ones(pixels.shape, np.bool_), notes
-    colour = pixels[..., :3].astype(np.float64)
-    if np.ptp(pixels[..., :3], axis=-1).any():
-        notes.append("the image is coloured; its channels are averaged, as Nav2's map server does.")
     opaque = pixels[..., 3] == 255 if transparent else np.ones(pixels.shape[:2], np.bool_)
+    if pixels.ndim == 2:
+        return pixels / 255.0, opaque, notes
+    averaged = pixels[..., :3]
+    if np.ptp(averaged, axis=-1).any():
+        notes.append("the image is coloured; its channels are averaged, as Nav2's map server does.")
     if transparent and trinary:
+        averaged = pixels
         notes.append(
             "the image has an alpha channel; in trinary mode it is averaged with the colours, as Nav2's map "
             "server does, so that greys read as freer than they look."
         )
-        return pixels.astype(np.float64).sum(axis=-1) / 4.0 / 255.0, opaque, notes
-    return colour.sum(axis=-1) / 3.0 / 255.0, opaque, notes
-
-
-def _refuse_absurd_sides(document: Document, header: _Header, rows: int, columns: int) -> None:
-    wide, high = columns * header.resolution, rows * header.resolution
-    if max(wide, high) > LONGEST_SIDE_M:
-        problem = document.problem(
-            f"the map would be {wide:g} x {high:g} m ({columns} x {rows} cells of {header.resolution:g} m); at most "
-            f"{LONGEST_SIDE_M:g} m a side are supported. Is the resolution in metres?",
-            "resolution",
-        )
-        raise DocumentError([problem])
-    if min(rows, columns) < 2:
-        raise FileError(
-            header.image, f"the image has {columns} x {rows} pixels: too few to be a map.", code="map-too-small"
-        )
-
-
-def _grey_notes(shade: NDArray[np.float64], header: _Header) -> list[str]:
-    """Return what to know when the grey that map savers write for unknown is taken for free."""
-    if header.mode != "trinary" or header.negate:
-        return []
-    grey = np.isclose(shade, SAVERS_UNKNOWN / 255.0, atol=1e-6)
-    share = float(grey.mean())
-    occupied_share = 1.0 - SAVERS_UNKNOWN / 255.0
-    if share > 0.0 and occupied_share < header.free_thresh:
-        return [
-            f"{share:.0%} of the pixels have the grey {SAVERS_UNKNOWN} that map savers write for unknown, and with "
-            f"free_thresh {header.free_thresh:g} they count as free, as they do for Nav2. If they are unknown, "
-            "give a free threshold of 0.196."
-        ]
-    return []
+    return averaged.astype(np.float64).sum(axis=-1) / averaged.shape[-1] / 255.0, opaque, notes
 
 
 MOST_DRAWN_CELLS = 60_000_000
@@ -367,11 +315,12 @@ def occupancy_from_objects(
     The map reaches `margin_m` beyond the objects: the floor round things that no wall encloses.
     Raises InputError where no object has a slice.
     """
+    from scipy.ndimage import binary_dilation, label
+
     outlines = [polygon for thing in objects for polygon in thing.slices]
     if not outlines:
-        raise InputError(
-            "no object is cut by the lidar plane, so there is nothing to draw a map of", code="map-no-object"
-        )
+        message = "no object is cut by the lidar plane, so there is nothing to draw a map of"
+        raise InputError(message, code="map-no-object")
     frame = covering(np.concatenate([np.asarray(p, float) for p in outlines]), resolution_m, margin_m)
     if frame.shape[0] * frame.shape[1] > MOST_DRAWN_CELLS:
         raise InputError(
@@ -383,54 +332,32 @@ def occupancy_from_objects(
     solid = np.zeros(frame.shape, bool)
     for thing in objects:
         solid |= inside_cells(thing.slices, frame)
-    floor = _floor(~edges & ~solid, frame, list(seeds), main)
-    cells = np.full(frame.shape, UNKNOWN, np.uint8)
-    cells[floor] = FREE
-    cells[edges & _grown(floor)] = OCCUPIED
-    cells.setflags(write=False)
-    return OccupancyMap(cells=cells, resolution=resolution_m, origin=frame.origin)
-
-
-def _floor(
-    open_cells: NDArray[np.bool_], frame: Frame, seeds: list[tuple[float, float]], main: MainPart | None
-) -> NDArray[np.bool_]:
-    from scipy.ndimage import label
-
-    parts, count = label(open_cells)
+    parts, count = label(~edges & ~solid)
     if count == 0:
         raise InputError("the objects leave no open floor", code="map-no-floor")
-    rows, columns = frame.shape
-    wanted = set()
-    for seed in seeds:
-        column, row = np.floor(frame.to_cells(np.array(seed))).astype(int)
-        if 0 <= row < rows and 0 <= column < columns and parts[row, column]:
-            wanted.add(int(parts[row, column]))
+    wanted = {int(number) for seed in seeds if (number := frame.looked_up_at(parts, *seed))}
     if not wanted or main is not None:
         sizes = np.bincount(parts.ravel())
         sizes[0] = 0
         wanted.add(int(sizes.argmax()) if main is None else main(parts, sizes, frame))
-    return np.isin(parts, sorted(wanted))
+    floor = np.isin(parts, sorted(wanted))
+    cells = np.full(frame.shape, UNKNOWN, np.uint8)
+    cells[floor] = FREE
+    cells[edges & binary_dilation(floor, np.ones((3, 3), bool))] = OCCUPIED
+    cells.setflags(write=False)
+    return OccupancyMap(cells=cells, resolution=resolution_m, origin=frame.origin)
 
 
-def _grown(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    from scipy.ndimage import binary_dilation
-
-    return np.asarray(binary_dilation(cells, np.ones((3, 3), bool)))
-
-
-def write_map(occupancy: OccupancyMap, folder: Path, name: str = "map") -> Path:
-    """Write `name.png` and `name.yaml` in Nav2's format; returns the path of the YAML file."""
-    from PIL import Image
-
-    grey = np.full(occupancy.cells.shape, 205, np.uint8)
+def write_map(occupancy: OccupancyMap, folder: Path) -> None:
+    """Write `map.png` and `map.yaml` in Nav2's format."""
+    grey = np.full(occupancy.cells.shape, SAVERS_UNKNOWN, np.uint8)
     grey[occupancy.cells == FREE] = 254
     grey[occupancy.cells == OCCUPIED] = 0
-    Image.fromarray(grey[::-1]).save(folder / f"{name}.png", optimize=False)
+    Image.fromarray(grey[::-1]).save(folder / "map.png", optimize=False)
     o = occupancy.origin
-    (folder / f"{name}.yaml").write_text(
+    (folder / "map.yaml").write_text(
         "# The occupancy map in Nav2's format: black is occupied, white is free, grey is unknown.\n"
-        f"image: {name}.png\nmode: trinary\nresolution: {occupancy.resolution!r}\n"
+        f"image: map.png\nmode: trinary\nresolution: {occupancy.resolution!r}\n"
         f"origin: [{o.x!r}, {o.y!r}, {o.yaw!r}]  # x, y (m), yaw (rad) of the lower left corner\n"
         "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
     )
-    return folder / f"{name}.yaml"

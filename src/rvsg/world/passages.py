@@ -7,7 +7,7 @@ on its right.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -77,9 +77,8 @@ def free_width_m(world: World, x: float, y: float, yaw: float | None = None) -> 
             width is the shortest straight line from obstacle to obstacle through the point.
     """
     at = np.array([[x, y]])
-    if yaw is None:
-        return float(free_widths_m(world, at)[0])
-    return float(widths_m(human_space(world), at, np.array([yaw]))[0])
+    widths = free_widths_m(world, at) if yaw is None else widths_m(human_space(world), at, np.array([yaw]))
+    return float(widths[0])
 
 
 def free_widths_m(world: World, points: Floats) -> Floats:
@@ -107,22 +106,22 @@ def narrow_passages(
         robot: Leave out places where this robot and a person can pass each other; None: the default robot.
         most: Keep only this many, the narrowest ones.
     """
-    found = [
-        min(stretch, key=lambda sample: (sample[1], sample[0])) for stretch in _stretches(world, line, passing_m(robot))
-    ]
+    points, yaws, along = _along(line)
+    widths = widths_m(human_space(world), points, yaws)
+    narrow = np.flatnonzero((widths > 0.0) & (widths < passing_m(robot)))
+    stretches = np.split(narrow, np.flatnonzero(np.diff(along[narrow]) > SEPARATE_M) + 1) if len(narrow) else []
+    found = [int(stretch[widths[stretch].argmin()]) for stretch in stretches]
     if most is not None:
-        found = sorted(sorted(found, key=lambda sample: sample[1])[:most])
-    return tuple(_passage(world, line, along) for along, _ in found)
+        found = sorted(sorted(found, key=lambda i: float(widths[i]))[:most])
+    return tuple(_passage(world, points[i], float(yaws[i]), float(along[i])) for i in found)
 
 
 def narrowest_passage(world: World, line: Floats) -> Passage | None:
     """Return the narrowest place on a line (N, 2); None if the whole line lies in obstacles."""
     points, yaws, along = _along(line)
     widths = widths_m(human_space(world), points, yaws)
-    free = widths > 0.0
-    if not free.any():
-        return None
-    return _passage(world, line, float(along[np.where(free, widths, np.inf).argmin()]))
+    i = int(np.where(widths > 0.0, widths, np.inf).argmin())
+    return _passage(world, points[i], float(yaws[i]), float(along[i])) if widths[i] > 0.0 else None
 
 
 def narrowest_m(world: World, lines: Sequence[Floats]) -> list[float]:
@@ -134,38 +133,19 @@ def narrowest_m(world: World, lines: Sequence[Floats]) -> list[float]:
     return [round(float(part[part > 0.0].min()), 3) if part.any() else 0.0 for part in parts]
 
 
-def _stretches(world: World, line: Floats, limit: float) -> Iterator[list[tuple[float, float]]]:
-    """Yield every stretch of the line that is narrower than the limit as (distance along the line, width)."""
-    points, yaws, along = _along(line)
-    widths = widths_m(human_space(world), points, yaws)
-    stretch: list[tuple[float, float]] = []
-    for where, width in zip(along.tolist(), widths.tolist(), strict=True):
-        if not 0.0 < width < limit:
-            continue
-        if stretch and where - stretch[-1][0] > SEPARATE_M:
-            yield stretch
-            stretch = []
-        stretch.append((where, width))
-    if stretch:
-        yield stretch
-
-
-def _passage(world: World, line: Floats, along_m: float) -> Passage:
-    """Measure the passage at a distance along a line."""
-    points, yaws, along = _along(line)
-    i = int(np.abs(along - along_m).argmin())
-    at, yaw = points[i], float(yaws[i])
-    widths, left, right = _widths(human_space(world), at[None, :], yaws[i : i + 1])
-    x, y = float(at[0]), float(at[1])
+def _passage(world: World, at: Floats, yaw: float, along_m: float) -> Passage:
+    """Measure the passage at a point (2,) of a way."""
+    (width,), (left,), (right,) = _widths(human_space(world), at[None, :], np.array([yaw]))
+    x, y = at.tolist()
     return Passage(
         x=round(x, 3),
         y=round(y, 3),
         yaw=round(yaw, 4),
-        along_m=round(float(along[i]), 3),
-        width_m=round(float(widths[0]), 3),
+        along_m=round(along_m, 3),
+        width_m=round(float(width), 3),
         waypoint=world.grid.nearest(x, y),
-        left=_bounding_area(world, left[0]),
-        right=_bounding_area(world, right[0]),
+        left=_bounding_area(world, left),
+        right=_bounding_area(world, right),
     )
 
 
@@ -187,24 +167,19 @@ def _bounding_area(world: World, end: Floats) -> str | None:
 
 def _along(line: Floats) -> tuple[Floats, Floats, Floats]:
     """Return samples of a line: points (N, 2), directions (N,) and distances from its start (N,)."""
-    points, yaws, along = [], [], []
-    passed = 0.0
-    for a, b in pairwise(np.asarray(line, float)):
-        length = float(np.hypot(*(b - a)))
-        if length == 0.0:
-            continue
-        count = max(1, math.ceil(length / SAMPLE_M))
-        shares = np.arange(count) / count
-        points.append(a + (b - a) * shares[:, None])
-        yaws.append(np.full(count, math.atan2(b[1] - a[1], b[0] - a[0])))
-        along.append(passed + shares * length)
-        passed += length
-    if not points:
-        return np.asarray(line, float)[:1], np.zeros(1), np.zeros(1)
-    points.append(np.asarray(line, float)[-1:])
-    yaws.append(yaws[-1][-1:])
-    along.append(np.array([passed]))
-    return np.concatenate(points), np.concatenate(yaws), np.concatenate(along)
+    line = np.asarray(line, float)
+    legs = np.diff(line, axis=0)
+    lengths = np.hypot(*legs.T)
+    line, legs, lengths = line[np.append(True, lengths > 0.0)], legs[lengths > 0.0], lengths[lengths > 0.0]
+    if not len(lengths):
+        return line[:1], np.zeros(1), np.zeros(1)
+    starts = np.append(0.0, np.cumsum(lengths))
+    counts = np.maximum(1, np.ceil(lengths / SAMPLE_M)).astype(int)
+    leg = np.repeat(np.arange(len(legs)), counts)
+    shares = np.concatenate([np.arange(count) / count for count in counts])
+    yaws = np.array([math.atan2(dy, dx) for dx, dy in legs.tolist()])
+    points = np.vstack([line[leg] + legs[leg] * shares[:, None], line[-1:]])
+    return points, np.append(yaws[leg], yaws[-1]), np.append(starts[leg] + shares * lengths[leg], starts[-1])
 
 
 def _widths(space: Space, points: Floats, yaws: Floats) -> tuple[Floats, Floats, Floats]:
@@ -272,10 +247,12 @@ def describe_route(world: World, route: Route, driven: Floats | None = None, *, 
         + (f" ({route.purpose})." if route.purpose else ".")
     ]
     if len(way) > 1:
-        sentences.append(f"It roughly passes the waypoints {_listed(way)}.")
+        step = math.ceil(len(way) / MOST_NAMED)
+        named = ", ".join(way if step == 1 else [*way[:-1:step], way[-1]])
+        every = {1: "", 2: " (every second one named)", 3: " (every third one named)"}
+        sentences.append(f"It roughly passes the waypoints {named}{every.get(step, f' (every {step}th one named)')}.")
     for number, pose in enumerate(route.through, start=1):
-        first = "It must first pass" if number == 1 else "then"
-        sentences.append(f"{first[0].upper() + first[1:]} {_place(world, pose)}.")
+        sentences.append(f"{'It must first pass' if number == 1 else 'Then'} {_place(world, pose)}.")
     passed = _areas_passed(world, line, (route.start, route.goal))
     if passed:
         sentences.append(f"On its way it passes {_joined(passed)}.")
@@ -318,18 +295,6 @@ def length_m(line: Floats) -> float:
     return float(np.hypot(*np.diff(line, axis=0).T).sum())
 
 
-def _listed(names: Sequence[str]) -> str:
-    if len(names) <= MOST_NAMED:
-        return ", ".join(names)
-    step = math.ceil(len(names) / MOST_NAMED)
-    shown = [*names[:-1:step], names[-1]]
-    return ", ".join(shown) + f" (every {_ordinal(step)} one named)"
-
-
-def _ordinal(number: int) -> str:
-    return {2: "second", 3: "third"}.get(number, f"{number}th")
-
-
 def _joined(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
 
@@ -349,15 +314,10 @@ def nearest_area(areas: Sequence[Area], x: float, y: float) -> tuple[Area | None
     """Return the area nearest to a point and its distance (metres, 0 inside); of several the smallest."""
     from shapely import Point, Polygon
 
-    point = Point(x, y)
-    best: tuple[float, float, str] | None = None
-    found: Area | None = None
-    for area in areas:
-        shape = Polygon(area.outline)
-        key = (round(float(shape.distance(point)), 3), float(shape.area), area.name)
-        if best is None or key < best:
-            best, found = key, area
-    return (found, best[0]) if best is not None else (None, math.inf)
+    shapes = [(area, Polygon(area.outline)) for area in areas]
+    ranked = {(round(shape.distance(Point(x, y)), 3), shape.area, area.name): area for area, shape in shapes}
+    nearest = min(ranked, default=None)
+    return (None, math.inf) if nearest is None else (ranked[nearest], nearest[0])
 
 
 def _facing(grid: Grid, yaw: float) -> str:
@@ -379,14 +339,9 @@ def _areas_passed(world: World, line: Floats, ends: Sequence[Pose]) -> list[str]
         shape = Polygon(area.outline)
         if area not in at_ends and path.distance(shape) <= 1.0:
             inside = path.intersection(shape)
-            where = path.project(
-                Point(
-                    inside.coords[0]
-                    if inside.geom_type == "LineString" and not inside.is_empty
-                    else shape.centroid.coords[0]
-                )
-            )
-            met.append((where, area.name))
+            crosses = inside.geom_type == "LineString" and not inside.is_empty
+            at = Point(inside.coords[0]) if crosses else shape.centroid
+            met.append((path.project(at), area.name))
     return [name for _, name in sorted(met)][:6]
 
 

@@ -1,6 +1,4 @@
-"""Proposals of routes: ways across the building that the robot can drive.
-
-Fit a route to a robot: its goal where the robot's body can stand, its time limit within what its speed allows.
+"""Routes across a building that a robot can drive: proposals, and fitting a route to another robot.
 
 The routes of a world are written for one robot. A longer one touches the shelf in front of which that robot stops, or
 stops before it because a safety scanner sees the shelf; a slower one needs more time.
@@ -40,25 +38,21 @@ START_AND_TURN_S = 5.0
 """The time limit is at least this much, and that many times the time at full speed along the route."""
 
 
-class Fitted(NamedTuple):
-    """A route fitted to a robot, and what was changed, in words; nothing where the route fits as it is."""
-
-    route: Route
-    notes: tuple[str, ...]
-
-
-def fitted(route: Route, robot: Robot, world: World) -> Fitted:
-    """Return the route for a robot. Fitting a fitted route changes nothing."""
+def fitted(route: Route, robot: Robot, world: World) -> tuple[Route, tuple[str, ...]]:
+    """Return the route for a robot, and what was changed, in words. Fitting a fitted route changes nothing."""
     notes = []
     back = setback_m(route.goal, robot, world)
-    if back is not None and back > 0.0:
+    if back:
         goal = _moved(route.goal, back)
         notes.append(
             f"{route.name}: {robot.name} cannot stand at the goal ({route.goal.x:g}, {route.goal.y:g}); its goal is "
             f"{back:.2f} m before it, at ({goal.x:g}, {goal.y:g})."
         )
         route = route.model_copy(update={"goal": goal})
-    length = _length_m(route, world)
+    if world.grid.valid:
+        length = length_m(line_of(world, route))
+    else:
+        length = _length([(pose.x, pose.y) for pose in (route.start, *route.through, route.goal)])
     needed = math.ceil(SLOWER_THAN_STRAIGHT * length / robot.driving_speed_m_s + START_AND_TURN_S)
     if needed > route.time_limit_s:
         notes.append(
@@ -66,7 +60,7 @@ def fitted(route: Route, robot: Robot, world: World) -> Fitted:
             f"{length:.0f} m is {needed} s instead of {route.time_limit_s:g} s."
         )
         route = route.model_copy(update={"time_limit_s": float(needed)})
-    return Fitted(route, tuple(notes))
+    return route, tuple(notes)
 
 
 def setback_m(goal: Pose, robot: Robot, world: World) -> float | None:
@@ -76,11 +70,16 @@ def setback_m(goal: Pose, robot: Robot, world: World) -> float | None:
     length and its stopping zones, so that moving the goal does not help.
     """
     space = robot_space(world)
-    (rear, right), (front, left) = stopping_rectangle(robot)
+    corners = list(padded(robot.footprint, robot.padding_m))
+    for zone in robot.safety_zones:
+        if zone.speed_m_s == 0.0 and zone.from_speed_m_s <= CREEPING_M_S:
+            corners += zone.polygon
+    (rear, right), (front, left) = rectangle(corners)
+    counts = (math.ceil((front - rear) / SAMPLE_M) + 1, math.ceil((left - right) / SAMPLE_M) + 1)
     allowed = 0.5 * robot.navigation.behaviours.goal_tolerance_m
     for step in range(int((front - rear) / STEP_M) + 1):
         back = step * STEP_M
-        if _is_free(space, _moved(goal, back), (rear, right), (front, left)):
+        if _is_free(space, _moved(goal, back), ((rear, right), (front, left)), counts):
             return 0.0 if back <= allowed else round(back + SPARE_M, 2)
     return None
 
@@ -105,27 +104,12 @@ def fits_through(robot: Robot, route: Route, world: World) -> bool:
     return bool(reached)
 
 
-def stopping_rectangle(robot: Robot) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the corners of the rectangle that is free where the robot can drive: footprint and stopping zones."""
-    corners = list(padded(robot.footprint, robot.padding_m))
-    for zone in robot.safety_zones:
-        if zone.speed_m_s == 0.0 and zone.from_speed_m_s <= CREEPING_M_S:
-            corners += zone.polygon
-    return rectangle(corners)
-
-
-def _length_m(route: Route, world: World) -> float:
-    """Return the length of a route over the grid; straight from pose to pose in a world without waypoints."""
-    if world.grid.valid:
-        return length_m(line_of(world, route))
-    poses = (route.start, *route.through, route.goal)
-    return sum(math.dist((a.x, a.y), (b.x, b.y)) for a, b in pairwise(poses))
-
-
-def _is_free(space: Space, pose: Pose, low: tuple[float, float], high: tuple[float, float]) -> bool:
-    along, across = np.meshgrid(
-        *(np.linspace(a, b, math.ceil((b - a) / SAMPLE_M) + 1) for a, b in zip(low, high, strict=True))
-    )
+def _is_free(
+    space: Space, pose: Pose, box: tuple[tuple[float, float], tuple[float, float]], counts: tuple[int, int]
+) -> bool:
+    """Return whether a rectangle in the frame of a pose is clear of obstacles, at so many points along and across."""
+    (rear, right), (front, left) = box
+    along, across = np.meshgrid(np.linspace(rear, front, counts[0]), np.linspace(right, left, counts[1]))
     cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
     points = np.stack([pose.x + cos * along - sin * across, pose.y + sin * along + cos * across], axis=-1)
     return bool((space.clearances(points) > 0.0).all())
@@ -190,6 +174,11 @@ class _Walk(NamedTuple):
     start: str
     goal: str
 
+    @property
+    def hops(self) -> list[Hop]:
+        """The hops of the way, whichever way they are walked."""
+        return [(a, b) if a < b else (b, a) for a, b in pairwise(self.path)]
+
 
 def propose_routes(
     world: World, count: int = ROUTES, trial: Trial | None = None, robot: Robot | None = None
@@ -210,7 +199,7 @@ def propose_routes(
         fresh = [walk for walk in ranked if walk not in chosen]
         for walk in sorted(fresh, key=lambda w: bool(used & {w.start, w.goal}))[:MOST_DRIVES]:
             asked = _route(world, f"route_{len(routes) + 1}", walk)
-            driven = _driven(world, asked if robot is None else fitted(asked, robot, world).route, trial)
+            driven = _driven(world, asked if robot is None else fitted(asked, robot, world)[0], trial)
             if driven is not None and not driven[0]:
                 chosen.append(walk)
                 routes.append(driven[1])
@@ -225,18 +214,31 @@ def propose_routes(
 
 def _walks(world: World, robot: Robot | None) -> list[_Walk]:
     """Return the shortest ways between all areas that are long enough and at whose ends the robot stands free."""
-    ends = _ends(world, robot)
-    drivable = grid_of_robot(world.grid)
+    ends, space = _ends(world, robot), robot_space(world)
+    fits = {w.name for w in world.grid.waypoints if w.human and w.robot}
+    waypoints = tuple(w if w.name in fits else w.model_copy(update={"human": False}) for w in world.grid.waypoints)
+    hops = tuple(hop for hop in world.grid.hops if fits.issuperset(hop))
+    drivable = world.grid.model_copy(update={"waypoints": waypoints, "hops": hops})
     walks = []
-    for i, (start, area_a) in enumerate(ends):
-        for goal, area_b in ends[i + 1 :]:
-            path = drivable.shortest_path(start, goal)
-            if path is None or not _ends_fit(world, path, robot):
-                continue
-            length = _length(world.grid, path)
+    for (start, area_a), (goal, area_b) in itertools.combinations(ends, 2):
+        path = drivable.shortest_path(start, goal)
+        if path is not None and all(robot_stands(space, pose, robot) for pose in _end_poses(world, path)):
+            length = _length([world.grid.position(name) for name in path])
             if length >= SHORTEST_ROUTE_M:
                 walks.append(_Walk(length, path, area_a, area_b))
     return walks
+
+
+def _length(points: Sequence[tuple[float, float]]) -> float:
+    return sum(math.dist(a, b) for a, b in pairwise(points))
+
+
+def _end_poses(world: World, path: Sequence[str]) -> tuple[Pose, Pose]:
+    """Return the first and the last pose on a path, looking along it."""
+    points = [world.grid.position(name) for name in path]
+    ends = ((points[0], points[0], points[1]), (points[-1], points[-2], points[-1]))
+    first, last = (Pose(x=x, y=y, yaw=round(math.atan2(b[1] - a[1], b[0] - a[0]), 2)) for (x, y), a, b in ends)
+    return first, last
 
 
 def _rankings(world: World, walks: Sequence[_Walk]) -> list[list[_Walk]]:
@@ -244,26 +246,17 @@ def _rankings(world: World, walks: Sequence[_Walk]) -> list[list[_Walk]]:
     if not walks:
         return []
     longest = min(max(walk.length_m for walk in walks), LONGEST_ROUTE_M)
-    users = Counter(_hop(a, b) for walk in walks for a, b in pairwise(walk.path))
+    users = Counter(hop for walk in walks for hop in walk.hops)
     lines = [np.array([world.grid.position(name) for name in hop]) for hop in users]
     widths = dict(zip(users, narrowest_m(world, lines), strict=True))
-
-    def shared(walk: _Walk) -> float:
-        return sum(users[_hop(a, b)] for a, b in pairwise(walk.path)) / len(walk.path)
-
-    def narrowest(walk: _Walk) -> float:
-        return round(min(widths[_hop(a, b)] for a, b in pairwise(walk.path)), 2)
-
+    shared = {walk: sum(users[hop] for hop in walk.hops) / len(walk.path) for walk in walks}
+    narrowest = {walk: round(min(widths[hop] for hop in walk.hops), 2) for walk in walks}
     crossing = [walk for walk in walks if CROSSING * longest <= walk.length_m <= LONGEST_ROUTE_M] or list(walks)
     return [
         sorted(walks, key=lambda walk: (abs(walk.length_m - longest), walk.path)),
-        sorted(crossing, key=lambda walk: (-shared(walk), -walk.length_m, walk.path)),
-        sorted(crossing, key=lambda walk: (narrowest(walk), -walk.length_m, walk.path)),
+        sorted(crossing, key=lambda walk: (-shared[walk], -walk.length_m, walk.path)),
+        sorted(crossing, key=lambda walk: (narrowest[walk], -walk.length_m, walk.path)),
     ]
-
-
-def _hop(a: str, b: str) -> tuple[str, str]:
-    return (a, b) if a < b else (b, a)
 
 
 def _driven(world: World, route: Route, trial: Trial | None) -> tuple[int, Route] | None:
@@ -323,52 +316,23 @@ def _ends(world: World, robot: Robot | None) -> list[tuple[str, str]]:
     """
     space = robot_space(world)
     turning = TURNING_M if robot is None else robot.turning_radius_m
-    ends: list[tuple[str, str]] = []
+    ends: dict[str, str] = {}
     for area in world.areas:
         middle = np.mean(np.array(area.outline), axis=0)
-        fit = [world.grid.by_name[name] for name in area.waypoints if world.grid.by_name[name].robot]
+        fit = [waypoint for name in area.waypoints if (waypoint := world.grid.by_name[name]).robot]
         if fit:
             tight = {w.name: space.clearance(w.x, w.y) < turning for w in fit}
             best = min(fit, key=lambda w: (tight[w.name], math.dist((w.x, w.y), middle), w.name))
-            if best.name not in {name for name, _ in ends}:
-                ends.append((best.name, area.name))
-    step = max(1, math.ceil(len(ends) / 20))
-    return ends[::step]
-
-
-def grid_of_robot(grid: Grid) -> Grid:
-    """Return the part of the grid on which the robot fits."""
-    fits = {w.name for w in grid.waypoints if w.human and w.robot}
-    waypoints = tuple(w if w.name in fits else w.model_copy(update={"human": False}) for w in grid.waypoints)
-    return grid.model_copy(
-        update={"waypoints": waypoints, "hops": tuple(hop for hop in grid.hops if hop[0] in fits and hop[1] in fits)}
-    )
-
-
-def _length(grid: Grid, path: Sequence[str]) -> float:
-    return sum(math.dist(grid.position(a), grid.position(b)) for a, b in pairwise(path))
-
-
-def _ends_fit(world: World, path: Sequence[str], robot: Robot | None) -> bool:
-    """Return whether the robot stands free at both ends of a path, looking along it."""
-    points = [world.grid.position(p) for p in path]
-    space = robot_space(world)
-    return all(
-        robot_stands(space, Pose(x=at[0], y=at[1], yaw=_heading(a, b)), robot)
-        for at, a, b in ((points[0], points[0], points[1]), (points[-1], points[-2], points[-1]))
-    )
-
-
-def _heading(a: tuple[float, float], b: tuple[float, float]) -> float:
-    return round(math.atan2(b[1] - a[1], b[0] - a[0]), 2)
+            ends.setdefault(best.name, area.name)
+    return list(ends.items())[:: max(1, math.ceil(len(ends) / 20))]
 
 
 def _route(world: World, name: str, walk: _Walk) -> Route:
-    points = [world.grid.position(p) for p in walk.path]
+    start, goal = _end_poses(world, walk.path)
     return Route(
         name=name,
-        start=Pose(x=points[0][0], y=points[0][1], yaw=_heading(points[0], points[1])),
-        goal=Pose(x=points[-1][0], y=points[-1][1], yaw=_heading(points[-2], points[-1])),
+        start=start,
+        goal=goal,
         time_limit_s=time_limit_s(walk.length_m),
         via=walk.path,
         purpose=f"from {walk.start} to {walk.goal}",
@@ -381,11 +345,7 @@ def robot_stands(space: Space, pose: Pose, robot: Robot | None = None) -> bool:
     By default the robot is the default one; of any other the rectangle around its footprint counts.
     """
     robot = robot or load_robot(DEFAULT_ROBOT)
-    (rear, right), (front, left) = rectangle(padded(robot.footprint, robot.padding_m))
-    along, across = np.meshgrid(np.linspace(rear, front, 15), np.linspace(right, left, 11))
-    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
-    points = np.stack([pose.x + c * along - s * across, pose.y + s * along + c * across], axis=-1)
-    return bool((space.clearances(points) > 0.0).all())
+    return _is_free(space, pose, rectangle(padded(robot.footprint, robot.padding_m)), (15, 11))
 
 
 def time_limit_s(length_m: float) -> float:

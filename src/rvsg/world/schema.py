@@ -6,7 +6,6 @@ import json
 import math
 import re
 from collections.abc import Iterable
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -17,7 +16,7 @@ from rvsg.core.errors import FileError, InputError
 from rvsg.core.records import Pose, Record
 from rvsg.world.grid import GridSpec
 from rvsg.world.occupancy import write_map
-from rvsg.world.world import Area, Description, Door, OrientedBox, Point, Polygon, Route, SolidObject, World
+from rvsg.world.world import Area, Description, Door, OrientedBox, Point, Polygon, SolidObject, World
 
 Name = Annotated[str, Field(min_length=1, max_length=120)]
 SMALLEST_AREA_M2 = 1e-4
@@ -53,7 +52,7 @@ class ObjectEntry(Record):
             _near(self.box.center) and all(0 < size <= LARGEST_M for size in self.box.size)
         ):
             raise ValueError(f"the box's sizes must be over 0 and at most {LARGEST_M:g} m, its centre within 100 km")
-        if self.box is None and self.footprint is not None and not _has_area(self.footprint):
+        if self.box is None and self.footprint is not None and _area(self.footprint) < SMALLEST_AREA_M2 / 2:
             raise ValueError("the footprint has no area: its points lie on a line, or at one place")
         if self.box is not None and self.height is not None:
             raise ValueError("the box already has a height; leave height out")
@@ -61,41 +60,36 @@ class ObjectEntry(Record):
 
     def solid(self, lidar_height_m: float) -> SolidObject:
         """Return the object with all that follows from what is given."""
-        box = self.box or _box_around(self.footprint or (), self.height or 0.0)
+        box, height = self.box, self.height or 0.0
+        if box is None:
+            xs, ys = zip(*self.footprint or (), strict=True)
+            middle = ((min(xs) + max(xs)) / 2, (min(ys) + max(ys)) / 2, height / 2)
+            box = OrientedBox(center=middle, size=(max(xs) - min(xs), max(ys) - min(ys), height))
         footprint: Polygon = self.footprint or box_corners(box)
         bottom, top = box.center[2] - box.size[2] / 2, box.center[2] + box.size[2] / 2
-        cut = bottom <= lidar_height_m <= top
-        slices = self.slices if self.slices is not None else ((footprint, *self.holes) if cut else ())
-        origin = self.origin or (box.center[0], box.center[1], bottom)
+        cut = (footprint, *self.holes) if bottom <= lidar_height_m <= top else ()
         return SolidObject(
             name=self.name,
             kind=self.kind,
-            origin=origin,
+            origin=self.origin or (box.center[0], box.center[1], bottom),
             box=box,
             footprint=footprint,
-            slices=slices,
+            slices=cut if self.slices is None else self.slices,
             holes=self.holes,
         )
 
     @classmethod
     def of(cls, thing: SolidObject) -> Self:
         """Return the entry that gives exactly this object."""
-        return cls(
-            name=thing.name,
-            kind=thing.kind,
-            origin=thing.origin,
-            box=thing.box,
-            footprint=thing.footprint if thing.footprint != box_corners(thing.box) else None,
-            holes=thing.holes,
-            slices=thing.slices,
-        )
+        footprint = thing.footprint if thing.footprint != box_corners(thing.box) else None
+        return cls.model_validate(thing.model_dump() | {"footprint": footprint})
 
 
-def _has_area(ring: Polygon) -> bool:
-    """Return whether the points of a ring do not all lie on one line."""
-    (x0, y0), *others = ring
-    cross = [(x - x0) * (b - y0) - (y - y0) * (a - x0) for (x, y), (a, b) in pairwise(others)]
-    return any(abs(value) > SMALLEST_AREA_M2 for value in cross)
+def _area(ring: Polygon) -> float:
+    """Return the area of the convex hull of a ring."""
+    from shapely import MultiPoint
+
+    return float(MultiPoint(ring).convex_hull.area)
 
 
 def _near(point: tuple[float, ...]) -> bool:
@@ -108,14 +102,6 @@ def box_corners(box: OrientedBox) -> Polygon:
     half_x, half_y = box.size[0] / 2, box.size[1] / 2
     corners = [(-half_x, -half_y), (half_x, -half_y), (half_x, half_y), (-half_x, half_y)]
     return tuple((round(box.center[0] + c * x - s * y, 4), round(box.center[1] + s * x + c * y, 4)) for x, y in corners)
-
-
-def _box_around(footprint: Polygon, height: float) -> OrientedBox:
-    xs, ys = [p[0] for p in footprint], [p[1] for p in footprint]
-    return OrientedBox(
-        center=((min(xs) + max(xs)) / 2, (min(ys) + max(ys)) / 2, height / 2),
-        size=(max(xs) - min(xs), max(ys) - min(ys), height),
-    )
 
 
 class ObjectsFile(Record):
@@ -154,30 +140,17 @@ class AreaEntry(Record):
     def area(self) -> Area:
         """Return the area; its waypoints are empty where none are given."""
         outline = self.outline or rectangle_outline(self.rectangle or (0, 0, 0, 0))
-        return Area(
-            name=self.name,
-            kind=self.kind,
-            region=self.region,
-            note=self.note,
-            outline=outline,
-            waypoints=self.waypoints or (),
-        )
+        values = self.model_dump(exclude={"rectangle"})
+        return Area.model_validate(values | {"outline": outline, "waypoints": self.waypoints or ()})
 
     @classmethod
     def of(cls, area: Area) -> Self:
         """Return the entry that gives exactly this area."""
-        xs, ys = [p[0] for p in area.outline], [p[1] for p in area.outline]
+        xs, ys = zip(*area.outline, strict=True)
         rectangle = (min(xs), min(ys), max(xs), max(ys))
-        is_rectangle = area.outline == rectangle_outline(rectangle)
-        return cls(
-            name=area.name,
-            kind=area.kind,
-            region=area.region,
-            note=area.note,
-            rectangle=rectangle if is_rectangle else None,
-            outline=None if is_rectangle else area.outline,
-            waypoints=area.waypoints,
-        )
+        fits = area.outline == rectangle_outline(rectangle)
+        shape = {"rectangle": rectangle, "outline": None} if fits else {}
+        return cls.model_validate(area.model_dump() | shape)
 
 
 def rectangle_outline(rectangle: tuple[float, float, float, float]) -> Polygon:
@@ -217,11 +190,6 @@ class RouteEntry(Record):
                 radians = f"{math.radians(place.yaw):.4f}"
                 raise ValueError(f"{pose} is not in radians; if degrees are meant, write yaw: {radians}")
         return places
-
-    @classmethod
-    def of(cls, route: Route) -> Self:
-        """Return the entry that gives exactly this route."""
-        return cls.model_validate(route.model_dump())
 
 
 class RoutesFile(Record):
@@ -291,12 +259,18 @@ def save_world(world: World, folder: str | Path) -> None:
     try:
         files = world_files(world)  # all of them before the first is written
     except ValidationError as error:
-        raise InputError(f'the world "{world.name}" cannot be saved: {_first_of(error)}') from None
+        wrong = error.errors(include_url=False)[0]
+        given, place = wrong["input"], ".".join(str(part) for part in wrong["loc"])
+        thing = str(given.get("name", "") if isinstance(given, dict) else given)[:60]
+        said = f"{error.title} {thing!r}{f', {place}' if place else ''}: {wrong['msg'].removeprefix('Value error, ')}"
+        raise InputError(f'the world "{world.name}" cannot be saved: {said}') from None
     try:
         folder.mkdir(parents=True, exist_ok=True)
         write_map(world.occupancy, folder)
         for name, text in files.items():
-            _replace(folder / name, text)
+            draft = folder / f"{name}.new"
+            draft.write_text(text, encoding="utf-8")
+            draft.replace(folder / name)
     except OSError as error:
         raise FileError(
             folder, f"the world cannot be written here: {error.strerror}", code="world-not-written"
@@ -315,7 +289,7 @@ def world_files(world: World) -> dict[str, str]:
         ),
         "routes.yaml": _entries_text(
             "routes",
-            (RouteEntry.of(route) for route in world.routes),
+            (RouteEntry.model_validate(route.model_dump()) for route in world.routes),
             f"What the robot is asked to drive in {world.title}. Poses in metres and radians, world frame; a pose may\n"
             "also be the name of a waypoint. via: waypoints it roughly passes; through: poses it must pass, in order.",
         ),
@@ -338,39 +312,32 @@ def world_files(world: World) -> dict[str, str]:
     return files
 
 
-def _first_of(error: ValidationError) -> str:
-    """Return the first mistake of a record, with the name of the thing it is of."""
-    found = error.errors(include_url=False)[0]
-    given = found["input"]
-    thing = given.get("name", "") if isinstance(given, dict) else given
-    place = ".".join(str(part) for part in found["loc"])
-    said = found["msg"].removeprefix("Value error, ")
-    return f"{error.title} {str(thing)[:60]!r}{f', {place}' if place else ''}: {said}"
-
-
 def _world_text(world: World) -> str:
-    head: list[tuple[str, Any]] = [("format", 1), ("name", world.name), ("title", world.title)]
-    head.append(("map", "map.yaml"))
-    if world.objects:
-        head.append(("objects", "objects.yaml"))
-    if world.doors:
-        head.append(("doors", "doors.yaml"))
-    head += [("labels", "labels.yaml"), ("routes", "routes.yaml"), ("lidar_height_m", world.lidar_height_m)]
-    if world.map_offset != (0.0, 0.0):
-        head.append(("map_offset", list(world.map_offset)))
-    if world.actors:
-        head.append(("actors", list(world.actors)))
+    head: dict[str, Any] = {
+        "format": 1,
+        "name": world.name,
+        "title": world.title,
+        "map": "map.yaml",
+        "objects": "objects.yaml" if world.objects else None,
+        "doors": "doors.yaml" if world.doors else None,
+        "labels": "labels.yaml",
+        "routes": "routes.yaml",
+        "lidar_height_m": world.lidar_height_m,
+        "map_offset": world.map_offset if world.map_offset != (0.0, 0.0) else None,
+        "actors": world.actors or None,
+    }
     lines = [f"# {one_line(world.title)}. Metres and radians, world frame."]
-    lines += [f"{key}: {_flow(value)}" for key, value in head]
+    lines += [f"{key}: {_flow(value)}" for key, value in head.items() if value is not None]
     if world.grid_spec is not None:
         grid = world.grid_spec.model_dump(mode="json", exclude_defaults=True)
         lines += ["grid:", *(_block(key, value, "  ") for key, value in grid.items())] if grid else ["grid: {}"]
     if world.activities:
-        lines += ["activities:", *(f"  - {_flow(_activity(world, text))}" for text in world.activities)]
+        trolley = world.trolley_work
+        entries = ({"text": a, "trolley": trolley[a]} if a in trolley else a for a in world.activities)
+        lines += ["activities:", *(f"  - {_flow(entry)}" for entry in entries)]
     if world.description is not None:
-        text = yaml.safe_dump(
-            world.description.model_dump(mode="json"), sort_keys=False, allow_unicode=True, width=WIDE
-        )
+        values = world.description.model_dump(mode="json")
+        text = yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=WIDE)
         lines += ["description:", *(f"  {line}" if line else "" for line in text.splitlines())]
     return "\n".join(lines) + "\n"
 
@@ -379,34 +346,26 @@ def _entries_text(key: str, entries: Iterable[Record], comment: str) -> str:
     lines = [f"# {line}" for line in comment.splitlines()]
     body = []
     for entry in entries:
-        values = {k: v for k, v in entry.model_dump(mode="json").items() if v is not None and not _is_default(entry, k)}
-        items = [_block(name, value, "    ") for name, value in values.items()]
+        shown = entry.model_dump(exclude_defaults=True)  # without the defaults inside of its values
+        items = [_block(k, v, "    ") for k, v in entry.model_dump(mode="json").items() if k in shown]
         body.append("  - " + "\n".join(items)[4:])
     lines += [f"{key}:", *body] if body else [f"{key}: []"]
     return "\n".join(lines) + "\n"
 
 
-def _is_default(entry: Record, key: str) -> bool:
-    field = type(entry).model_fields[key]
-    return not field.is_required() and getattr(entry, key) == field.get_default(call_default_factory=True)
-
-
 def _block(key: str, value: Any, indent: str) -> str:
     """`key: value` in flow style, broken after commas where the line is long."""
-    return "\n".join(_wrapped(f"{indent}{key}: {_flow(value)}", indent + "  "))
-
-
-def _wrapped(line: str, indent: str) -> Iterable[str]:
-    if len(line) <= WIDE or line.rstrip()[-1:] not in "]}":
-        return [line]
-    pieces = re.split(r"(?<=[\]}\w\"],) ", line)
-    lines = [pieces[0]]
-    for piece in pieces[1:]:
+    line = f"{indent}{key}: {_flow(value)}"
+    if len(line) <= WIDE or line[-1:] not in "]}":
+        return line
+    first, *pieces = re.split(r"(?<=[\]}\w\"],) ", line)
+    lines = [first]
+    for piece in pieces:
         if len(lines[-1]) + 1 + len(piece) <= WIDE:
             lines[-1] += " " + piece
         else:
-            lines.append(indent + piece)
-    return lines
+            lines.append(f"{indent}  {piece}")
+    return "\n".join(lines)
 
 
 def _flow(value: Any) -> str:
@@ -426,15 +385,3 @@ def _flow(value: Any) -> str:
 def one_line(text: str) -> str:
     """Return the text without line breaks, fit for a comment."""
     return " ".join(text.split())
-
-
-def _replace(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    draft = path.with_name(path.name + ".new")
-    draft.write_text(text, encoding="utf-8")
-    draft.replace(path)
-
-
-def _activity(world: World, text: str) -> object:
-    """Return an activity as world.yaml holds it: its text, and whether it is done with a trolley where that is said."""
-    return {"text": text, "trolley": world.trolley_work[text]} if text in world.trolley_work else text

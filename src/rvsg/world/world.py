@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from hashlib import sha256
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -200,6 +200,9 @@ class WorldParts(Record):
         return (along, across) if self.up == "x" else (across, along)
 
 
+Named = TypeVar("Named", Route, Area)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class World:
     """Everything known of an environment.
@@ -251,34 +254,31 @@ class World:
     @cached_property
     def drawn(self) -> tuple[SolidObject, ...]:
         """What pictures show: everything solid, and the automatic doors as they are when they are closed."""
-        leaves = (_leaf(door, door.leaf(0.0)).model_copy(update={"kind": AUTOMATIC}) for door in self.moving_doors)
-        return (*self.solids, *leaves)
+        return (*self.solids, *(_leaf(door, door.leaf(0.0), kind=AUTOMATIC) for door in self.moving_doors))
 
     @property
     def moving_doors(self) -> tuple[Door, ...]:
         """The automatic doors."""
         return tuple(door for door in self.staged_doors if door.state == "automatic")
 
-    def _doors(self) -> dict[str, object]:
-        """Return the part of an id that holds the doors; a world without any keeps the id it had."""
-        return {"doors": [d.model_dump(mode="json") for d in self.doors]} if self.doors else {}
+    def _ground(self) -> dict[str, object]:
+        """Return the part of an id that map and doors make up; a world without doors keeps the id it had."""
+        doors = {"doors": [d.model_dump(mode="json") for d in self.doors]} if self.doors else {}
+        return {
+            "resolution": self.occupancy.resolution,
+            "origin": self.occupancy.origin.model_dump(mode="json"),
+            "lidar_height_m": self.lidar_height_m,
+            "map_offset": list(self.map_offset),
+            **doors,
+        }
 
     @cached_property
     def floor_id(self) -> str:
         """The content id of everything solid: map, objects and lidar height, without the names of things."""
-        return content_id(
-            "floor",
-            {
-                "objects": [o.model_dump(mode="json", exclude={"name", "kind"}) for o in self.objects],
-                "map": sha256(self.occupancy.cells.tobytes()).hexdigest(),
-                "shape": list(self.occupancy.cells.shape),
-                "resolution": self.occupancy.resolution,
-                "origin": self.occupancy.origin.model_dump(mode="json"),
-                "lidar_height_m": self.lidar_height_m,
-                "map_offset": list(self.map_offset),
-                **self._doors(),
-            },
-        )
+        cells = self.occupancy.cells
+        objects = [o.model_dump(mode="json", exclude={"name", "kind"}) for o in self.objects]
+        held = {"objects": objects, "map": sha256(cells.tobytes()).hexdigest(), "shape": list(cells.shape)}
+        return content_id("floor", held | self._ground())
 
     @cached_property
     def parts(self) -> WorldParts:
@@ -296,21 +296,14 @@ class World:
 
         A scenario is valid in any world that agrees in the `parts` it uses, so a new label does not make it invalid.
         """
-        return content_id(
-            "world",
-            {
-                "objects": [o.model_dump(mode="json") for o in self.objects],
-                "map": self.occupancy.cells.tobytes().hex(),
-                "resolution": self.occupancy.resolution,
-                "origin": self.occupancy.origin.model_dump(mode="json"),
-                "lidar_height_m": self.lidar_height_m,
-                "grid": self.grid.model_dump(mode="json"),
-                "areas": [a.model_dump(mode="json") for a in self.areas],
-                "routes": [r.model_dump(mode="json") for r in self.routes],
-                "map_offset": list(self.map_offset),
-                **self._doors(),
-            },
-        )
+        held: dict[str, object] = {
+            "objects": [o.model_dump(mode="json") for o in self.objects],
+            "map": self.occupancy.cells.tobytes().hex(),
+            "grid": self.grid.model_dump(mode="json"),
+            "areas": [a.model_dump(mode="json") for a in self.areas],
+            "routes": [r.model_dump(mode="json") for r in self.routes],
+        }
+        return content_id("world", held | self._ground())
 
     @cached_property
     def place_id(self) -> str:
@@ -341,30 +334,29 @@ class World:
 
     def route(self, name: str) -> Route:
         """Return the route of that name; raises UnknownName."""
-        for route in self.routes:
-            if route.name == name:
-                return route
-        raise UnknownName("route", name, [r.name for r in self.routes], hint=f"World: {self.name}.")
+        return self._named("route", name, self.routes)
 
     def area(self, name: str) -> Area:
         """Return the area of that name; raises UnknownName."""
-        for area in self.areas:
-            if area.name == name:
-                return area
-        raise UnknownName("area", name, [a.name for a in self.areas], hint=f"World: {self.name}.")
+        return self._named("area", name, self.areas)
+
+    def _named(self, kind: str, name: str, things: Sequence[Named]) -> Named:
+        found = next((thing for thing in things if thing.name == name), None)
+        if found is None:
+            raise UnknownName(kind, name, [thing.name for thing in things], hint=f"World: {self.name}.")
+        return found
 
 
-def _leaf(door: Door, outline: Polygon) -> SolidObject:
+def _leaf(door: Door, outline: Polygon, kind: str = "door") -> SolidObject:
     """Return a leaf that stands still as a solid object."""
     (ax, ay), (bx, by), (cx, cy), _ = outline
     middle = (0.5 * (ax + cx), 0.5 * (ay + cy), 0.5 * HEIGHT_M)
+    size = (door.width_m, door.thickness_m, HEIGHT_M)
     return SolidObject(
         name=door.name,
-        kind="door",
+        kind=kind,
         origin=(*door.hinge, 0.0),
-        box=OrientedBox(
-            center=middle, size=(door.width_m, door.thickness_m, HEIGHT_M), yaw=math.atan2(by - ay, bx - ax)
-        ),
+        box=OrientedBox(center=middle, size=size, yaw=math.atan2(by - ay, bx - ax)),
         footprint=outline,
         slices=(outline,),
     )

@@ -12,16 +12,16 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from rvsg.core.documents import Document, DocumentError, Key, Model, Problem, read_document, read_yaml, validated
+from rvsg.core.documents import Document, DocumentError, Key, Problem, read_document, read_yaml, validated
 from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.core.inputs import exists, is_dir
-from rvsg.core.records import Pose
+from rvsg.core.records import Pose, Record
 from rvsg.world.lattice import build_world
 from rvsg.world.occupancy import occupancy_from_objects, read_map
 from rvsg.world.passages import route_paragraph
 from rvsg.world.schema import DerivedMap, DoorsFile, LabelsFile, ObjectsFile, RouteEntry, RoutesFile, WorldFile
 from rvsg.world.space import in_same_space
-from rvsg.world.world import Area, Door, OccupancyMap, Route, SolidObject, World
+from rvsg.world.world import OccupancyMap, Route, SolidObject, World
 
 SHIPPED = Path(__file__).parent / "worlds"
 
@@ -49,16 +49,15 @@ def world_folder(path: str | Path) -> Path:
     """
     path = Path(path)
     folder = path.parent if path.name == "world.yaml" else path
-    if not is_dir(folder) and exists(folder):
-        raise FileError(folder, "this is a file; a world is a folder that holds a world.yaml.", code="world-is-file")
     if not is_dir(folder):
+        if exists(folder):
+            raise FileError(
+                folder, "this is a file; a world is a folder that holds a world.yaml.", code="world-is-file"
+            )
         raise UnknownName("world", str(path), shipped_worlds(), hint="Or give the folder of your own world.")
     if not (folder / "world.yaml").is_file():
-        raise FileError(
-            folder,
-            "the folder holds no world.yaml; `rvsg world new` makes a world folder from a map",
-            code="world-missing",
-        )
+        message = "the folder holds no world.yaml; `rvsg world new` makes a world folder from a map"
+        raise FileError(folder, message, code="world-missing")
     return folder
 
 
@@ -73,28 +72,43 @@ def read_world(folder: Path, problems: list[Problem] | None = None) -> World:
     With a list for `problems`, names of waypoints that do not exist are noted there and left out instead of raised, as
     are routes with a mistake; objects, areas and routes whose name was given before are noted and named by their line.
     """
-    head_document = read_yaml(folder / "world.yaml")
+    document = read_yaml(folder / "world.yaml")
     mistakes: tuple[Problem, ...] = ()
     try:
-        head = validated(head_document, WorldFile)
+        head = validated(document, WorldFile)
     except DocumentError as error:  # read on with what can be read, so that every mistake is reported at once
-        head, mistakes = _readable_head(head_document), error.problems
+        mistakes = error.problems
+        said = document.value if isinstance(document.value, dict) else {}
+        files = ("objects", "labels", "routes", "doors", "map")
+        names = {key: said[key] for key in files if isinstance(said.get(key), str)}
+        head = WorldFile.model_validate({"name": "unreadable", "map": {"from": "objects"}, **names})
     parts = _Parts(folder, head, mistakes, noted=problems)
-    objects = parts.objects()
-    doors = parts.doors()
-    areas, area_document = parts.areas()
+    object_entries, _ = parts.listed(head.objects, ObjectsFile, "objects")
+    objects = tuple(entry.solid(head.lidar_height_m) for entry in object_entries)
+    doors, _ = parts.listed(head.doors, DoorsFile, "doors")
+    area_entries, area_document = parts.listed(head.labels, LabelsFile, "areas")
     routes, route_document = parts.routes()
-    occupancy = parts.occupancy(objects, route_document, head_document)
-    parts.stop_at_problems()
+    occupancy = parts.occupancy(objects, route_document, document)
+    if parts.problems:
+        raise DocumentError(parts.problems)
     assert occupancy is not None
-    drafts = tuple(_draft(entry) for entry in routes.values())
+    here = Pose(x=0, y=0)  # stands for named ends until the grid is known
+    drafts = [
+        Route(
+            name=entry.name,
+            start=entry.start if isinstance(entry.start, Pose) else here,
+            goal=entry.goal if isinstance(entry.goal, Pose) else here,
+            time_limit_s=entry.time_limit_s,
+        )
+        for entry in routes.values()
+    ]
     try:
         world = build_world(
             name=head.name,
             title=head.title,
             objects=objects,
             occupancy=occupancy,
-            areas=areas,
+            areas=[entry.area() for entry in area_entries],
             routes=drafts,
             grid_spec=head.grid,
             lidar_height_m=head.lidar_height_m,
@@ -106,80 +120,54 @@ def read_world(folder: Path, problems: list[Problem] | None = None) -> World:
             actors=head.actors,
         )
     except InputError as error:
-        raise DocumentError([head_document.problem(str(error), "grid", code=error.code)]) from None
-    return _checked(world, routes, area_document, route_document, problems)
-
-
-def _readable_head(document: Document) -> WorldFile:
-    """Return what a faulty world.yaml still says of the files beside it; nothing else of it is used."""
-    said = document.value if isinstance(document.value, dict) else {}
-    names = {
-        key: said[key] for key in ("objects", "labels", "routes", "doors", "map") if isinstance(said.get(key), str)
-    }
-    return WorldFile.model_validate({"name": "unreadable", "map": {"from": "objects"}, **names})
+        raise DocumentError([document.problem(str(error), "grid", code=error.code)]) from None
+    return _with_waypoints(world, routes, area_document, route_document, problems)
 
 
 class _Parts:
     """The files beside a world.yaml; gathers what is wrong in any of them."""
 
-    def __init__(
-        self, folder: Path, head: WorldFile, problems: Iterable[Problem], noted: list[Problem] | None = None
-    ) -> None:
+    def __init__(self, folder: Path, head: WorldFile, problems: Iterable[Problem], noted: list[Problem] | None) -> None:
         self.folder = folder
         self.head = head
         self.problems = list(problems)
         self.noted = noted
         self.doubles = self.problems if noted is None else noted  # where they are noted, the rest is judged too
 
-    def _read(self, name: str, model: type[Model]) -> tuple[Model, Document] | None:
+    def listed(self, name: str | None, model: type[Record], key: str) -> tuple[tuple[Any, ...], Document | None]:
+        """Return the entries of a file with unique names, and the file as a document."""
+        if name is None:
+            return (), None
         try:
-            return read_document(_beside(self.folder, name), model)
+            file, document = read_document(_beside(self.folder, name), model)
         except DocumentError as error:
             self.problems.extend(error.problems)
         except FileError as error:
             self.problems.append(Problem.of(error))
-        return None
-
-    def objects(self) -> tuple[SolidObject, ...]:
-        if self.head.objects is None:
-            return ()
-        read = self._read(self.head.objects, ObjectsFile)
-        if read is None:
-            return ()
-        names = self._no_doubles(read[1], "objects", [entry.name for entry in read[0].objects])
-        solids = (entry.solid(self.head.lidar_height_m) for entry in read[0].objects)
-        return tuple(solid.model_copy(update={"name": name}) for solid, name in zip(solids, names, strict=True))
-
-    def doors(self) -> tuple[Door, ...]:
-        read = None if self.head.doors is None else self._read(self.head.doors, DoorsFile)
-        if read is None:
-            return ()
-        names = self._no_doubles(read[1], "doors", [door.name for door in read[0].doors])
-        return tuple(door.model_copy(update={"name": n}) for door, n in zip(read[0].doors, names, strict=True))
-
-    def areas(self) -> tuple[tuple[Area, ...], Document | None]:
-        read = self._read(self.head.labels, LabelsFile)
-        if read is None:
-            return (), None
-        names = self._no_doubles(read[1], "areas", [entry.name for entry in read[0].areas])
-        areas = (entry.area() for entry in read[0].areas)
-        return tuple(a.model_copy(update={"name": name}) for a, name in zip(areas, names, strict=True)), read[1]
+        else:
+            entries = getattr(file, key)
+            names = self._no_doubles(document, key, [entry.name for entry in entries])
+            return tuple(e.model_copy(update={"name": n}) for e, n in zip(entries, names, strict=True)), document
+        return (), None
 
     def routes(self) -> tuple[dict[int, RouteEntry], Document | None]:
         """Return the routes by their place in the file; where mistakes are noted, without those that have one."""
+        entries: dict[int, RouteEntry] = {}
         try:
             document = read_yaml(_beside(self.folder, self.head.routes))
         except FileError as error:
             self.problems.append(Problem.of(error))
-            return {}, None
+            return entries, None
         try:
             entries = dict(enumerate(validated(document, RoutesFile).routes))
         except DocumentError as error:
             if self.noted is None or not routes_in(document):
                 self.problems.extend(error.problems)
-                return {}, None
+                return entries, None
             self.noted.extend(error.problems)
-            entries = _sound_routes(document)
+            for index, entry in enumerate(routes_in(document)):
+                with contextlib.suppress(ValidationError):
+                    entries[index] = RouteEntry.model_validate(entry)
         names = self._no_doubles(document, "routes", route_names(document))
         return {i: entry.model_copy(update={"name": names[i]}) for i, entry in entries.items()}, document
 
@@ -204,18 +192,12 @@ class _Parts:
 
     def _no_doubles(self, document: Document, key: str, names: Sequence[str]) -> list[str]:
         """Report repeated names; return all names, with the repeated ones made unique."""
-        first: dict[str, int] = {}
         for index, name in enumerate(names):
-            if name in first:
-                line = document.line(key, first[name], "name")
+            if name in names[:index]:
+                line = document.line(key, names.index(name), "name")
                 said = f'the name "{name}" is already given in line {line}'
                 self.doubles.append(document.problem(said, key, index, "name", code="name-twice"))
-            first.setdefault(name, index)
         return told_apart(document, key, names)
-
-    def stop_at_problems(self) -> None:
-        if self.problems:
-            raise DocumentError(self.problems)
 
 
 def routes_in(document: Document | None) -> list[object]:
@@ -237,24 +219,12 @@ def places_in(entry: object) -> list[tuple[Key, Pose | str]]:
     for key in ("through", "via"):
         values = given.get(key)
         listed += [((key, index), value) for index, value in enumerate(values if isinstance(values, list) else [])]
-    read = [(key, _place(value)) for key, value in listed if key[0] != "via" or isinstance(value, str)]
-    return [(key, place) for key, place in read if place is not None]
-
-
-def _place(given: object) -> Pose | str | None:
-    """Return a pose or the name of a waypoint as a route may hold it; None for anything else."""
-    try:
-        return RouteEntry.model_validate({"name": "any", "start": given, "goal": "any", "time_limit_s": 1}).start
-    except ValidationError:
-        return None
-
-
-def _sound_routes(document: Document) -> dict[int, RouteEntry]:
-    """Return the entries of routes.yaml that have no mistake, by their place in the file."""
-    found = {}
-    for index, entry in enumerate(routes_in(document)):
-        with contextlib.suppress(ValidationError):
-            found[index] = RouteEntry.model_validate(entry)
+    found = []
+    for place_key, value in listed:
+        if place_key[0] != "via" or isinstance(value, str):
+            with contextlib.suppress(ValidationError):
+                read = RouteEntry.model_validate({"name": "any", "start": value, "goal": "any", "time_limit_s": 1})
+                found.append((place_key, read.start))
     return found
 
 
@@ -276,15 +246,7 @@ def _beside(folder: Path, name: str) -> Path:
     return path
 
 
-def _draft(entry: RouteEntry) -> Route:
-    """Return the route with named ends not yet looked up; `_checked` replaces them once the grid is known."""
-    here = Pose(x=0, y=0)
-    start = entry.start if isinstance(entry.start, Pose) else here
-    goal = entry.goal if isinstance(entry.goal, Pose) else here
-    return Route(name=entry.name, start=start, goal=goal, time_limit_s=entry.time_limit_s)
-
-
-def _checked(
+def _with_waypoints(
     world: World,
     entries: dict[int, RouteEntry],
     areas: Document | None,
@@ -293,27 +255,34 @@ def _checked(
 ) -> World:
     """Return the world with the waypoints of its routes looked up; DocumentError names every unknown waypoint."""
     problems: list[Problem] = []
-    if areas is not None:
-        for i, area in enumerate(world.areas):
-            for j, name in enumerate(area.waypoints):
-                problems += _waypoint_problems(world, name, areas, ("areas", i, "waypoints", j))
+    for i, area in enumerate(world.areas):
+        for j, name in enumerate(area.waypoints):
+            problems += _waypoint_problems(world, name, areas, ("areas", i, "waypoints", j))
+
+    def pose(place: Pose | str) -> Pose:
+        if isinstance(place, Pose):
+            return place
+        x, y = world.grid.position(place)
+        return Pose(x=x, y=y)
+
     finished = []
     for i, given in enumerate(routes_in(routes)):
         named = [(key, place) for key, place in places_in(given) if isinstance(place, str)]
         found = [p for key, name in named for p in _waypoint_problems(world, name, routes, ("routes", i, *key))]
         problems += found
         if not found and i in entries:
-            finished.append(_route(entries[i], world))
+            entry = entries[i]
+            poses = {"start": pose(entry.start), "goal": pose(entry.goal), "through": tuple(map(pose, entry.through))}
+            finished.append(Route.model_validate(dict(entry) | poses))
     if problems and noted is None:
         raise DocumentError(problems)
+    changed = replace(world, routes=tuple(finished))
     if noted is not None and problems:
         noted += problems
-        standable = set(world.grid.valid)
-        kept = tuple(
-            a.model_copy(update={"waypoints": tuple(w for w in a.waypoints if w in standable)}) for a in world.areas
-        )
-        world = replace(world, areas=kept)
-    return in_same_space(replace(world, routes=tuple(finished)), world)
+        standable = [tuple(w for w in area.waypoints if w in world.grid.valid) for area in world.areas]
+        kept = (a.model_copy(update={"waypoints": w}) for a, w in zip(world.areas, standable, strict=True))
+        changed = replace(changed, areas=tuple(kept))
+    return in_same_space(changed, world)
 
 
 def _waypoint_problems(world: World, name: str, document: Document | None, key: tuple[str | int, ...]) -> list[Problem]:
@@ -321,36 +290,13 @@ def _waypoint_problems(world: World, name: str, document: Document | None, key: 
     if document is None or (waypoint is not None and waypoint.human):
         return []
     if waypoint is not None:
-        return [
-            document.problem(
-                f'nobody can stand on waypoint "{name}": it is not clear of obstacles', *key, code="waypoint-closed"
-            )
-        ]
+        message = f'nobody can stand on waypoint "{name}": it is not clear of obstacles'
+        return [document.problem(message, *key, code="waypoint-closed")]
     near = difflib.get_close_matches(name, world.grid.valid, n=1, cutoff=0.5)
     asked = f' Did you mean "{near[0]}"?' if near else ""
-    ends = (
-        f"The grid has rows {world.grid.rows[0]} to {world.grid.rows[-1]} and columns 1 to {len(world.grid.columns)}."
-    )
+    rows, columns = world.grid.rows, world.grid.columns
+    ends = f"The grid has rows {rows[0]} to {rows[-1]} and columns 1 to {len(columns)}."
     return [document.problem(f'there is no waypoint "{name}".{asked} {ends}', *key, code="unknown-waypoint")]
-
-
-def _route(entry: RouteEntry, world: World) -> Route:
-    def pose(place: Pose | str) -> Pose:
-        if isinstance(place, Pose):
-            return place
-        x, y = world.grid.position(place)
-        return Pose(x=x, y=y)
-
-    return Route(
-        name=entry.name,
-        start=pose(entry.start),
-        goal=pose(entry.goal),
-        time_limit_s=entry.time_limit_s,
-        via=entry.via,
-        through=tuple(pose(place) for place in entry.through),
-        purpose=entry.purpose,
-        description=entry.description,
-    )
 
 
 def folder_named(name: Path) -> Path:
@@ -380,9 +326,7 @@ def world_summary(world: World) -> dict[str, Any]:
             "valid_waypoints": len(world.grid.valid),
             "hops": len(world.grid.hops),
         },
-        "areas": [
-            {"name": a.name, "kind": a.kind, "region": a.region, "waypoints": list(a.waypoints)} for a in world.areas
-        ],
+        "areas": [a.model_dump(mode="json", include={"name", "kind", "region", "waypoints"}) for a in world.areas],
         "routes": [
             {
                 "name": r.name,

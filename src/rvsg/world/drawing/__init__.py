@@ -6,7 +6,6 @@ The same world gives the same bytes. Colours, size and what is shown can be chos
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
 
@@ -15,27 +14,11 @@ from PIL import Image
 from rvsg.core.errors import FileError
 from rvsg.core.outputs import make_folder
 from rvsg.world.drawing.birdseye import birdseye
-from rvsg.world.drawing.floor_plan import GRID, LABELLED, LAYERS, Picture, Tile, draw_plan, tiles
+from rvsg.world.drawing.floor_plan import GRID, LABELLED, draw_plan, tiles
 from rvsg.world.drawing.layers import Way
-from rvsg.world.drawing.sheet import PALETTES, Window
+from rvsg.world.drawing.sheet import Window
 from rvsg.world.drawing.svg import floor_plan_svg
 from rvsg.world.world import Route, World
-
-__all__ = [
-    "GRID",
-    "LABELLED",
-    "LAYERS",
-    "PALETTES",
-    "Picture",
-    "Tile",
-    "Way",
-    "draw_plan",
-    "draw_world",
-    "grid_picture",
-    "labelled_map",
-    "png_bytes",
-    "tiles",
-]
 
 
 def labelled_map(
@@ -80,38 +63,30 @@ def draw_world(
         window: x0, y0, x1, y1 of the part to show, in metres.
     """
     shown = world.route(route) if route else None
-    made: list[tuple[str, bytes, tuple[str, ...]]] = []
     whole = ("shows the whole world: --window is for the labelled map and the grid",) if window else ()
+    made: list[tuple[str, bytes, tuple[str, ...]]] = []
     if what == "svg":
         made.append(("plan.svg", floor_plan_svg(world, colours=colours).encode(), whole))
-    for name, image, notes in _pictures(world, what, shown, width, colours, window):
-        remarks = (*notes, *whole) if name == "birdseye" else notes
-        made.append((f"{name}_{shown.name}.png" if shown else f"{name}.png", png_bytes(image), remarks))
-    written = []
-    try:
-        make_folder(folder)
-        for file, content, notes in made:
-            (folder / file).write_bytes(content)
-            written.append((folder / file, notes))
-    except OSError as error:
-        raise FileError(folder, f"the pictures cannot be written here: {error.strerror}") from None
-    return written
-
-
-def _pictures(
-    world: World, what: str, route: Route | None, width: int, colours: str, window: Window | None
-) -> Iterator[tuple[str, Image.Image, tuple[str, ...]]]:
-    """Yield the name, image and notes of every picture asked for."""
+    pictures = []
     for name, layers, said in (("labels", LABELLED, "labelled areas"), ("grid", GRID, "grid of waypoints")):
         if what in ("all", name):
-            title = f"{world.title}: {said}" + (f" and {route.name}" if route else "")
+            title = f"{world.title}: {said}" + (f" and {shown.name}" if shown else "")
             plan = draw_plan(
-                world, show=layers, width_px=width, route=route, colours=colours, window=window, title=title
+                world, show=layers, width_px=width, route=shown, colours=colours, window=window, title=title
             )
-            yield name, plan.image, plan.notes
+            pictures.append((name, plan.image, plan.notes))
     if what in ("all", "grid") and window is None:
-        parts = tiles(world, width_px=width, route=route, colours=colours)
-        for part in parts if len(parts) > 1 else ():
-            yield f"grid_part_{part.row + 1}_{part.column + 1}", part.picture.image, part.picture.notes
+        parts = tiles(world, width_px=width, route=shown, colours=colours)
+        for (row, column), part in parts.items() if len(parts) > 1 else ():
+            pictures.append((f"grid_part_{row + 1}_{column + 1}", part.image, part.notes))
     if what in ("all", "birdseye"):
-        yield "birdseye", birdseye(world, width_px=width, colours=colours, route=route), ()
+        pictures.append(("birdseye", birdseye(world, width_px=width, colours=colours, route=shown), whole))
+    for name, image, notes in pictures:
+        made.append((f"{name}_{shown.name}.png" if shown else f"{name}.png", png_bytes(image), notes))
+    try:
+        make_folder(folder)
+        for file, content, _ in made:
+            (folder / file).write_bytes(content)
+    except OSError as error:
+        raise FileError(folder, f"the pictures cannot be written here: {error.strerror}") from None
+    return [(folder / file, notes) for file, _, notes in made]

@@ -30,7 +30,7 @@ from rvsg.world.world import FREE, OCCUPIED, Area, Route, SolidObject, World
 Floats = NDArray[np.float64]
 
 AZIMUTH, ELEVATION = math.radians(-16), math.radians(52)
-LIGHT = np.array([-0.45, -0.35, 0.82])  # (across, away, up): from the lower left and above
+SUN = np.array([-0.45, -0.35, 0.82])  # (across, away, up): from the lower left and above
 WALL_CUT_M = 0.8
 TALLEST_M = 3.0
 MAP_HEIGHT_M = 0.8  # drawn height of the obstacles of a map without objects
@@ -234,7 +234,7 @@ def _top(thing: SolidObject) -> float:
 
 def _shade(colour: Colour, normal: Floats) -> Colour:
     """Return the colour of a face by the angle of its normal (across, away, up) to the light."""
-    light = float(np.dot(normal, LIGHT) / (np.linalg.norm(normal) * np.linalg.norm(LIGHT)))
+    light = float(np.dot(normal, SUN) / (np.linalg.norm(normal) * np.linalg.norm(SUN)))
     r, g, b = (min(255, round(channel * (0.62 + 0.42 * max(light, 0.0)))) for channel in colour)
     return (r, g, b)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -38,7 +39,6 @@ from rvsg.world.drawing.sheet import (
     text_size,
     view_of,
 )
-from rvsg.world.grid import Waypoint
 from rvsg.world.world import Route, World
 
 Sign = Callable[[float, float], None]
@@ -61,43 +61,25 @@ def draw_rulers(sheet: Sheet, world: World) -> tuple[list[float], list[float]]:
 
     Returns where faint lines belong, in pixels: down the page for rows, across it for columns.
     """
-    view, ink = sheet.view, sheet.palette
-    left, top, right, bottom = view.plan
-    away = 20 * sheet.unit
-    size = round(19 * sheet.unit)
+    plan, size, away = sheet.view.plan, round(19 * sheet.unit), 20 * sheet.unit
     guides: tuple[list[float], list[float]] = ([], [])
-    rows: dict[int, list[Waypoint]] = {}
-    columns: dict[int, list[Waypoint]] = {}
-    for waypoint in world.grid.waypoints:
-        rows.setdefault(waypoint.row, []).append(waypoint)
-        columns.setdefault(waypoint.column, []).append(waypoint)
-    for index, at in _readable(sheet, world.grid.rows, rows, axis=1, size=size):
-        if top < at < bottom:
-            guides[0].append(at)
-            for x in (left - away, right + away):
-                sheet.write_at(world.grid.rows[index], x, at, size, ink.ink, bold=True)
-    for index, at in _readable(sheet, world.grid.columns, columns, axis=0, size=size):
-        if left < at < right:
-            guides[1].append(at)
-            for y in (top - away, bottom + away):
-                sheet.write_at(world.grid.columns[index], at, y, size, ink.ink, bold=True)
+    places = sheet.view.pixels(np.array([[w.x, w.y] for w in world.grid.waypoints]).reshape(-1, 2))
+    for guide, axis, names in ((guides[0], 1, world.grid.rows), (guides[1], 0, world.grid.columns)):
+        line = np.array([w.row if axis else w.column for w in world.grid.waypoints])
+        at = [float(np.median(places[line == index, axis])) for index in range(len(names))]
+        halves = [text_size(name, size)[axis] / 2 for name in names]
+        for step in (1, 2, 5, 10, 20, 50, 100):  # all of them, or every 2nd, 5th and so on
+            shown = range(0, len(names), step)
+            if all(at[b] - halves[b] > at[a] + halves[a] + 4 for a, b in pairwise(shown)):
+                break
+        low, high = plan[axis], plan[axis + 2]
+        for index in shown:
+            if low < at[index] < high:
+                guide.append(at[index])
+                for beside in (plan[1 - axis] - away, plan[3 - axis] + away):
+                    x, y = (beside, at[index]) if axis else (at[index], beside)
+                    sheet.write_at(names[index], x, y, size, sheet.palette.ink, bold=True)
     return guides
-
-
-def _readable(
-    sheet: Sheet, names: tuple[str, ...], lines: dict[int, list[Waypoint]], *, axis: int, size: int
-) -> list[tuple[int, float]]:
-    """Return the index and the position of each row or column to label: all of them, or every 2nd, 5th and so on."""
-    places = [
-        float(np.median(sheet.view.pixels(np.array([[w.x, w.y] for w in lines[index]]))[:, axis]))
-        for index in range(len(names))
-    ]
-    halves = [text_size(name, size)[axis] / 2 for name in names]
-    for step in (1, 2, 5, 10, 20, 50, 100):
-        shown = range(0, len(names), step)
-        if all(places[b] - halves[b] > places[a] + halves[a] + 4 for a, b in pairwise(shown)):
-            break
-    return [(index, places[index]) for index in shown]
 
 
 def draw_footer(
@@ -142,17 +124,14 @@ def _compass(sheet: Sheet, x: float, y: float) -> float:
     """Draw two arrows in the directions of x and y."""
     unit, ink = sheet.unit, sheet.palette.ink
     length, size = 24 * unit, round(17 * unit)
-    origin = np.array([x + (length if sheet.view.up == "x" else 0), y + 10 * unit])
-    upwards = "x" if sheet.view.up == "x" else "y"
-    sideways, sign = ("y", -1.0) if sheet.view.up == "x" else ("x", 1.0)
-    for name, way in ((upwards, np.array([0.0, -1.0])), (sideways, np.array([sign, 0.0]))):
+    up = sheet.view.up
+    origin = np.array([x + (length if up == "x" else 0), y + 10 * unit])
+    sideways, sign = ("y", -1.0) if up == "x" else ("x", 1.0)
+    for name, way in ((up, np.array([0.0, -1.0])), (sideways, np.array([sign, 0.0]))):
         tip = origin + way * length
-        across = np.array([-way[1], way[0]])
+        across, back = np.array([-way[1], way[0]]) * 5 * unit, tip - way * 6 * unit
         sheet.line(np.array([origin, tip]), ink, 2.0)
-        head = np.array(
-            [tip + way * 4 * unit, tip - way * 6 * unit + across * 5 * unit, tip - way * 6 * unit - across * 5 * unit]
-        )
-        sheet.polygon(head, fill=ink)
+        sheet.polygon(np.array([tip + way * 4 * unit, back + across, back - across]), fill=ink)
         beside = tip + (np.array([12.0, 0.0]) * unit if way[0] == 0 else way * 14 * unit)
         sheet.write_at(name, float(beside[0]), float(beside[1]), size, ink)
     return x + length + 20 * unit
@@ -164,30 +143,23 @@ def _legend(
     """Return the entries of the legend: how to draw each symbol, and its meaning."""
     unit, ink = sheet.unit, sheet.palette
 
-    def swatch(colour: Colour) -> Sign:
-        def draw(x: float, y: float) -> None:
-            half = 8 * unit
-            ring = np.array([[x - half, y - half], [x + half, y - half], [x + half, y + half], [x - half, y + half]])
-            sheet.polygon(ring, fill=ink.tinted(colour), edge=colour, width=1.8)
+    def dot(fill: Colour, edge: Colour | None = None) -> Sign:
+        return lambda x, y: sheet.dot(x, y, 5 * unit, fill=fill, edge=edge)
 
-        return draw
+    def swatch(colour: Colour) -> Sign:
+        corners = 8 * unit * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        return lambda x, y: sheet.polygon(np.array([x, y]) + corners, fill=ink.tinted(colour), edge=colour, width=1.8)
 
     entries: list[tuple[Sign, str]] = []
     if "waypoints" in show:
-        entries.append((lambda x, y: sheet.dot(x, y, 5 * unit, fill=ink.dot), "waypoint"))
+        entries.append((dot(ink.dot), "waypoint"))
         if any(w.human and not w.robot for w in world.grid.waypoints):
-            entries.append(
-                (
-                    lambda x, y: sheet.dot(x, y, 5 * unit, fill=ink.floor, edge=ink.dot),
-                    "waypoint too narrow for the robot",
-                )
-            )
+            entries.append((dot(ink.floor, ink.dot), "waypoint too narrow for the robot"))
     if len(kinds) <= 8 and len(set(kinds.values())) == len(kinds):
         entries += [(swatch(colour), kind) for kind, colour in kinds.items()]
     if route is not None:
-        entries.append(
-            (lambda x, y: sheet.line(np.array([[x - 10 * unit, y], [x + 10 * unit, y]]), ink.route, 4.0), route.name)
-        )
+        ends = 10 * unit * np.array([[-1, 0], [1, 0]])
+        entries.append((lambda x, y: sheet.line(np.array([x, y]) + ends, ink.route, 4.0), route.name))
     return entries
 
 
@@ -198,7 +170,11 @@ def _sentences(sheet: Sheet, world: World, show: frozenset[str], x: float, y: fl
     said = [f"{x1 - x0:.0f} m along x ({towards[0]}), {y1 - y0:.0f} m along y ({towards[1]})."]
     rows, columns, spec = world.grid.rows, world.grid.columns, world.grid_spec
     if "rulers" in show and rows:
-        down, across = _ways(sheet, world)
+        first, last = world.grid.waypoints[0], world.grid.waypoints[-1]
+        (left, top), (right, bottom) = sheet.view.pixels(np.array([[first.x, first.y], [last.x, last.y]]))
+        # explicit coordinates may count from the bottom or the right
+        down = "top to bottom" if top <= bottom else "bottom to top"
+        across = "left to right" if left <= right else "right to left"
         said.append(f"Rows {rows[0]} to {rows[-1]} from {down}, columns {columns[0]} to {columns[-1]} from {across}.")
         if spec is not None and spec.rows is None and world.grid.spacing_m:
             said.append(f"Waypoints {world.grid.spacing_m:g} m apart.")
@@ -214,14 +190,6 @@ def _sentences(sheet: Sheet, world: World, show: frozenset[str], x: float, y: fl
     for i, line in enumerate(lines):
         sheet.write_at(line, x, y + i * 1.4 * size, size, sheet.palette.faint_ink, anchor="l")
     return y + (len(lines) - 1) * 1.4 * size
-
-
-def _ways(sheet: Sheet, world: World) -> tuple[str, str]:
-    """Return how rows and columns are counted; explicit coordinates may count from the bottom or the right."""
-    points = world.grid.waypoints
-    (x0, y0), (x1, y1) = sheet.view.pixels(np.array([[w.x, w.y] for w in (points[0], points[-1])]))
-    down = "top to bottom" if y0 <= y1 else "bottom to top"
-    return down, "left to right" if x0 <= x1 else "right to left"
 
 
 def draw_metres(sheet: Sheet) -> None:
@@ -280,8 +248,8 @@ def draw_plan(
         window: The part of the world to show: x_min, y_min, x_max, y_max in metres.
         way: With a route, the drive to draw as (time in s, x, y), with a mark every 5 s.
     """
-    for layer in sorted(show - LAYERS):
-        raise UnknownName("layer", layer, LAYERS)
+    if show - LAYERS:
+        raise UnknownName("layer", min(show - LAYERS), LAYERS)
     ink = palette(colours)
     unit = width_px / 1600
     rulers = round(40 * unit) if "rulers" in show else round(14 * unit)
@@ -306,13 +274,13 @@ def draw_plan(
             sheet.line(ends, ink.tinted(ink.dot, share=0.3), 0.8)
     if route is not None:
         draw_route(sheet, world, route, way)
-    dots = draw_dots(sheet, world) if "waypoints" in show else []
+    dots = draw_dots(sheet, world) if "waypoints" in show else None
     if route is not None:
         write_ends(sheet, route)
         if way is not None:
             write_times(sheet, way)
-    if "names" in show:
-        write_waypoints(sheet, dots)
+    if "names" in show and dots is not None:
+        write_waypoints(sheet, *dots)
     write_areas(sheet, areas, kinds, largest=26 if "waypoints" not in show else 19)
     sheet.clear_margins()
     if "metres" in show:
@@ -327,18 +295,8 @@ MOST_TILES = 100
 RULERS_PX = 100
 
 
-@dataclass(frozen=True)
-class Tile:
-    """One part of a world: `row` and `column` count from 0 at the upper left, `window` is in metres."""
-
-    row: int
-    column: int
-    window: Window
-    picture: Picture
-
-
-def tile_windows(world: World, *, width_px: int = 1600) -> list[tuple[int, int, Window]]:
-    """Return row, column and window of every tile; one tile if all names are readable on one picture.
+def tile_windows(world: World, *, width_px: int = 1600) -> dict[tuple[int, int], Window]:
+    """Return the window of every tile by row and column from the upper left; one if one picture can name all.
 
     Neighbouring tiles share a strip one spacing wide. Raises InputError where more than MOST_TILES would be needed.
     """
@@ -346,7 +304,7 @@ def tile_windows(world: World, *, width_px: int = 1600) -> list[tuple[int, int, 
     points = np.array([[w.x, w.y] for w in world.grid.waypoints if w.human])
     names = [w.name for w in world.grid.waypoints if w.human]
     if len(points) < 2:
-        return [(0, 0, window)]
+        return {(0, 0): window}
     spacing = usual_spacing(points)
     needed = (text_size(max(names, key=len), SMALLEST_TEXT + 2)[0] + 6) / spacing  # pixels a metre
     side = (width_px - RULERS_PX) / needed
@@ -359,39 +317,29 @@ def tile_windows(world: World, *, width_px: int = 1600) -> list[tuple[int, int, 
             code="tiles-too-many",
         )
     strip = spacing if rows * columns > 1 else 0.0
-    found = []
-    for row in range(rows):
-        for column in range(columns):
-            left, right = column * across / columns - strip / 2, (column + 1) * across / columns + strip / 2
-            top, bottom = row * down / rows - strip / 2, (row + 1) * down / rows + strip / 2
-            part = (x0 + left, y1 - bottom, x0 + right, y1 - top)
-            if world.grid.up == "x":
-                part = (x1 - bottom, y1 - right, x1 - top, y1 - left)
-            found.append((row, column, part))
+    found = {}
+    for row, column in itertools.product(range(rows), range(columns)):
+        left, right = column * across / columns - strip / 2, (column + 1) * across / columns + strip / 2
+        top, bottom = row * down / rows - strip / 2, (row + 1) * down / rows + strip / 2
+        upright = world.grid.up == "y"
+        found[row, column] = (
+            (x0 + left, y1 - bottom, x0 + right, y1 - top)
+            if upright
+            else (x1 - bottom, y1 - right, x1 - top, y1 - left)
+        )
     return found
 
 
 def tiles(
-    world: World,
-    *,
-    width_px: int = 1600,
-    route: Route | None = None,
-    colours: str | Palette = "light",
-    show: frozenset[str] = GRID,
-) -> tuple[Tile, ...]:
-    """Draw all tiles of a world, each with the names of all its waypoints."""
+    world: World, *, width_px: int = 1600, route: Route | None = None, colours: str | Palette = "light"
+) -> dict[tuple[int, int], Picture]:
+    """Draw all tiles of a world by row and column, each with the names of all its waypoints."""
     windows = tile_windows(world, width_px=width_px)
-    drawn = []
-    for index, (row, column, window) in enumerate(windows):
-        part = f" (part {index + 1} of {len(windows)}, from the upper left)" if len(windows) > 1 else ""
-        picture = draw_plan(
-            world,
-            show=show,
-            width_px=width_px,
-            route=route,
-            colours=colours,
-            window=window,
-            title=f"{world.title}: grid of waypoints{part}",
+    drawn = {}
+    for number, (place, window) in enumerate(windows.items(), start=1):
+        part = f" (part {number} of {len(windows)}, from the upper left)" if len(windows) > 1 else ""
+        title = f"{world.title}: grid of waypoints{part}"
+        drawn[place] = draw_plan(
+            world, show=GRID, width_px=width_px, route=route, colours=colours, window=window, title=title
         )
-        drawn.append(Tile(row, column, window, picture))
-    return tuple(drawn)
+    return drawn

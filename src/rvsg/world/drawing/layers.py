@@ -1,9 +1,9 @@
-"""The lowest layers of a floor plan: the floor as the map shows it, and the objects that stand on it."""
+"""Layers of a floor plan: floor, objects, areas, waypoints and a route."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
+from rvsg.robots.polygons import rectangle
 from rvsg.world.drawing.sheet import (
     FINE,
     LIGHT,
@@ -81,10 +82,7 @@ def _shown(kind: NDArray[np.uint8], frame: Frame, view: View, across: Floats, do
 
 def _lines(pixels: Floats, at: list[float]) -> NDArray[np.bool_]:
     """Return which of the pixels along one side belong to lines one pixel wide."""
-    lines = np.zeros(len(pixels), bool)
-    for place in at:
-        lines |= np.abs(pixels - place) <= 0.5
-    return lines
+    return np.asarray((np.abs(pixels[:, None] - np.array(at)) <= 0.5).any(axis=1))
 
 
 def is_wall(thing: SolidObject) -> bool:
@@ -118,12 +116,8 @@ def draw_areas(sheet: Sheet, areas: list[Area], kinds: dict[str, Colour]) -> Non
 def areas_in_sight(world: World, view: View) -> list[Area]:
     """Return the areas that lie at least partly in the window of the view."""
     x0, y0, x1, y1 = view.window
-    found = []
-    for area in world.areas:
-        xs, ys = [p[0] for p in area.outline], [p[1] for p in area.outline]
-        if max(xs) > x0 and min(xs) < x1 and max(ys) > y0 and min(ys) < y1:
-            found.append(area)
-    return found
+    boxes = [(area, rectangle(area.outline)) for area in world.areas]
+    return [area for area, (low, high) in boxes if high[0] > x0 and low[0] < x1 and high[1] > y0 and low[1] < y1]
 
 
 def area_words(world: World, view: View) -> tuple[Word, ...]:
@@ -157,16 +151,17 @@ def write_areas(sheet: Sheet, areas: list[Area], kinds: dict[str, Colour], *, la
     for place in (large, beside, small):
         missing = []
         for area in order:
-            ring = rings[area.name]
+            ring, colour = rings[area.name], kinds[area.kind]
             word = place(area.name, ring)
             if word is None:
                 missing.append(area)
                 continue
             if place is beside:
-                middle = (ring.min(axis=0) + ring.max(axis=0)) / 2
-                sheet.line(np.array([word.centre, middle]), kinds[area.kind], 1.0)
-                sheet.dot(float(middle[0]), float(middle[1]), 3 * sheet.unit, fill=kinds[area.kind])
-            _write_name(sheet, word, kinds[area.kind])
+                x, y = middle = (ring.min(axis=0) + ring.max(axis=0)) / 2
+                sheet.line(np.array([word.centre, middle]), colour, 1.0)
+                sheet.dot(float(x), float(y), 3 * sheet.unit, fill=colour)
+            ink = sheet.palette
+            sheet.write(word, ink.tinted(ink.ink, colour, 0.35), halo=ink.floor, bold=True)
         order = missing
     if order:
         sheet.notes.append(f"no room for the names of {len(order)} areas: {', '.join(sorted(a.name for a in order))}")
@@ -184,78 +179,54 @@ def _clipped(ring: Floats, view: View) -> Floats:
     return np.array(max(pieces, key=lambda piece: piece.area).exterior.coords) if pieces else ring
 
 
-def _write_name(sheet: Sheet, word: Word, colour: Colour) -> None:
-    dark = sheet.palette.tinted(sheet.palette.ink, colour, 0.35)
-    sheet.write(word, dark, halo=sheet.palette.floor, bold=True)
+def draw_dots(sheet: Sheet, world: World) -> tuple[list[str], Floats, float, float]:
+    """Draw a dot for every valid waypoint in the window, a ring where the robot does not fit.
 
-
-@dataclass(frozen=True)
-class Dot:
-    """A waypoint on the page: its position and radius, and the distance between waypoints, in pixels."""
-
-    name: str
-    x: float
-    y: float
-    radius: float
-    apart: float
-
-
-def draw_dots(sheet: Sheet, world: World) -> list[Dot]:
-    """Draw a dot for every valid waypoint in the window, a ring where the robot does not fit."""
-    view, ink = sheet.view, sheet.palette
-    left, top, right, bottom = view.plan
+    Returns the names of the waypoints, their places (n, 2), the radius of the dots and the distance between them, in
+    pixels.
+    """
+    ink = sheet.palette
+    left, top, right, bottom = sheet.view.plan
     valid = [w for w in world.grid.waypoints if w.human]
-    places = view.pixels(np.array([[w.x, w.y] for w in valid]))
-    seen = [(w, float(x), float(y)) for w, (x, y) in zip(valid, places, strict=True)]
-    seen = [(w, x, y) for w, x, y in seen if left < x < right and top < y < bottom]
-    apart = usual_spacing(np.array([(x, y) for _, x, y in seen]).reshape(-1, 2))
+    places = sheet.view.pixels(np.array([[w.x, w.y] for w in valid]))
+    seen = np.asarray(((places > (left, top)) & (places < (right, bottom))).all(axis=1))
+    shown, places = [w for w, on_page in zip(valid, seen, strict=True) if on_page], places[seen]
+    apart = usual_spacing(places)
     radius = float(np.clip(apart * 0.075, 1.6, 5.0 * sheet.unit))
     dense = apart < text_size("A10", SMALLEST_TEXT)[0]  # with this many dots, names of areas may cover some
-    for waypoint, x, y in seen:
+    for waypoint, (x, y) in zip(shown, places.tolist(), strict=True):
         if not dense:
             sheet.taken.add_dot(x, y, radius)
         if waypoint.robot:
             sheet.dot(x, y, radius, fill=ink.dot)
         else:
             sheet.dot(x, y, radius, fill=ink.floor, edge=ink.dot, width=1.6)
-    return [Dot(waypoint.name, x, y, radius, apart) for waypoint, x, y in seen]
+    return [waypoint.name for waypoint in shown], places, radius, apart
 
 
-def write_waypoints(sheet: Sheet, dots: list[Dot]) -> None:
+def write_waypoints(sheet: Sheet, names: list[str], places: Floats, radius: float, apart: float) -> None:
     """Write the names of waypoints below the dots where there is room; none if they would be unreadable."""
-    if not dots:
-        return
-    longest = max((dot.name for dot in dots), key=len)
-    size = int(np.clip(dots[0].apart * 0.36, 0, 20 * sheet.unit))
-    while size > SMALLEST_TEXT and text_size(longest, size)[0] + 3 > dots[0].apart:
+    longest = max(names, key=len, default="")
+    size = int(np.clip(apart * 0.36, 0, 20 * sheet.unit))
+    while size > SMALLEST_TEXT and text_size(longest, size)[0] + 3 > apart:
         size -= 1
-    if size < SMALLEST_TEXT or text_size(longest, size)[0] + 3 > dots[0].apart:
+    if names and (size < SMALLEST_TEXT or text_size(longest, size)[0] + 3 > apart):
         sheet.notes.append("the waypoints are too dense for their names: read row and column, or draw tiles")
         return
-    for dot in dots:
-        _write_waypoint(sheet, dot, size)
-
-
-def _write_waypoint(sheet: Sheet, dot: Dot, size: int) -> None:
-    width, height = text_size(dot.name, size)
-    for away in (1.0, 9.0 * sheet.unit):
-        side, drop = dot.radius + width / 2 + 2 + away, dot.radius + height / 2 + away
-        for dx, dy in (
-            (0, drop),
-            (0, -drop),
-            (side, 0),
-            (-side, 0),
-            (side, -drop),
-            (side, drop),
-            (-side, drop),
-            (-side, -drop),
-        ):
-            x, y = dot.x + dx, dot.y + dy
-            box = (x - width / 2, y - height / 2, x + width / 2, y + height / 2)
+    for name, (x, y) in zip(names, places.tolist(), strict=True):
+        width, height = text_size(name, size)
+        for away, (across, down) in itertools.product((1.0, 9.0 * sheet.unit), _BESIDE_DOTS):
+            cx, cy = x + across * (radius + width / 2 + 2 + away), y + down * (radius + height / 2 + away)
+            box = (cx - width / 2, cy - height / 2, cx + width / 2, cy + height / 2)
             if sheet.taken.free(box, gap=0.0):
-                sheet.write(Word(dot.name, box, size), sheet.palette.ink, halo=sheet.palette.floor)
-                return
-    sheet.notes.append(f"no room for the name of waypoint {dot.name}")
+                sheet.write(Word(name, box, size), sheet.palette.ink, halo=sheet.palette.floor)
+                break
+        else:
+            sheet.notes.append(f"no room for the name of waypoint {name}")
+
+
+_BESIDE_DOTS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, -1), (1, 1), (-1, 1), (-1, -1))
+"""Where the name of a waypoint stands, as steps across and down the page."""
 
 
 def usual_spacing(places: Floats) -> float:
@@ -289,7 +260,10 @@ def draw_route(sheet: Sheet, world: World, route: Route, way: Way | None = None)
     sheet.line(line, ink.tinted(ink.route, share=0.75), 4.0)
     for a, b in pairwise(line):
         if np.hypot(*(b - a)) > 34 * unit:
-            _arrow(sheet, (a + b) / 2, b - a, 9 * unit)
+            at, along, size = (a + b) / 2, (b - a) / np.hypot(*(b - a)), 9 * unit
+            tip, back = at + along * size * 0.7, at - along * size * 0.7
+            across = np.array([-along[1], along[0]]) * size * 0.75
+            sheet.polygon(np.array([tip, back + across, back - across]), fill=ink.route)
     sheet.taken.add_line(line, 4 * unit)
     for pose, colour in ((route.start, ink.start), (route.goal, ink.goal)):
         at, tip = _pointer(sheet, pose)
@@ -322,17 +296,10 @@ def write_ends(sheet: Sheet, route: Route) -> None:
             sheet.write(found, colour, halo=sheet.palette.floor, bold=True)
 
 
-def _arrow(sheet: Sheet, at: Floats, direction: Floats, size: float) -> None:
-    along = direction / np.hypot(*direction)
-    across = np.array([-along[1], along[0]])
-    tip, back = at + along * size * 0.7, at - along * size * 0.7
-    sheet.polygon(np.array([tip, back + across * size * 0.75, back - across * size * 0.75]), fill=sheet.palette.route)
-
-
-def time_marks(way: Way, every_s: float = MARK_EVERY_S) -> tuple[tuple[float, float, float], ...]:
-    """Return where the robot is every `every_s` seconds of a drive, as (time, x, y), without its start."""
+def time_marks(way: Way) -> tuple[tuple[float, float, float], ...]:
+    """Return where the robot is every 5 seconds of a drive, as (time, x, y), without its start."""
     t, x, y = np.array(way, float).T
-    times = np.arange(every_s, t[-1] + 1e-9, every_s)
+    times = np.arange(MARK_EVERY_S, t[-1] + 1e-9, MARK_EVERY_S)
     return tuple(zip(times.tolist(), np.interp(times, t, x).tolist(), np.interp(times, t, y).tolist(), strict=True))
 
 

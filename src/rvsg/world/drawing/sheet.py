@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from rvsg.world.world import UNKNOWN, World
 Colour = tuple[int, int, int]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Palette:
     """Colours as (red, green, blue), 0 to 255. Kinds of areas get the colours of `kinds` in order of appearance."""
 
@@ -53,80 +54,27 @@ class Palette:
         return (r, g, b)
 
 
-LIGHT = Palette(
-    page=(255, 255, 255),
-    outside=(226, 229, 234),
-    floor=(255, 255, 255),
-    wall=(52, 58, 70),
-    thing=(221, 215, 204),
-    thing_edge=(142, 132, 116),
-    ink=(24, 28, 36),
-    faint_ink=(104, 112, 124),
-    guide=(222, 226, 232),
-    dot=(30, 41, 59),
-    route=(220, 38, 38),
-    start=(21, 128, 61),
-    goal=(220, 38, 38),
-    kinds=(
-        (37, 99, 235),
-        (194, 88, 12),
-        (13, 128, 110),
-        (126, 34, 206),
-        (190, 24, 93),
-        (77, 124, 15),
-        (120, 72, 24),
-        (3, 105, 161),
-        (82, 82, 110),
-    ),
+def _palette(colours: str, kinds: str, tint: float) -> Palette:
+    """Return the palette of colours in hexadecimal digits, in the order of the fields."""
+    given, of_kinds = ([(*bytes.fromhex(each),) for each in text.split()] for text in (colours, kinds))
+    return Palette(*given, kinds=tuple(of_kinds), tint=tint)  # type: ignore[misc]
+
+
+LIGHT = _palette(
+    "ffffff e2e5ea ffffff 343a46 ddd7cc 8e8474 181c24 68707c dee2e8 1e293b dc2626 15803d dc2626",
+    kinds="2563eb c2580c 0d806e 7e22ce be185d 4d7c0f 784818 0369a1 52526e",
     tint=0.16,
 )
-
-GREY = Palette(
-    page=(255, 255, 255),
-    outside=(214, 214, 214),
-    floor=(255, 255, 255),
-    wall=(30, 30, 30),
-    thing=(205, 205, 205),
-    thing_edge=(110, 110, 110),
-    ink=(0, 0, 0),
-    faint_ink=(90, 90, 90),
-    guide=(226, 226, 226),
-    dot=(0, 0, 0),
-    route=(0, 0, 0),
-    start=(0, 0, 0),
-    goal=(0, 0, 0),
-    kinds=((60, 60, 60),),
+GREY = _palette(
+    "ffffff d6d6d6 ffffff 1e1e1e cdcdcd 6e6e6e 000000 5a5a5a e2e2e2 000000 000000 000000 000000",
+    kinds="3c3c3c",
     tint=0.08,
 )
-
-DARK = Palette(
-    page=(22, 27, 34),
-    outside=(13, 17, 23),
-    floor=(33, 40, 50),
-    wall=(190, 198, 210),
-    thing=(70, 78, 90),
-    thing_edge=(120, 130, 145),
-    ink=(236, 240, 246),
-    faint_ink=(160, 170, 182),
-    guide=(50, 58, 70),
-    dot=(226, 232, 240),
-    route=(255, 107, 107),
-    start=(74, 222, 128),
-    goal=(255, 107, 107),
-    kinds=(
-        (96, 165, 250),
-        (251, 146, 60),
-        (45, 212, 191),
-        (192, 132, 252),
-        (244, 114, 182),
-        (163, 230, 53),
-        (217, 160, 102),
-        (56, 189, 248),
-        (176, 176, 210),
-    ),
+DARK = _palette(
+    "161b22 0d1117 212832 bec6d2 464e5a 788291 ecf0f6 a0aab6 323a46 e2e8f0 ff6b6b 4ade80 ff6b6b",
+    kinds="60a5fa fb923c 2dd4bf c084fc f472b6 a3e635 d9a066 38bdf8 b0b0d2",
     tint=0.22,
 )
-
 PALETTES = {"light": LIGHT, "grey": GREY, "dark": DARK}
 
 
@@ -147,14 +95,11 @@ MOST_STEPS = 1000
 SPOTS = 41  # places tried along each side of a polygon
 SMALLEST_TEXT = 10  # pixels; smaller cannot be read
 
-_fonts: dict[int, ImageFont.FreeTypeFont | ImageFont.ImageFont] = {}
 
-
+@cache
 def font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     """Return Pillow's default font at a size in pixels."""
-    if size not in _fonts:
-        _fonts[size] = ImageFont.load_default(size)
-    return _fonts[size]
+    return ImageFont.load_default(size)
 
 
 @dataclass(frozen=True)
@@ -237,43 +182,35 @@ def place_inside(text: str, ring: Floats, taken: Taken, sizes: Sequence[int]) ->
 
     Level text is preferred to turned text unless it would be much smaller.
     """
-    room = _Room(ring)
-    level = next((word for size in sizes for word in [_inside(text, size, False, room, taken)] if word), None)
+    import shapely
+
+    shape = shapely.Polygon(ring).buffer(0)
+    shapely.prepare(shape)
+    at = shape.centroid if shape.contains(shape.centroid) else shape.representative_point()
+    centre = np.array([at.x, at.y])
+    level = next((word for size in sizes for word in [_inside(text, size, False, shape, centre, taken)] if word), None)
     worth_turning = [size for size in sizes if level is None or level.size < WORTH_TURNING * size]
-    turned = (_inside(text, size, True, room, taken) for size in worth_turning)
+    turned = (_inside(text, size, True, shape, centre, taken) for size in worth_turning)
     return next((word for word in turned if word), level)
 
 
-class _Room:
-    """A polygon that is asked many times whether a rectangle lies in it."""
-
-    def __init__(self, ring: Floats) -> None:
-        from shapely import Polygon, prepare
-
-        self.shape = Polygon(ring).buffer(0)
-        prepare(self.shape)
-        self.bounds: Box = self.shape.bounds
-        at = self.shape.centroid if self.shape.contains(self.shape.centroid) else self.shape.representative_point()
-        self.centre = np.array([at.x, at.y])
-
-
-def _inside(text: str, size: int, turned: bool, room: _Room, taken: Taken) -> Word | None:
+def _inside(text: str, size: int, turned: bool, shape: Any, centre: Floats, taken: Taken) -> Word | None:
     """Return the place nearest to the middle where the name fits in this size, on one line if it can."""
     import shapely
 
-    x0, y0, x1, y1 = room.bounds
+    x0, y0, x1, y1 = shape.bounds
     for lines in (text,) if turned else wrapped(text):
         half = np.array(text_size(lines, size)[:: -1 if turned else 1]) / 2
         if 2 * half[0] + 4 > x1 - x0 or 2 * half[1] + 4 > y1 - y0:
             continue
-        xs = np.unique(np.append(np.linspace(x0 + half[0] + 2, x1 - half[0] - 2, SPOTS), room.centre[0]))
-        ys = np.unique(np.append(np.linspace(y0 + half[1] + 2, y1 - half[1] - 2, SPOTS), room.centre[1]))
+        xs = np.unique(np.append(np.linspace(x0 + half[0] + 2, x1 - half[0] - 2, SPOTS), centre[0]))
+        ys = np.unique(np.append(np.linspace(y0 + half[1] + 2, y1 - half[1] - 2, SPOTS), centre[1]))
         centres = np.stack(np.meshgrid(xs, ys), axis=-1).reshape(-1, 2)
         boxes = np.concatenate([centres - half, centres + half], axis=1)
         good = taken.which_free(boxes)
-        good[good] = shapely.contains(room.shape, shapely.box(*boxes[good].T))
+        good[good] = shapely.contains(shape, shapely.box(*boxes[good].T))
         if good.any():
-            away = np.hypot(*(centres - room.centre).T)
+            away = np.hypot(*(centres - centre).T)
             left, top, right, bottom = boxes[np.flatnonzero(good)[np.argmin(away[good])]].tolist()
             return Word(lines, (left, top, right, bottom), size, turned)
     return None
@@ -285,28 +222,17 @@ def place_beside(text: str, ring: Floats, taken: Taken, sizes: Iterable[int], pa
     middle = (low + high) / 2
     for size in sizes:
         for lines in wrapped(text):
-            width, height = text_size(lines, size)
+            half = np.array(text_size(lines, size)) / 2
             for away in (3, 10, 20, 35, 55, 80):
-                for x, y in _around(low - away, high + away, middle, width, height):
-                    spot = (x - width / 2, y - height / 2, x + width / 2, y + height / 2)
-                    inside = spot[0] >= page[0] and spot[1] >= page[1] and spot[2] <= page[2] and spot[3] <= page[3]
-                    if inside and taken.free(spot):
-                        return Word(lines, spot, size)
+                reach = (high + away - (low - away)) / 2
+                for side in np.array([(0, -1), (0, 1), (1, 0), (-1, 0)]):
+                    for share in (0.0, -0.35, 0.35, -0.7, 0.7, -1.0, 1.0):
+                        at = middle + np.where(side, side * (reach + half), share * reach)
+                        left, top, right, bottom = spot = (*(at - half).tolist(), *(at + half).tolist())
+                        on_page = left >= page[0] and top >= page[1] and right <= page[2] and bottom <= page[3]
+                        if on_page and taken.free(spot):
+                            return Word(lines, spot, size)
     return None
-
-
-def _around(low: Floats, high: Floats, middle: Floats, width: float, height: float) -> Iterator[tuple[float, float]]:
-    shares = (0.0, -0.35, 0.35, -0.7, 0.7, -1.0, 1.0)
-    for side_x, side_y in ((0, -1), (0, 1), (1, 0), (-1, 0)):
-        for share in shares:
-            reach = (high - low) / 2
-            if side_x:
-                x = middle[0] + side_x * (reach[0] + width / 2)
-                y = middle[1] + share * reach[1]
-            else:
-                x = middle[0] + share * reach[0]
-                y = middle[1] + side_y * (reach[1] + height / 2)
-            yield (float(x), float(y))
 
 
 Window = tuple[float, float, float, float]
@@ -502,13 +428,13 @@ class Sheet:
         self._late.append((word, colour, halo, bold))
 
     def write_at(
-        self, text: str, x: float, y: float, size: int, colour: Colour, *, anchor: str = "m", **how: bool
+        self, text: str, x: float, y: float, size: int, colour: Colour, *, anchor: str = "m", bold: bool = False
     ) -> Word:
         """Write a text whose box begins (anchor l), is centred (m) or ends (r) at x, vertically centred at y."""
         width, height = text_size(text, size)
         left = {"l": x, "m": x - width / 2, "r": x - width}[anchor]
         word = Word(text, (left, y - height / 2, left + width, y + height / 2), size)
-        self.write(word, colour, bold=how.get("bold", False))
+        self.write(word, colour, bold=bold)
         return word
 
     def finished(self, end: float) -> Image.Image:
@@ -529,29 +455,25 @@ class Sheet:
 def _write(
     page: Image.Image, draw: ImageDraw.ImageDraw, word: Word, colour: Colour, halo: Colour | None, bold: bool
 ) -> None:
-    stroke = max(1, word.size // 9) if halo is not None else 0
+    """Write centred lines. Pillow has one font, so bold text is drawn with a stroke of half a pixel."""
+    lines, step = word.text.split("\n"), word.size * 1.14
+
+    def text(draw: ImageDraw.ImageDraw, centre: tuple[float, float], fill: Colour | int, stroke: int) -> None:
+        for i, line in enumerate(lines):
+            at = (round(centre[0]), round(centre[1] + (i - (len(lines) - 1) / 2) * step))
+            width = stroke + (0.4 if bold else 0)
+            draw.text(at, line, fill=fill, font=font(word.size), anchor="mm", stroke_width=width)
+
+    stroke = max(1, word.size // 9)
     if word.turned:
         width, height = text_size(word.text, word.size)
-        mask, border = (Image.new("L", (width + 8, height + 8)) for _ in range(2))
-        for layer, extra in ((mask, 0), (border, stroke)):
-            _text(ImageDraw.Draw(layer), word, (width / 2 + 4, height / 2 + 4), 255, extra, bold)
         corner = (round(word.box[0]) - 4, round(word.box[1]) - 4)
-        if halo is not None:
-            page.paste(halo, corner, border.transpose(Image.Transpose.ROTATE_90))
-        page.paste(colour, corner, mask.transpose(Image.Transpose.ROTATE_90))
+        for ink, extra in ((halo, stroke), (colour, 0)):
+            if ink is not None:
+                mask = Image.new("L", (width + 8, height + 8))
+                text(ImageDraw.Draw(mask), (width / 2 + 4, height / 2 + 4), 255, extra)
+                page.paste(ink, corner, mask.transpose(Image.Transpose.ROTATE_90))
         return
     if halo is not None:
-        _text(draw, word, word.centre, halo, stroke + 1, bold)
-    _text(draw, word, word.centre, colour, 0, bold)
-
-
-def _text(
-    draw: ImageDraw.ImageDraw, word: Word, centre: tuple[float, float], fill: Colour | int, stroke: int, bold: bool
-) -> None:
-    """Write centred lines. Pillow has one font, so bold text is drawn with a stroke of half a pixel."""
-    lines = word.text.split("\n")
-    step = word.size * 1.14
-    for i, line in enumerate(lines):
-        y = centre[1] + (i - (len(lines) - 1) / 2) * step
-        at = (round(centre[0]), round(y))
-        draw.text(at, line, fill=fill, font=font(word.size), anchor="mm", stroke_width=stroke + (0.4 if bold else 0))
+        text(draw, word.centre, halo, stroke + 1)
+    text(draw, word.centre, colour, 0)

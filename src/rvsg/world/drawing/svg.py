@@ -65,10 +65,11 @@ def floor_plan(
         matrix, box = "matrix(0 -1 -1 0 0 0)", (-y1, -x1, y1 - y0, x1 - x0)
     parts = [f'<g class="plan" transform="{matrix}">', *_cells(world), *_objects(world, tooltips)]
     if areas:
+        kinds = list(dict.fromkeys(area.kind for area in world.areas))
         parts += [
-            f'<polygon class="area kind-{i}" points="{_points(area.outline)}">'
+            f'<polygon class="area kind-{kinds.index(area.kind)}" points="{_points(area.outline)}">'
             f"<title>{html.escape(area.name)}</title></polygon>"
-            for area, i in zip(world.areas, _kinds(world), strict=True)
+            for area in world.areas
         ]
     if waypoints:
         parts += [
@@ -115,11 +116,6 @@ def style(world: World, ink: Palette) -> str:
         tint = f"fill:{_css(colour)};fill-opacity:{ink.tint};stroke:{_css(colour)};stroke-width:.03"
         rules.append(f".plan .kind-{i}{{{tint}}}")
     return "".join(rules)
-
-
-def _kinds(world: World) -> list[int]:
-    order = list(dict.fromkeys(area.kind for area in world.areas))
-    return [order.index(area.kind) for area in world.areas]
 
 
 def _objects(world: World, tooltips: bool) -> list[str]:
