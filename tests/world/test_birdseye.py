@@ -13,7 +13,6 @@ from rvsg.world.drawing.birdseye import birdseye
 from rvsg.world.lattice import build_world
 from rvsg.world.occupancy import occupancy_from_objects
 from rvsg.world.schema import ObjectEntry
-from rvsg.world.world import World
 from rvsg.world.world_folder import load_world
 
 
@@ -30,23 +29,6 @@ def test_what_is_in_front_hides_what_is_behind() -> None:
     hidden, behind, other_order, empty, alone = pictures
     assert hidden == behind == other_order
     assert empty != alone
-
-
-def heightened(world: World, factor: float) -> World:
-    things = tuple(
-        t.model_copy(update={"box": t.box.model_copy(update={
-            "size": (*t.box.size[:2], t.box.size[2] * factor),
-            "center": (*t.box.center[:2], t.box.center[2] * factor)})})
-        for t in world.objects
-    )  # fmt: skip
-    return replace(world, objects=things)
-
-
-def test_lower_furniture_gives_another_picture_and_the_way_up_stays_up() -> None:
-    world = load_world("office")
-    tall, low = (np.asarray(birdseye(w, width_px=500)).astype(int) for w in (world, heightened(world, 0.3)))
-    rows = min(len(tall), len(low))
-    assert (np.abs(tall[:rows] - low[:rows]).max(axis=-1) > 20).mean() > 0.02
 
 
 def test_a_map_without_objects_is_raised_from_its_cells() -> None:

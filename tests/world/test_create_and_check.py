@@ -150,11 +150,76 @@ def test_a_world_without_walls_gets_floor_round_its_objects(tmp_path: Path) -> N
     assert world_from("objects", tmp_path / "o.yaml", name="w", robot=wide).world.routes == ()
 
 
-def test_a_label_outside_the_map_is_told_with_its_line(folder: Path) -> None:
-    replace_labels(folder, "name: In, rectangle: [0, 5, 2, 7]", "name: Out, rectangle: [50, 50, 60, 60]")
-    remark = found(check_world(folder), "area-outside")
-    assert remark.serious
-    assert (remark.problem.path.name, remark.problem.line) == ("labels.yaml", 3)
+WAY = "name: r, start: {start}, goal: {goal}, time_limit_s: {limit}"
+DESK = "name: Desk, rectangle: [3, 3, 5, 5]"
+
+
+def way(start: str, goal: str = "{x: 8, y: 3}", limit: str = "60") -> str:
+    return WAY.replace("{start}", start).replace("{goal}", goal).replace("{limit}", limit)
+
+
+LABELS: dict[tuple[str, ...], list[tuple[str, int]]] = {
+    ("name: In, rectangle: [0, 5, 2, 7]", "name: Out, rectangle: [50, 50, 60, 60]"): [("area-outside", 3)],
+    ("name: A, rectangle: [0, 5, 2, 7]", "name: a, rectangle: [0, 5, 2, 7]"): [("area-alike", 3), ("area-twice", 3)],
+    ("name: B5, rectangle: [3, 3, 5, 5]", 'name: " Desk", rectangle: [8, 3, 9, 5]'): [
+        ("area-waypoint-name", 2), ("area-spaces", 3),
+    ],
+    ("name: Bow, outline: [[0, 5], [2, 7], [2, 5], [0, 7]]",): [("document", 2)],
+    ("name: A, rectangle: [0, 5, 2, 7], waypoints: [Z99]", "name: Far, rectangle: [90, 90, 95, 95]"): [
+        ("unknown-waypoint", 2), ("area-outside", 3),
+    ],
+    (DESK, DESK, "name: Far, rectangle: [90, 90, 95, 95]"): [("name-twice", 3), ("area-outside", 4)],
+}  # fmt: skip
+ROUTES: dict[tuple[str, ...], list[tuple[str, int]]] = {
+    (way("{x: 0.5, y: 9.5}"),): [("pose-in-obstacle", 2)],
+    (way("{x: -9, y: 9}"),): [("pose-outside", 2)],
+    (way("{x: 8, y: 5}", "{x: 8, y: 1.3}"),): [("pose-tight", 2)],
+    (way("{x: 8, y: 5}", "{x: 8, y: 5.1}"),): [("route-goes-nowhere", 2)],
+    (way("{x: 8, y: 1.48, yaw: 1.57}", "{x: 8, y: 5}"),): [("pose-touches", 2)],
+    (way("{x: -1, y: 3}", "{x: 15, y: 3}", "4"),): [("route-hurried", 2)],
+    (way("{x: 1.0e+9, y: 2, yaw: 0}"),): [("document", 2)],
+    (way("ZZ9"), way("{x: 0, y: 2}", "{x: 90, y: 2}").replace(" r,", " b,")): [
+        ("unknown-waypoint", 2), ("pose-outside", 3),
+    ],
+    (
+        way("{x: .nan, y: 2}", "{x: 400, y: 2}"),
+        way("{x: 0, y: 2}", "ZZ9", "soon").replace(" r,", " b,"),
+        way("{x: 401, y: 2}", limit="60, via: [H155]").replace(" r,", " c,"),
+        "goal: {x: 403, y: 2}",
+        way("{x: 0, y: 2}", limit="3, through: [{x: 404, y: 2}, ZZ8]").replace(" r,", " f,"),
+    ): [
+        ("document", 2), ("pose-outside", 2), ("document", 3), ("unknown-waypoint", 3), ("unknown-waypoint", 4),
+        ("pose-outside", 4), ("document", 5), ("pose-outside", 5), ("pose-outside", 6), ("unknown-waypoint", 6),
+    ],
+}  # fmt: skip
+SUSPICIOUS = {
+    "area-alike", "area-twice", "area-waypoint-name", "area-spaces", "pose-tight", "route-goes-nowhere", "route-hurried"
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("file", "entries"), [*(("areas", entries) for entries in LABELS), *(("routes", entries) for entries in ROUTES)]
+)
+def test_every_mistake_of_a_file_is_told_at_once_each_with_its_line(
+    folder: Path, file: str, entries: tuple[str, ...]
+) -> None:
+    expected = LABELS[entries] if file == "areas" else ROUTES[entries]
+    (replace_labels if file == "areas" else replace_routes)(folder, *entries)
+    remarks = check_world(folder)
+    for code, line in expected:
+        remark = found(remarks, code, line)
+        assert remark.serious or code in SUSPICIOUS
+        assert remark.problem.path.name == ("labels.yaml" if file == "areas" else "routes.yaml")
+    assert len({str(remark) for remark in remarks}) == len(remarks)
+
+
+@pytest.mark.parametrize(
+    ("yaw", "radians"), [(90, "1.5708"), (45, "0.7854"), (180, "3.1416"), (270, "4.7124"), (-135, "-2.3562")]
+)
+def test_every_yaw_in_degrees_is_told_with_its_radians(folder: Path, yaw: int, radians: str) -> None:
+    replace_routes(folder, way(f"{{x: 0, y: 2, yaw: {yaw}}}"))
+    (told,) = (r for r in check_world(folder) if str(r).endswith(radians))
+    assert told.problem.line == 2
 
 
 def test_an_area_no_waypoint_reaches_is_told(folder: Path) -> None:
@@ -163,47 +228,11 @@ def test_an_area_no_waypoint_reaches_is_told(folder: Path) -> None:
     assert found(check_world(folder), "area-no-waypoint").serious
 
 
-def test_labels_that_are_easily_confused_or_equal_are_told(folder: Path) -> None:
-    replace_labels(folder, "name: Shelf, rectangle: [0, 5, 2, 7]", "name: shelf, rectangle: [0, 5, 2, 7]")
-    remarks = check_world(folder)
-    found(remarks, "area-alike")
-    found(remarks, "area-twice")
-
-
-def test_unknown_waypoints_of_labels_and_routes_are_told_beside_what_else_is_wrong(folder: Path) -> None:
-    replace_labels(
-        folder, "name: A, rectangle: [0, 5, 2, 7], waypoints: [Z99]", "name: Far, rectangle: [90, 90, 95, 95]"
-    )
-    replace_routes(folder, "name: r, start: {x: 8, y: 5}, goal: Z98, time_limit_s: 60")
-    remarks = check_world(folder)
-    for code, file, line in (
-        ("unknown-waypoint", "labels.yaml", 2),
-        ("unknown-waypoint", "routes.yaml", 2),
-        ("area-outside", "labels.yaml", 3),
-    ):
-        assert any((r.code, r.problem.path.name, r.problem.line) == (code, file, line) for r in remarks)
-
-
-def test_duplicated_names_and_crossing_outlines_are_told(folder: Path) -> None:
-    replace_labels(folder, "name: Bow, outline: [[0, 5], [2, 7], [2, 5], [0, 7]]")
-    assert found(check_world(folder), "document").problem.line == 2
-    replace_labels(folder, "name: A, rectangle: [0, 5, 2, 7]", "name: A, rectangle: [3, 5, 4, 7]")
-    found(check_world(folder), "name-twice")
-
-
-@pytest.mark.parametrize(
-    ("start", "goal", "code"),
-    [
-        ("{x: 0.5, y: 9.5}", "{x: 8, y: 3}", "pose-in-obstacle"),
-        ("{x: -9, y: 9}", "{x: 8, y: 3}", "pose-outside"),
-        ("{x: 8, y: 5}", "{x: 8, y: 1.3}", "pose-tight"),
-        ("{x: 8, y: 5}", "{x: 8, y: 5.1}", "route-goes-nowhere"),
-        ("{x: 8, y: 1.48, yaw: 1.57}", "{x: 8, y: 5}", "pose-touches"),
-    ],
-)
-def test_a_route_that_cannot_be_driven_is_told_with_its_line(folder: Path, start: str, goal: str, code: str) -> None:
-    replace_routes(folder, f"name: r, start: {start}, goal: {goal}, time_limit_s: 60")
-    assert found(check_world(folder), code).problem.path.name == "routes.yaml"
+def test_routes_that_are_all_wrong_are_not_said_to_be_missing(folder: Path) -> None:
+    replace_routes(folder, way("ZZ9"))
+    assert "routes-none" not in [remark.code for remark in check_world(folder)]
+    (folder / "routes.yaml").write_text("routes: []\n")
+    assert found(check_world(folder), "routes-none").serious
 
 
 def test_a_goal_behind_a_wall_cannot_be_planned(tmp_path: Path) -> None:
@@ -213,11 +242,6 @@ def test_a_goal_behind_a_wall_cannot_be_planned(tmp_path: Path) -> None:
     save_world(created.world, tmp_path / "w")
     replace_routes(tmp_path / "w", "name: r, start: {x: 0, y: 3}, goal: {x: 12, y: 3}, time_limit_s: 60")
     assert found(check_world(tmp_path / "w"), "route-no-way").serious
-
-
-def test_an_impossible_time_limit_is_suspicious(folder: Path) -> None:
-    replace_routes(folder, "name: r, start: {x: -1, y: 3}, goal: {x: 15, y: 3}, time_limit_s: 4")
-    assert not found(check_world(folder), "route-hurried").serious
 
 
 def test_an_aisle_the_grid_misses_is_named(folder: Path) -> None:
@@ -273,52 +297,8 @@ def test_every_public_map_becomes_a_world_with_pictures_or_is_refused_with_a_rea
     assert len(world.grid.parts[0]) > 0.7 * len(world.grid.valid)
     assert len(world.areas) >= 4
     assert len(world.routes) == 3
-    for picture in (
-        labelled_map(world, width_px=500),
-        grid_picture(world, width_px=500),
-        birdseye(world, width_px=500),
-    ):
+    for picture in (draw(world, width_px=500) for draw in (labelled_map, grid_picture, birdseye)):
         assert len(picture.getcolors(maxcolors=1_000_000) or []) > 5
-
-
-def test_a_yaw_in_degrees_is_suspicious_and_its_radians_are_told(folder: Path) -> None:
-    replace_routes(folder, "name: r, start: {x: 0, y: 2, yaw: 90}, goal: {x: 10, y: 2, yaw: 0}, time_limit_s: 30")
-    assert str(found(check_world(folder), "pose-degrees", 2)).endswith("1.5708")
-
-
-def test_a_finding_on_a_route_keeps_its_line_where_an_earlier_route_cannot_be_read(folder: Path) -> None:
-    replace_routes(
-        folder,
-        "name: a, start: ZZ9, goal: {x: 10, y: 2, yaw: 0}, time_limit_s: 30",
-        "name: b, start: {x: 0, y: 2, yaw: 0}, goal: {x: 90, y: 2, yaw: 0}, time_limit_s: 90",
-    )
-    assert {r.problem.line: r.code for r in check_world(folder) if r.serious} == {
-        2: "unknown-waypoint",
-        3: "pose-outside",
-    }
-
-
-def test_routes_that_are_all_wrong_are_not_said_to_be_missing(folder: Path) -> None:
-    replace_routes(folder, "name: a, start: ZZ9, goal: {x: 10, y: 2, yaw: 0}, time_limit_s: 30")
-    assert "routes-none" not in [remark.code for remark in check_world(folder)]
-    (folder / "routes.yaml").write_text("routes: []\n")
-    assert found(check_world(folder), "routes-none").serious
-
-
-def test_a_label_named_like_a_waypoint_or_with_a_stray_space_is_suspicious(folder: Path) -> None:
-    replace_labels(folder, "name: B5, rectangle: [3, 3, 5, 5]", 'name: " Desk", rectangle: [8, 3, 9, 5]')
-    remarks = check_world(folder)
-    found(remarks, "area-waypoint-name", 2)
-    found(remarks, "area-spaces", 3)
-
-
-def test_a_name_given_twice_does_not_hide_what_else_is_wrong(folder: Path) -> None:
-    desk = "name: Desk, rectangle: [3, 3, 5, 5]"
-    replace_labels(folder, desk, desk, "name: Far, rectangle: [90, 90, 95, 95]")
-    told = {r.problem.line: r.code for r in check_world(folder) if r.serious}
-    assert told == {3: "name-twice", 4: "area-outside"}
-    with pytest.raises(DocumentError):
-        load_world(folder)
 
 
 def test_doubled_routes_and_objects_do_not_hide_what_else_is_wrong(tmp_path: Path) -> None:
@@ -369,51 +349,6 @@ def test_an_activity_of_an_unknown_area_is_told_with_its_line_and_what_was_meant
     (remark,) = (r for r in check_world(folder) if r.code == "activity-unknown-area")
     assert remark.problem.line == lines.index("  - tidy Desk 3") + 1
     assert remark.fix is not None  # it names the area that was meant
-
-
-@pytest.mark.parametrize(
-    ("yaw", "radians"), [(90, "1.5708"), (45, "0.7854"), (180, "3.1416"), (270, "4.7124"), (-135, "-2.3562")]
-)
-def test_every_yaw_in_degrees_is_told_with_its_radians(folder: Path, yaw: int, radians: str) -> None:
-    pose = f"{{x: 0, y: 2, yaw: {yaw}}}"
-    replace_routes(folder, f"name: r, start: {pose}, goal: {{x: 10, y: 2}}, time_limit_s: 60")
-    (told,) = (r for r in check_world(folder) if str(r).endswith(radians))
-    assert told.problem.line == 2
-
-
-def test_a_pose_farther_than_the_earth_is_round_is_told_to_be_no_metres(folder: Path) -> None:
-    replace_routes(folder, "name: r, start: {x: 1.0e+9, y: 2, yaw: 0}, goal: {x: 10, y: 2}, time_limit_s: 60")
-    assert found(check_world(folder), "document").problem.key == ("routes", 0, "start")
-
-
-def test_mistakes_of_several_kinds_in_the_routes_are_told_at_once(folder: Path) -> None:
-    replace_routes(
-        folder,
-        "name: a, start: {x: .nan, y: 2}, goal: {x: 400, y: 2}, time_limit_s: 60",
-        "name: b, start: {x: 0, y: 2}, goal: ZZ9, time_limit_s: soon",
-        "name: c, start: {x: 401, y: 2}, goal: {x: 10, y: 2}, time_limit_s: 60, via: [H155]",
-        "name: d, start: {x: 402, y: 2}, goal: {x: 10, y: 2}, time_limit_s: 60",
-        "goal: {x: 403, y: 2}",
-        "name: f, start: {x: 0, y: 2}, goal: {x: 10, y: 2}, through: [{x: 404, y: 2}, ZZ8], time_limit_s: 3",
-    )
-    remarks = check_world(folder)
-    expected = [
-        (2, "document"),  # no finite number
-        (2, "pose-outside"),
-        (3, "document"),  # no number
-        (3, "unknown-waypoint"),
-        (4, "unknown-waypoint"),
-        (4, "pose-outside"),
-        (5, "pose-outside"),
-        (6, "document"),  # no name
-        (6, "pose-outside"),
-        (7, "pose-outside"),
-        (7, "unknown-waypoint"),
-    ]
-    for line, code in expected:
-        found(remarks, code, line)
-    texts = [str(remark) for remark in remarks]
-    assert len(texts) == len(set(texts))
 
 
 def test_a_world_with_a_faulty_route_is_still_refused_with_every_mistake_of_its_file(folder: Path) -> None:

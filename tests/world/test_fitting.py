@@ -1,8 +1,9 @@
-"""A route is fitted to the robot that drives it."""
+"""Routes and checks for the robot that is to drive there."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -11,10 +12,12 @@ from rvsg.core.records import Pose
 from rvsg.robots.robot import Robot, load_robot, shipped_robots
 from rvsg.scenario.scenario import HumanConfiguration, Mission
 from rvsg.scenario.validity import check
+from rvsg.world.checks import Remark, check_world
 from rvsg.world.grid import Grid
-from rvsg.world.routes import fits_through, fitted, setback_m
+from rvsg.world.passages import line_of, narrow_passages
+from rvsg.world.routes import Drive, Hop, clearance_m, fits_through, fitted, propose_routes, setback_m
 from rvsg.world.world import OccupancyMap, Route, World
-from rvsg.world.world_folder import load_world
+from rvsg.world.world_folder import SHIPPED, load_world
 
 TUGGER, AMR, TIAGO = (load_robot(name) for name in ("tugger", "industrial_amr", "tiago_omni"))
 
@@ -86,3 +89,93 @@ def test_a_robot_wider_than_the_only_gate_is_refused() -> None:
     assert findings(AMR, 0.8) == []
     assert findings("tiago_omni", 0.4) == []
     assert math.isclose(AMR.width_m, 0.58)
+
+
+def remarks(robot: str | None) -> dict[str, Remark]:
+    driver = None if robot is None else load_robot(robot)
+    return {remark.problem.message: remark for remark in check_world(SHIPPED / "warehouse", robot=driver)}
+
+
+def test_what_has_to_be_fitted_to_a_robot_is_a_remark_at_its_route() -> None:
+    found, usual = remarks("tugger"), remarks(None)
+    added = [remark for message, remark in found.items() if message not in usual]
+    assert [remark.code for remark in added].count("route-fitted") == 2
+    assert {(remark.problem.path.name, remark.key[0]) for remark in added} == {("routes.yaml", "routes")}
+
+
+def test_a_chosen_robot_has_one_remark_a_route_where_nobody_can_pass_it() -> None:
+    world, tugger = load_world("warehouse"), load_robot("tugger")
+    tight = [r.name for r in world.routes if narrow_passages(world, line_of(world, r), robot=tugger)]
+    found = [r for r in remarks("tugger").values() if r.code == "route-no-passing"]
+    assert len(found) == len(tight) == 2
+    assert "route-no-passing" not in [r.code for r in remarks(None).values()]
+
+
+def test_a_robot_wider_than_every_way_cannot_drive() -> None:
+    slim = load_robot("industrial_amr")
+    wide = slim.replace(
+        footprint=((1.5, 1.5), (-1.5, 1.5), (-1.5, -1.5), (1.5, -1.5)),
+        safety_zones=(),
+        lidars=tuple(lidar.replace(height_m=1.0) for lidar in slim.lidars),
+    )
+    found = check_world(SHIPPED / "warehouse", robot=wide)
+    assert sum(remark.serious for remark in found) >= 5
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["turtlebot3_waffle", *(pytest.param(name, marks=pytest.mark.exhaustive) for name in ("tugger", "industrial_amr"))],
+)
+def test_routes_are_proposed_for_the_robot(name: str) -> None:
+    world, robot = load_world("hospital"), load_robot(name)
+    routes = propose_routes(world, robot=robot)
+    assert routes
+    for route in routes:
+        assert setback_m(route.goal, robot, world) == 0.0
+        assert fits_through(robot, route, world)
+
+
+def test_a_robot_keeps_clear_by_half_of_its_width() -> None:
+    assert clearance_m(load_robot("tiago_omni")) == pytest.approx(0.3, abs=0.003)
+    assert clearance_m(load_robot("tugger")) == pytest.approx(0.375)
+
+
+class NobodyArrives:
+    """A trial in which every route ends before its goal."""
+
+    def drive(self, world: World, route: Route) -> Drive:
+        return Drive(arrived=False, outcome="timed_out", time_s=60.0, x=0.0, y=0.0, touched_s=())
+
+    def not_walked(self, world: World, hops: Sequence[Hop]) -> tuple[Hop, ...]:
+        return ()
+
+
+@pytest.mark.parametrize(("name", "told"), [("tugger", True), ("turtlebot3_waffle", False)])
+def test_a_route_that_a_steered_robot_cannot_drive_tells_its_turning_circle(name: str, told: bool) -> None:
+    robot = load_robot(name)
+    radius = f"{0.95 / math.tan(1.05):.1f} m radius"
+    found = check_world(SHIPPED / "warehouse", trial=NobodyArrives(), robot=robot)
+    failed = [remark for remark in found if remark.serious and remark.key[0] == "routes"]
+    assert len(failed) == len(load_world("warehouse").routes)
+    assert [radius in str(remark) for remark in failed] == [told] * len(failed)
+
+
+class SomeTouch(NobodyArrives):
+    """A trial in which every way is driven, and all but the first few graze something."""
+
+    def __init__(self, clean: int) -> None:
+        self.clean = clean
+
+    def drive(self, world: World, route: Route) -> Drive:
+        self.clean -= 1
+        touched = () if self.clean >= 0 else (3.0,) * (9 + self.clean % 5)
+        return Drive(arrived=True, outcome="reached", time_s=60.0, x=0.0, y=0.0, touched_s=touched)
+
+
+def test_ways_that_graze_something_are_proposed_only_where_there_is_no_other() -> None:
+    world = load_world("warehouse")
+    clean = propose_routes(world, trial=SomeTouch(1))
+    assert [route.name for route in clean] == ["route_1"]
+    grazed = propose_routes(world, trial=SomeTouch(0))
+    assert [route.name for route in grazed] == ["route_1", "route_2", "route_3"]
+    assert propose_routes(world, trial=NobodyArrives()) == ()

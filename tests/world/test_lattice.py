@@ -131,24 +131,22 @@ def test_a_specification_that_contradicts_itself_is_refused(spec: dict[str, obje
         GridSpec.model_validate(spec)
 
 
-def test_a_world_without_room_for_a_person_is_refused() -> None:
-    space = open_hall(0.4, 3.0)
-    with pytest.raises(InputError, check=coded("grid-no-room")):
-        build_grid(GridSpec(), space, space)
+LINES: dict[str, object] = {"rows": {"A": 6.0, "B": 3.0}, "columns": {1: 3.0, 2: 6.0}}
 
 
-def test_a_grid_of_absurd_size_is_refused_before_it_is_built() -> None:
-    space = open_hall(60, 60)
-    with pytest.raises(InputError, check=coded("grid-too-fine")):
-        build_grid(GridSpec(spacing_m=0.1), space, space)
-
-
-@pytest.mark.parametrize("change", [{"moved": {"B2": (1e6, 0.0)}}, {"columns": {1: 1.0, 2: -1e11}}])
-def test_a_waypoint_far_off_the_map_is_refused(change: dict[str, object]) -> None:
-    space = open_hall(10, 10)
-    spec = GridSpec.model_validate({"rows": {"A": 6.0, "B": 3.0}, "columns": {1: 3.0, 2: 6.0}, **change})
-    with pytest.raises(InputError, check=coded("grid-off-map")):
-        build_grid(spec, space, space)
+@pytest.mark.parametrize(
+    ("size", "spec", "code"),
+    [
+        ((0.4, 3.0), {}, "grid-no-room"),
+        ((60, 60), {"spacing_m": 0.1}, "grid-too-fine"),
+        ((10, 10), {**LINES, "moved": {"B2": (1e6, 0.0)}}, "grid-off-map"),
+        ((10, 10), {**LINES, "columns": {1: 1.0, 2: -1e11}}, "grid-off-map"),
+    ],
+)
+def test_a_grid_that_cannot_be_laid_is_refused(size: tuple[float, float], spec: dict[str, object], code: str) -> None:
+    space = open_hall(*size)
+    with pytest.raises(InputError, check=coded(code)):
+        build_grid(GridSpec.model_validate(spec), space, space)
 
 
 def test_an_area_of_open_floor_is_worked_inside_and_a_shelf_from_within_reach() -> None:

@@ -57,8 +57,12 @@ def ring(*, ceilings: bool, door: bool = True, gate: bool = False, yard: str = "
         spans = {"w": ((low, near), (low, high)), "e": ((far, high), (low, high))}
         spans |= {"s": ((near, far), (low, near)), "n": ((near, far), (far, high))}
         parts += [box(f"ceiling {name}", x, y, (2.6, 2.7)) for name, (x, y) in spans.items()]
+    return building(*parts, yard=yard)
+
+
+def building(*parts: str, name: str = "building", yard: str = "") -> str:
     return (
-        '<sdf version="1.7"><world name="w"><model name="building"><static>true</static><link name="l">'
+        f'<sdf version="1.7"><world name="w"><model name="{name}"><static>true</static><link name="l">'
         f"{''.join(parts)}</link></model>{yard}</world></sdf>"
     )
 
@@ -135,9 +139,7 @@ def test_a_point_off_the_floor_is_refused(tmp_path: Path, choices: dict[str, tup
 def test_walls_of_one_model_that_meet_and_share_faces_stay_whole(tmp_path: Path) -> None:
     """Two walls end to end, both flush with a third and overlapping it at the corner."""
     parts = [wall("a", (0.0, 4.0), (0.0, 0.2)), wall("b", (4.0, 9.0), (0.0, 0.2)), wall("c", (0.0, 0.2), (0.0, 9.0))]
-    (tmp_path / "w.sdf").write_text(
-        f'<sdf version="1.7"><model name="walls"><link name="l">{"".join(parts)}</link></model></sdf>'
-    )
+    (tmp_path / "w.sdf").write_text(building(*parts))
     (thing,) = load_sdf(tmp_path / "w.sdf").objects
     for outlines in ((thing.footprint, *thing.holes), thing.slices):
         assert Polygon(outlines[0], outlines[1:]).area == pytest.approx(9.0 * 0.2 * 2 - 0.04, abs=1e-3)
@@ -145,14 +147,9 @@ def test_walls_of_one_model_that_meet_and_share_faces_stay_whole(tmp_path: Path)
 
 def test_floor_in_closed_walls_counts_before_the_larger_one_around_it(tmp_path: Path) -> None:
     """A corridor with two legs: the floor beside it is larger, but it is outside."""
-    outline = [(0, 0), (40, 0), (40, 3), (3, 3), (3, 30), (0, 30)]
-    ends = zip(outline, [*outline[1:], outline[0]], strict=True)
-    walls = [
-        wall(f"w{n}", (min(a[0], b[0]) - 0.1, max(a[0], b[0]) + 0.1), (min(a[1], b[1]) - 0.1, max(a[1], b[1]) + 0.1))
-        for n, (a, b) in enumerate(ends)
-    ]
-    text = f'<sdf version="1.7"><model name="m"><link name="l">{"".join(walls)}</link></model></sdf>'
-    space = floor(tmp_path, text)
+    corners: Corners = [(0, 0), (40, 0), (40, 3), (3, 3), (3, 30), (0, 30), (0, 0)]
+    walls = outline(corners)
+    space = floor(tmp_path, building(*walls))
     assert space.is_free(1.5, 15.0) and space.is_free(20.0, 1.5)
     assert not space.is_free(20.0, 15.0)
 
@@ -160,16 +157,14 @@ def test_floor_in_closed_walls_counts_before_the_larger_one_around_it(tmp_path: 
 def test_pillars_in_a_room_of_the_same_model_leave_its_floor_open(tmp_path: Path) -> None:
     walls = [wall("a", (0.0, 5.0), (0.0, 0.9)), wall("b", (0.0, 5.0), (4.1, 5.0)), wall("c", (0.0, 0.9), (0.0, 5.0))]
     walls += [wall("d", (4.1, 5.0), (0.0, 5.0)), wall("pillar", (2.4, 2.6), (2.4, 2.6))]
-    space = floor(tmp_path, f'<sdf version="1.7"><model name="m"><link name="l">{"".join(walls)}</link></model></sdf>')
+    space = floor(tmp_path, building(*walls))
     assert space.is_free(1.5, 1.5) and not space.is_free(2.5, 2.5)
 
 
 def test_a_small_part_of_a_building_is_not_called_after_the_building(tmp_path: Path) -> None:
     walls = [wall("a", (0.0, 9.0), (0.0, 0.2)), wall("b", (0.0, 9.0), (8.8, 9.0)), wall("c", (0.0, 0.2), (0.0, 9.0))]
     walls += [wall("d", (8.8, 9.0), (0.0, 9.0)), wall("e", (4.2, 4.8), (4.2, 4.8))]
-    (tmp_path / "b.sdf").write_text(
-        f'<sdf version="1.7"><model name="Acme"><link name="l">{"".join(walls)}</link></model></sdf>'
-    )
+    (tmp_path / "b.sdf").write_text(building(*walls, name="Acme"))
     read = load_sdf(tmp_path / "b.sdf")
     areas = propose_areas(read.objects, mapped(read, None, []))
     assert "Fixture" in {area.name for area in areas} and not any("Acme" in area.name for area in areas)
@@ -182,7 +177,7 @@ T = [(0, 0), (40, 0), (40, 4), (22, 4), (22, 30), (18, 30), (18, 4), (0, 4)]
 U_COURT = (15.0, 15.0)
 
 
-def outline(corners: Corners, *, doors: int = 0, gap_m: float = 1.0) -> str:
+def outline(corners: Corners, *, doors: int = 0, gap_m: float = 1.0, name: str = "w") -> list[str]:
     """Walls of 0.2 m along a line from corner to corner; with a gap in the middle of the first so many."""
     walls = []
     for n, ((x0, y0), (x1, y1)) in enumerate(pairwise(corners)):
@@ -193,8 +188,8 @@ def outline(corners: Corners, *, doors: int = 0, gap_m: float = 1.0) -> str:
         pieces = [(begin, middle - half), (middle + half, end)] if n < doors else [(begin, end)]
         for k, (a, b) in enumerate(pieces):
             along, across = (a - 0.1, b + 0.1), ((y0 if level else x0) - 0.1, (y0 if level else x0) + 0.1)
-            walls.append(wall(f"w{n} {k}", *((along, across) if level else (across, along))))
-    return f'<sdf version="1.7"><model name="m"><link name="l">{"".join(walls)}</link></model></sdf>'
+            walls.append(wall(f"{name}{n} {k}", *((along, across) if level else (across, along))))
+    return walls
 
 
 @pytest.mark.parametrize("doors", [0, 1])
@@ -209,13 +204,13 @@ def outline(corners: Corners, *, doors: int = 0, gap_m: float = 1.0) -> str:
 def test_floor_between_wings_is_outside(
     tmp_path: Path, doors: int, corners: Corners, inside: Corners, outside: Corners
 ) -> None:
-    space = floor(tmp_path, outline([*corners, corners[0]], doors=doors))
+    space = floor(tmp_path, building(*outline([*corners, corners[0]], doors=doors)))
     assert all(space.is_free(*at) for at in inside)
     assert not any(space.is_free(*at) for at in outside)
 
 
 def test_a_person_keeps_the_floor_between_wings(tmp_path: Path) -> None:
-    text = outline([*U, U[0]], doors=1)
+    text = building(*outline([*U, U[0]], doors=1))
     space = floor(tmp_path, text, indoors=((15, 8),))
     assert space.is_free(15, 8)
     with pytest.raises(InputError) as caught:
@@ -226,19 +221,16 @@ def test_a_person_keeps_the_floor_between_wings(tmp_path: Path) -> None:
 def test_a_hall_that_is_open_at_the_front_is_inside(tmp_path: Path) -> None:
     """Three walls; then with an office in its corner, whose door is 1 m wide."""
     hall = outline([(0, 30), (0, 0), (20, 0), (20, 30)])
-    office = outline([(6, 0), (6, 6), (0, 6)], doors=1).partition('<link name="l">')[2].replace('name="w', 'name="o')
-    for text in (hall, hall.replace("</link></model></sdf>", office)):
-        space = floor(tmp_path, text)
+    office = outline([(6, 0), (6, 6), (0, 6)], doors=1, name="o")
+    for walls in (hall, [*hall, *office]):
+        space = floor(tmp_path, building(*walls))
         assert space.is_free(10, 15) and space.is_free(3, 20)
 
 
 def test_a_hall_with_a_wide_gate_between_rooms_is_inside(tmp_path: Path) -> None:
     """A hall of 20 x 20 m with a gate of 4 m, and rooms of 4 m behind its other walls, each with a door."""
-    hall = outline([(0, 0), (20, 0), (20, 20), (0, 20)], doors=3).replace('name="w', 'name="h')
-    front = outline([(0, 20), (0, 0)], doors=1, gap_m=4.0).replace('name="w', 'name="f')
-    around = outline([(0, 0), (0, -4), (24, -4), (24, 24), (0, 24), (0, 20)]).replace('name="w', 'name="a')
-    text = hall
-    for part in (front, around):
-        text = text.replace("</link></model></sdf>", part.partition('<link name="l">')[2])
-    space = floor(tmp_path, text)
+    hall = outline([(0, 0), (20, 0), (20, 20), (0, 20)], doors=3, name="h")
+    front = outline([(0, 20), (0, 0)], doors=1, gap_m=4.0, name="f")
+    around = outline([(0, 0), (0, -4), (24, -4), (24, 24), (0, 24), (0, 20)], name="a")
+    space = floor(tmp_path, building(*hall, *front, *around))
     assert space.is_free(10, 10) and space.is_free(22, 10)

@@ -1,8 +1,15 @@
+"""Floor plans as pictures and as SVG: what is written where, also of a hall of 100 x 100 m."""
+
+from __future__ import annotations
+
 import hashlib
 import os
+import re
 import subprocess
 import sys
-from itertools import combinations
+import time
+from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -11,21 +18,15 @@ from tests.coded import coded, nearest
 from rvsg.core.errors import InputError, UnknownName
 from rvsg.core.records import Pose
 from rvsg.world.drawing import grid_picture, labelled_map, png_bytes
-from rvsg.world.drawing.floor_plan import GRID, LABELLED, Picture, draw_plan
+from rvsg.world.drawing.floor_plan import GRID, LABELLED, Picture, draw_plan, tiles
 from rvsg.world.drawing.layers import time_marks
 from rvsg.world.drawing.sheet import PALETTES
+from rvsg.world.drawing.svg import floor_plan, floor_plan_svg, rectangles
 from rvsg.world.grid import GridSpec
 from rvsg.world.lattice import build_world
-from rvsg.world.world import OccupancyMap
+from rvsg.world.occupancy import load_nav2_map, write_map
+from rvsg.world.world import Area, OccupancyMap, World
 from rvsg.world.world_folder import load_world, shipped_worlds
-
-
-def overlaps(picture: Picture) -> list[tuple[str, str]]:
-    found = []
-    for a, b in combinations(picture.words, 2):
-        if a.box[0] < b.box[2] and b.box[0] < a.box[2] and a.box[1] < b.box[3] and b.box[1] < a.box[3]:
-            found.append((a.text, b.text))
-    return found
 
 
 @pytest.mark.parametrize(
@@ -146,3 +147,124 @@ def test_coordinates_stand_where_they_are_on_the_page() -> None:
         across, down = picture.view.pixels(np.array(point))
         where, wanted = (word.centre[1], down) if axis == x else (word.centre[0], across)
         assert where == pytest.approx(wanted, abs=2)
+
+
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def small_hall() -> World:
+    cells = np.zeros((40, 60), np.uint8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = 100
+    cells[10:14, 20:30] = 100
+    outline = ((0.5, 0.5), (2.5, 0.5), (2.5, 2.0), (0.5, 2.0))
+    return build_world(
+        name="small_hall",
+        title='Hall <1> & "2"',
+        occupancy=OccupancyMap(cells=cells, resolution=0.1, origin=Pose(x=-1, y=-2)),
+        areas=[Area(name="<script>alert(1)</script>", outline=outline, waypoints=())],
+    )
+
+
+def test_the_plan_is_well_formed_and_names_are_text_never_markup() -> None:
+    root = ElementTree.fromstring(floor_plan_svg(small_hall()))
+    assert root.tag == f"{SVG}svg"
+    assert not list(root.iter(f"{SVG}script"))
+    assert any("alert(1)" in "".join(text.itertext()) for text in root.iter(f"{SVG}text"))
+
+
+def test_world_coordinates_land_inside_the_view_box() -> None:
+    for world in (small_hall(), load_world("warehouse")):
+        plan = floor_plan(world)
+        left, top, width, height = (float(v) for v in plan.view_box.split())
+        a, b, c, d, e, f = (float(v) for v in re.findall(r"-?[\d.]+", plan.matrix))
+        for waypoint in world.grid.waypoints:
+            x, y = a * waypoint.x + c * waypoint.y + e, b * waypoint.x + d * waypoint.y + f
+            assert left < x < left + width and top < y < top + height
+
+
+def test_the_warehouse_lies_as_in_the_pictures_with_row_a_on_top_and_column_1_left() -> None:
+    assert floor_plan(load_world("warehouse")).matrix == "matrix(0 -1 -1 0 0 0)"
+    assert floor_plan(small_hall()).matrix == "matrix(1 0 0 -1 0 0)"
+
+
+def test_every_valid_waypoint_is_drawn_on_request() -> None:
+    root = ElementTree.fromstring(floor_plan_svg(load_world("warehouse"), waypoints=True))
+    assert len(list(root.iter(f"{SVG}circle"))) == 189
+
+
+def test_rectangles_cover_exactly_the_cells_once() -> None:
+    cells = np.random.default_rng(5).random((30, 40)) < 0.4
+    painted = np.zeros(cells.shape, int)
+    for left, bottom, right, top in rectangles(cells):
+        painted[bottom:top, left:right] += 1
+    assert (painted == cells).all()
+
+
+def overlaps(picture: Picture) -> list[tuple[str, str]]:
+    boxes = np.array([word.box for word in picture.words])
+    a, b = np.triu_indices(len(boxes), 1)
+    hit = (boxes[a, :2] < boxes[b, 2:]).all(axis=1) & (boxes[b, :2] < boxes[a, 2:]).all(axis=1)
+    return [(picture.words[i].text, picture.words[j].text) for i, j in zip(a[hit], b[hit], strict=True)]
+
+
+@pytest.fixture(scope="module")
+def hall() -> tuple[OccupancyMap, list[Area]]:
+    rng = np.random.default_rng(3)
+    cells = np.zeros((2000, 2000), np.uint8)
+    cells[:3] = cells[-3:] = cells[:, :3] = cells[:, -3:] = 100
+    areas = []
+    for i in range(60):
+        (x, y), (w, h) = rng.integers(50, 1850, 2), rng.integers(20, 140, 2)
+        cells[y : y + h, x : x + w] = 100
+        x0, y0, x1, y1 = (float(v) * 0.05 for v in (x, y, x + w, y + h))
+        outline = ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
+        areas.append(Area(name=f"Store {i + 1}", kind=("shelf", "desk")[i % 2], outline=outline, waypoints=()))
+    return OccupancyMap(cells=cells, resolution=0.05, origin=Pose(x=0, y=0)), areas
+
+
+@pytest.mark.slow
+def test_a_map_of_2000_by_2000_cells_is_read_gridded_and_drawn_in_seconds(
+    hall: tuple[OccupancyMap, list[Area]], tmp_path: Path
+) -> None:
+    write_map(hall[0], tmp_path)
+    began = time.process_time()
+    world = build_world(name="hall", occupancy=load_nav2_map(tmp_path / "map.yaml").occupancy, areas=hall[1])
+    pictures = [draw_plan(world, show=show) for show in (LABELLED, GRID)]
+    assert all(png_bytes(picture.image) for picture in pictures)
+    assert time.process_time() - began < 20.0  # far from quadratic; a busy machine takes longer
+    assert world.grid.spacing_m == 4.0  # coarser, so that it can be read
+    named = {word.text.replace("\n", " ") for word in pictures[1].words}
+    assert world.grid.valid <= named
+    assert {area.name for area in world.areas} <= {w.text.replace("\n", " ") for w in pictures[0].words}
+    assert any("Waypoints 4 m apart." in word.text for word in pictures[1].words)
+
+
+def test_a_grid_too_fine_for_one_picture_is_drawn_in_tiles_that_name_every_waypoint(
+    hall: tuple[OccupancyMap, list[Area]],
+) -> None:
+    corner = OccupancyMap(cells=hall[0].cells[:400, :400], resolution=0.05, origin=Pose(x=0, y=0))
+    areas = [area for area in hall[1] if max(max(point) for point in area.outline) < 19]
+    world = build_world(name="hall", occupancy=corner, areas=areas, grid_spec=GridSpec(spacing_m=0.5))
+    whole = draw_plan(world, show=GRID, width_px=900)
+    assert any("too dense" in note for note in whole.notes)
+    assert any("too dense" in word.text for word in whole.words)
+    parts = tiles(world, width_px=900)
+    assert len(parts) == 4
+    named = {word.text for tile in parts.values() for word in tile.words}
+    assert world.grid.valid <= named
+    assert overlaps(parts[0, 0]) == []
+
+
+def test_tiles_without_end_are_refused(hall: tuple[OccupancyMap, list[Area]]) -> None:
+    world = build_world(name="hall", occupancy=hall[0], grid_spec=GridSpec(spacing_m=0.6))
+    with pytest.raises(InputError, check=coded("tiles-too-many")):
+        tiles(world, width_px=500)
+
+
+def test_a_room_of_5_by_5_metres_is_one_picture_with_every_name() -> None:
+    cells = np.zeros((100, 100), np.uint8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = 100
+    world = build_world(name="room", occupancy=OccupancyMap(cells=cells, resolution=0.05, origin=Pose(x=0, y=0)))
+    only = tiles(world)[0, 0]
+    assert world.grid.spacing_m == 0.5
+    assert world.grid.valid <= {word.text for word in only.words}

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from jinja2 import Template
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
@@ -457,46 +458,17 @@ PROPOSAL = (
 
 def readme(created: Created, remarks: Sequence[str] = ()) -> str:
     """Return the text of the README."""
+    text = (Path(__file__).parent / "readme.md.j2").read_text(encoding="utf-8")
     world = created.world
     rows, columns = world.occupancy.cells.shape
-    high, wide = rows * world.occupancy.resolution, columns * world.occupancy.resolution
-    grid = world.grid
-    lines = [
-        f"# {one_line(world.title)}",
-        "",
-        f"A world for RVSG, made from `{Path(created.source).name}`. Metres and radians in the world frame, which is "
-        "the map frame of the robot.",
-        "",
-        "| file | what it holds | edit it to |",
-        "|---|---|---|",
-        "| `world.yaml` | name, map, grid, activities | move or refine the grid; say who does what between areas |",
-        f"| `map.yaml`, `map.png` | the occupancy map the robot localises in: {columns} x {rows} cells of "
-        f"{world.occupancy.resolution:g} m ({wide:.1f} x {high:.1f} m) | replace the map |",
-    ]
-    if world.objects:
-        lines.append(
-            f"| `objects.yaml` | {len(world.objects)} solid objects with heights and what the lidar plane at "
-            f"{world.lidar_height_m:g} m cuts | add or move furniture |"
-        )
-    lines += [
-        f"| `labels.yaml` | {len(world.areas)} named areas and the waypoints they are worked from | **rename them**: "
-        "the names were guessed |",
-        f"| `routes.yaml` | {len(world.routes)} routes of the robot | set starts, goals and time limits |",
-        "",
-        f"The grid has {len(grid.valid)} waypoints on which people can stand, {grid.spacing_m:g} m apart: rows "
-        f"{grid.rows[0]} to {grid.rows[-1]}, columns 1 to {len(grid.columns)}. The map's corner lies at "
-        f"({frame_of(world.occupancy).origin.x:g}, {frame_of(world.occupancy).origin.y:g}).",
-        "",
-        "## Next",
-        "",
-        "1. `rvsg world draw .` writes the pictures a VLM sees; look at them beside `labels.yaml`.",
-        "2. Edit `labels.yaml` (names and kinds), `routes.yaml`, and `activities` in `world.yaml`, such as",
-        '   `- "A clerk carries returns from Area 1 to Shelf 3."`',
-        "3. `rvsg world check .` tells everything that is wrong or suspicious, with file and line.",
-        "4. `rvsg run --world . --route route_1` searches for scenarios.",
-    ]
-    if created.notes:
-        lines += ["", "## What happened on import", "", *(f"- {note[:1].upper()}{note[1:]}" for note in created.notes)]
-    if remarks:
-        lines += ["", "## What the check said then", "", *(f"- {remark}" for remark in remarks)]
-    return "\n".join(lines) + "\n"
+    said: str = Template(text, trim_blocks=True, keep_trailing_newline=True).render(
+        world=world,
+        title=one_line(world.title),
+        source=Path(created.source).name,
+        rows=rows,
+        columns=columns,
+        resolution=world.occupancy.resolution,
+        notes=created.notes,
+        remarks=remarks,
+    )
+    return said

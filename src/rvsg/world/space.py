@@ -160,33 +160,19 @@ def inside_window(polygon: Sequence[tuple[float, float]], frame: Frame) -> tuple
 
 def _toggle(cells: Bools, corners: Floats) -> None:
     """Invert the cells inside a closed polygon; `corners` (n, 2) are (column, row), cell centres whole numbers."""
-    rows, columns = cells.shape
+    ends = np.roll(corners, -1, axis=0)
     low = max(0, int(np.ceil(corners[:, 1].min())))
-    high = min(rows - 1, int(np.floor(corners[:, 1].max())))
+    high = min(len(cells) - 1, int(np.floor(corners[:, 1].max())))
     step = max(1, MOST_CROSSINGS // len(corners))
     for start in range(low, high + 1, step):
         lines = np.arange(start, min(start + step, high + 1))
-        line, first, last = _spans(corners, lines)
-        first, last = np.maximum(first, 0), np.minimum(last, columns - 1)
-        some = last >= first
-        if some.any():
-            left, right = int(first[some].min()), int(last[some].max()) + 1
-            edges = np.zeros((len(lines), right - left + 1), np.int32)
-            np.add.at(edges, (line[some], first[some] - left), 1)
-            np.add.at(edges, (line[some], last[some] + 1 - left), 1)
-            cells[start : start + len(lines), left:right] ^= (np.cumsum(edges, axis=1)[:, :-1] & 1).astype(bool)
-
-
-def _spans(corners: Floats, lines: NDArray[np.int_]) -> tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int_]]:
-    """Return the stretches of rows inside a closed polygon: index into `lines`, first and last column, each (n,)."""
-    ends = np.roll(corners, -1, axis=0)
-    crosses = (corners[:, 1] <= lines[:, None]) != (ends[:, 1] <= lines[:, None])
-    line, edge = np.nonzero(crosses)
-    a, b = corners[edge], ends[edge]
-    at = a[:, 0] + (lines[line] - a[:, 1]) * (b[:, 0] - a[:, 0]) / (b[:, 1] - a[:, 1])
-    order = np.lexsort((at, line))
-    at = at[order]
-    return line[order][0::2], np.ceil(at[0::2]).astype(int), np.floor(at[1::2]).astype(int)
+        line, edge = np.nonzero((corners[:, 1] <= lines[:, None]) != (ends[:, 1] <= lines[:, None]))
+        a, b = corners[edge], ends[edge]
+        at = a[:, 0] + (lines[line] - a[:, 1]) * (b[:, 0] - a[:, 0]) / (b[:, 1] - a[:, 1])
+        order = np.lexsort((at, line))
+        first, last = np.ceil(at[order][0::2]).clip(0).astype(int), np.floor(at[order][1::2]).clip(-1).astype(int)
+        for row, left, right in zip(lines[line[order][0::2]].tolist(), first.tolist(), last.tolist(), strict=True):
+            cells[row, left : right + 1] ^= True
 
 
 MOST_SEGMENTS = 1000

@@ -1,19 +1,23 @@
-"""Reader of URDF files: outline of the collision shapes, lidars, speed of the wheels."""
+"""Reader of URDF files: as SDF models, and what they say of a robot (outline, lidars, speed of the wheels)."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from shapely import MultiPoint, Polygon
 
+from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError
-from rvsg_exchange.model_files import Element, read_xml
+from rvsg_exchange.model_files import Element, ModelFiles, Problems, read_xml
+
+if TYPE_CHECKING:
+    from rvsg_exchange.sdf_tree import Model, Placed
 
 Floats = NDArray[np.float64]
 
@@ -33,33 +37,55 @@ class FromUrdf:
 
 
 def read_urdf(path: Path) -> FromUrdf:
-    """Read a URDF file.
+    """Read what a URDF file says of a robot.
 
     Shapes are boxes, cylinders and spheres; their outline in the frame of `base_footprint`, or else of `base_link` or
     the root link, becomes the footprint.
 
     Raises:
-        FileError: the file is not a URDF, or still a xacro file.
+        FileError: the file is not a URDF, still a xacro file, or with the line of every mistake in it.
     """
-    root = read_xml(path)
+    from rvsg_exchange.sdf_tree import Frames, SdfTree  # which reads rooms in URDF with `as_sdf_model`
+
+    root = read_xml(path).set_path(path)
     if root.tag != "robot":
         raise FileError(path, f"expected a URDF file, whose first element is <robot>, got <{root.tag}>")
-    if b"<xacro:" in path.read_bytes():
-        raise FileError(path, "this is a xacro file; expand it first: xacro robot.urdf.xacro > robot.urdf")
-    try:
-        return _read(root, path)
-    except ValueError as error:
-        raise FileError(path, f"a number of the URDF cannot be read: {error}") from None
+    tree = SdfTree(ModelFiles(path))
+    (model,) = tree.read(path)
+    base = next((name for name in ROOTS if name in model.links), None)
+    if base is None:
+        base = next((name for name, link in sorted(model.links.items()) if not link.relative_to), None)
+    if base is None:
+        raise FileError(path, "the URDF has no link")
+    frames = Frames.of(model, tree.problems)
+    origin = np.linalg.inv(frames.pose(model.links[base]))
+    poses = {n: origin @ frames.pose(link) for n, link in model.links.items() if _is_below(model.links, n, base)}
+    points: list[Floats] = [np.empty((0, 3))]
+    meshes: set[str] = set()
+    for name, pose in poses.items():
+        for collision in model.links[name].element.all("collision"):
+            geometry = collision.find("geometry")
+            if geometry is not None and geometry.find("mesh") is not None:
+                meshes.add(name)
+            corners = np.array(list(_corners(geometry, tree.problems)) if geometry is not None else [])
+            placed = pose @ tree.placed(collision).matrix
+            points.append(corners.reshape(-1, 3) @ placed[:3, :3].T + placed[:3, 3])
+    lidars = list(_lidars(root, poses, tree.problems))
+    speed = _wheel_speed(model, tree.problems)
+    if tree.problems:
+        raise DocumentError(tree.problems)
+    whole = np.concatenate(points)
+    return _robot_file(root, path, whole[whole[:, 2] <= TALLEST_M], meshes, lidars, speed)
 
 
-def _read(root: Element, path: Path) -> FromUrdf:
-    poses = _poses(root, path)
+def _robot_file(
+    root: Element, path: Path, points: Floats, meshes: set[str], lidars: list[dict[str, Any]], speed: float | None
+) -> FromUrdf:
     missing: list[str] = []
     values: dict[str, Any] = {
         "name": _name(root.attributes.get("name") or path.stem),
         "source": f"URDF file {path.name}",
     }
-    points, meshes = _points(root, poses)
     if meshes:
         missing.append(f"footprint: the collision meshes of {', '.join(sorted(meshes))} are not read; check it")
     hull = MultiPoint(points[:, :2]).convex_hull if len(points) else Polygon()
@@ -70,14 +96,13 @@ def _read(root: Element, path: Path) -> FromUrdf:
     else:
         missing.append("footprint: no collision shape is a box, a cylinder or a sphere; give its corners")
         missing.append("body_height_m: not in the file")
-    speed = _wheel_speed(root)
     known = {"speed_m_s": speed, "reverse_m_s": speed} if speed else {}
     values["limits"] = {name: round(value, 3) for name, value in known.items()}
     wanted = ("speed_m_s", "reverse_m_s", "yaw_rate_rad_s", "acceleration_m_s2", "deceleration_m_s2")
     absent = [name for name in (*wanted, "yaw_acceleration_rad_s2") if name not in known]
     missing.append(f"limits: a URDF does not say {', '.join(absent)}")
-    values["lidars"] = list(_lidars(root, poses))
-    if not values["lidars"]:
+    values["lidars"] = lidars
+    if not lidars:
         missing.append("lidars: no sensor of the type ray, gpu_ray, lidar or gpu_lidar; give at least one")
     missing.append("drive: differential is assumed; say so if it is omnidirectional or ackermann")
     return FromUrdf(values=values, missing=tuple(missing))
@@ -88,116 +113,58 @@ def _name(text: str) -> str:
     return kept if kept[:1].isalnum() else f"robot{kept}"
 
 
-def _matrix(origin: Element | None) -> Floats:
-    """Return the transform of an <origin> element."""
-    found = np.eye(4)
-    if origin is None:
-        return found
-    roll, pitch, yaw = _numbers(origin.attributes.get("rpy"), 3)
-    cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
-    found[:3, :3] = [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
-    found[:3, 3] = _numbers(origin.attributes.get("xyz"), 3)
-    return found
+def _is_below(links: Mapping[str, Placed], name: str, base: str) -> bool:
+    """Return whether joints lead from the base to a link."""
+    for _ in links:
+        if name == base:
+            return True
+        name = links[name].relative_to or ""
+        if name not in links:
+            return False
+    return False
 
 
-def _numbers(text: str | None, count: int) -> list[float]:
-    values = [float(part) for part in (text or " ".join(["0"] * count)).split()]
-    if len(values) != count or not all(math.isfinite(value) for value in values):
-        raise ValueError(f"expected {count} numbers, got {text!r}")
-    return values
-
-
-def _poses(root: Element, path: Path) -> dict[str, Floats]:
-    """Return every link's pose in the frame of the base, all joints at zero."""
-    links = {link.attributes.get("name", "") for link in root.all("link")}
-    joints = [j for j in root.all("joint") if j.find("parent") is not None and j.find("child") is not None]
-    edges: dict[str, list[tuple[str, Floats]]] = {}
-    for joint in joints:
-        ends = (joint.find("parent"), joint.find("child"))
-        parent, child = (end.attributes.get("link", "") for end in ends if end is not None)
-        edges.setdefault(parent, []).append((child, _matrix(joint.find("origin"))))
-    children = {child for found in edges.values() for child, _ in found}
-    base = next((name for name in ROOTS if name in links), next(iter(sorted(links - children)), None))
-    if base is None:
-        raise FileError(path, "the URDF has no link")
-    poses, waiting = {base: np.eye(4)}, [base]
-    while waiting:
-        at = waiting.pop()
-        for child, matrix in edges.get(at, []):
-            if child not in poses:
-                poses[child] = poses[at] @ matrix
-                waiting.append(child)
-    return poses
-
-
-def _points(root: Element, poses: dict[str, Floats]) -> tuple[Floats, set[str]]:
-    """Return corner points of all collision shapes in the frame of the base, and the links whose shape is a mesh."""
-    found: list[Floats] = []
-    meshes: set[str] = set()
-    for link in root.all("link"):
-        name = link.attributes.get("name", "")
-        if name not in poses:
-            continue
-        for collision in link.all("collision"):
-            geometry = collision.find("geometry")
-            if geometry is None:
-                continue
-            if geometry.find("mesh") is not None:
-                meshes.add(name)
-            matrix = poses[name] @ _matrix(collision.find("origin"))
-            found += [(matrix @ np.array([*point, 1.0]))[:3] for point in _corners(geometry)]
-    points = np.array(found).reshape(-1, 3)
-    return points[points[:, 2] <= TALLEST_M], meshes
-
-
-def _corners(geometry: Element) -> Iterator[tuple[float, float, float]]:
+def _corners(geometry: Element, problems: Problems) -> Iterator[tuple[float, float, float]]:
+    """Yield corner points of a box, cylinder or sphere in its own frame."""
     box, cylinder, sphere = (geometry.find(kind) for kind in ("box", "cylinder", "sphere"))
     if box is not None:
-        x, y, z = (0.5 * size for size in _numbers(box.attributes.get("size"), 3))
+        x, y, z = (0.5 * size for size in problems.numbers_of(box, "size", (0.0, 0.0, 0.0)))
         yield from ((i * x, j * y, k * z) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1))
     round_one = cylinder if cylinder is not None else sphere
     if round_one is not None:
-        radius = _numbers(round_one.attributes.get("radius"), 1)[0]
-        half = 0.5 * _numbers(cylinder.attributes.get("length"), 1)[0] if cylinder is not None else radius
+        (radius,) = problems.numbers_of(round_one, "radius", (0.0,))
+        length = problems.numbers_of(cylinder, "length", (0.0,))[0] if cylinder else 2 * radius
         for k in range(SIDES):
             angle = 2.0 * math.pi * k / SIDES
-            yield from ((radius * math.cos(angle), radius * math.sin(angle), z) for z in (-half, half))
+            across, along = radius * math.cos(angle), radius * math.sin(angle)
+            yield from ((across, along, z) for z in (-0.5 * length, 0.5 * length))
 
 
-def _wheel_speed(root: Element) -> float | None:
+def _wheel_speed(model: Model, problems: Problems) -> float | None:
     """Return the forward speed that the velocity limits of the wheels' joints allow, m/s; None without limits."""
-    radii = {}
-    for link in root.all("link"):
-        cylinder = _below(link, "collision", "geometry", "cylinder")
-        if cylinder is not None:
-            radii[link.attributes.get("name", "")] = _numbers(cylinder.attributes.get("radius"), 1)[0]
     speeds = []
-    for joint in root.all("joint"):
-        limit, child = joint.find("limit"), joint.find("child")
-        radius = radii.get(child.attributes.get("link", "")) if child is not None else None
-        if (
-            joint.attributes.get("type") == "continuous"
-            and limit is not None
-            and limit.attributes.get("velocity")
-            and radius
-        ):
-            speeds.append(_numbers(limit.attributes.get("velocity"), 1)[0] * radius)
+    for joint in model.element.all("joint"):
+        link, limit = model.links.get(joint.text_of("child")), _below(joint, "axis", "limit")
+        wheel = _below(link.element, "collision", "geometry", "cylinder") if link is not None else None
+        if joint.attributes.get("type") == "continuous" and limit is not None and wheel is not None:
+            (velocity,) = problems.numbers_of(limit, "velocity", (0.0,))
+            speeds.append(velocity * problems.numbers_of(wheel, "radius", (0.0,))[0])
     return min((speed for speed in speeds if speed > 0.0), default=None)
 
 
-def _lidars(root: Element, poses: dict[str, Floats]) -> Iterator[dict[str, Any]]:
+def _lidars(root: Element, poses: Mapping[str, Floats], problems: Problems) -> Iterator[dict[str, Any]]:
+    def number(element: Element | None, otherwise: float, *tags: str) -> float:
+        found = _below(element, *tags) if element is not None else None
+        return problems.numbers(found, 1)[0] if found is not None else otherwise
+
     for block in root.all("gazebo"):
         matrix = poses.get(block.attributes.get("reference", ""))
         for sensor in block.all("sensor"):
-            ray = sensor.find("ray") if sensor.find("ray") is not None else sensor.find("lidar")
+            ray = sensor.find("ray") or sensor.find("lidar")
             horizontal = _below(ray, "scan", "horizontal") if ray is not None else None
-            if matrix is None or ray is None or horizontal is None:
+            if matrix is None or horizontal is None:
                 continue
-            low, high = (float(horizontal.text_of(key, "0")) for key in ("min_angle", "max_angle"))
+            low, high = (number(horizontal, 0.0, key) for key in ("min_angle", "max_angle"))
             heading = math.atan2(matrix[1, 0], matrix[0, 0])
             yield {
                 "name": _name(sensor.attributes.get("name") or block.attributes.get("reference", "lidar")),
@@ -206,25 +173,19 @@ def _lidars(root: Element, poses: dict[str, Floats]) -> Iterator[dict[str, Any]]
                 "yaw": round(heading + 0.5 * (low + high), 6),
                 "height_m": round(max(0.01, float(matrix[2, 3])), 3),
                 "field_of_view_rad": round(min(2 * math.pi, high - low), 6),
-                "rays": int(float(horizontal.text_of("samples", "360"))),
-                "min_range_m": _number(ray, "range", "min", 0.05),
-                "max_range_m": _number(ray, "range", "max", 10),
-                "rate_hz": float(sensor.text_of("update_rate", "10")),
-                "noise_m": _number(ray, "noise", "stddev", 0.01),
+                "rays": int(number(horizontal, 360, "samples")),
+                "min_range_m": number(ray, 0.05, "range", "min"),
+                "max_range_m": number(ray, 10, "range", "max"),
+                "rate_hz": number(sensor, 10.0, "update_rate"),
+                "noise_m": number(ray, 0.01, "noise", "stddev"),
             }
 
 
-def _below(element: Element, *tags: str) -> Element | None:
+def _below(element: Element | None, *tags: str) -> Element | None:
     """Return the element that a path of tags leads to."""
-    found: Element | None = element
     for tag in tags:
-        found = found.find(tag) if found is not None else None
-    return found
-
-
-def _number(element: Element, outer: str, inner: str, otherwise: float) -> float:
-    found = _below(element, outer, inner)
-    return float(found.text) if found is not None else otherwise
+        element = element.find(tag) if element is not None else None
+    return element
 
 
 def as_sdf_model(root: Element, path: Path) -> Element:
@@ -233,8 +194,9 @@ def as_sdf_model(root: Element, path: Path) -> Element:
     Links become links, placed by the joints that lead to them at their zero position; visual elements, inertia and
     transmissions are left out. Raises FileError for macros (xacro), which have to be expanded first.
     """
-    if any(":" in key for key in root.attributes) and _has_macros(root):
-        raise FileError(path, "this is a xacro file; expand it first: xacro FILE > room.urdf", line=root.line)
+    if b"<xacro:" in path.read_bytes():
+        message = "this is a xacro file; expand it first: xacro robot.urdf.xacro > robot.urdf"
+        raise FileError(path, message, line=root.line)
     model = Element("model", {"name": root.attributes.get("name", path.stem)}, root.line)
     joints = {_child(joint): joint for joint in root.all("joint") if _child(joint)}
     for link in root.all("link"):
@@ -250,10 +212,6 @@ def as_sdf_model(root: Element, path: Path) -> Element:
         if joint is not None and joint.attributes.get("type") != "fixed":
             model.children.append(_joint(joint, name))
     return model
-
-
-def _has_macros(element: Element) -> bool:
-    return element.tag in ("macro", "property", "xacro") or any(_has_macros(child) for child in element.children)
 
 
 def _child(joint: Element) -> str | None:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +57,8 @@ class Palette:
 def _palette(colours: str, kinds: str, tint: float) -> Palette:
     """Return the palette of colours in hexadecimal digits, in the order of the fields."""
     given, of_kinds = ([(*bytes.fromhex(each),) for each in text.split()] for text in (colours, kinds))
-    return Palette(*given, kinds=tuple(of_kinds), tint=tint)  # type: ignore[misc]
+    named: dict[str, Any] = dict(zip((field.name for field in fields(Palette)), given, strict=False))
+    return Palette(**named, kinds=cast(tuple[Colour, ...], tuple(of_kinds)), tint=tint)
 
 
 LIGHT = _palette(
