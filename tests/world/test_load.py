@@ -1,4 +1,4 @@
-"""World folders: what is read, and every mistake in its file and line."""
+"""World folders: what is read, every mistake in its file and line, and the example of the documentation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from tests.coded import at_key, coded, nearest
 
 from rvsg.core.documents import DocumentError, parse_yaml, validated
 from rvsg.core.errors import FileError, RvsgError, UnknownName
-from rvsg.world.schema import LabelsFile, save_world
+from rvsg.world.grid import GridSpec
+from rvsg.world.schema import AreaEntry, LabelsFile, ObjectEntry, RouteEntry, WorldFile, save_world
+from rvsg.world.space import human_space, robot_space
 from rvsg.world.world_folder import load_world, shipped_worlds
 
 WORLD = """\
@@ -222,3 +224,52 @@ def test_a_name_that_yaml_reads_as_something_else_is_told_to_be_quoted(name: str
     with pytest.raises(DocumentError, check=at_key("areas", 0, "name")) as caught:
         validated(parse_yaml(text, Path("labels.yaml")), LabelsFile)
     assert "quotes" in caught.value.reason  # what to do
+
+
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "world-files.md"
+
+
+@pytest.fixture
+def documented_room(tmp_path: Path) -> Path:
+    folder = tmp_path / "room"
+    folder.mkdir()
+    files = re.findall(r"^`(\w+\.yaml)`\n\n```yaml\n(.*?)```", PAGE.read_text(), flags=re.MULTILINE | re.DOTALL)
+    assert [name for name, _ in files] == ["world.yaml", "objects.yaml", "labels.yaml", "routes.yaml"]
+    for name, text in files:
+        (folder / name).write_text(text)
+    return folder
+
+
+def test_the_example_is_a_world(documented_room: Path) -> None:
+    world = load_world(documented_room)
+    assert world.title == "Meeting room"
+    assert [area.name for area in world.areas] == ["Table", "Coffee Shelf"]
+    assert all(area.waypoints for area in world.areas)
+    start, goal = world.routes[0].start, world.routes[0].goal
+    assert robot_space(world).is_free(start.x, start.y, 0.3) and robot_space(world).is_free(goal.x, goal.y, 0.3)
+    assert not human_space(world).is_free(3.0, 2.5)
+
+
+def test_the_messages_shown_are_the_messages_given(documented_room: Path) -> None:
+    for file, old, new in (
+        ("world.yaml", "format: 1\nname: room\ntitle", "name: room\ntilte"),
+        ("labels.yaml", "2.1, 3.8", "2.1, wide"),
+        ("routes.yaml", "    start: {x: 0.8, y: 0.8, yaw: 0.0}\n", ""),
+    ):
+        text = (documented_room / file).read_text()
+        assert old in text
+        (documented_room / file).write_text(text.replace(old, new))
+    with pytest.raises(DocumentError) as caught:
+        load_world(documented_room)
+    shown = re.search(r"^3 things are wrong:\n.*?(?=```)", PAGE.read_text(), flags=re.MULTILINE | re.DOTALL)
+    assert shown is not None
+    given = str(caught.value).replace(str(documented_room.parent) + "/", "").splitlines()
+    for line, said in zip(given, shown[0].splitlines(), strict=True):
+        assert line.startswith(said.split(", ...")[0])
+
+
+@pytest.mark.parametrize("model", [WorldFile, GridSpec, ObjectEntry, AreaEntry, RouteEntry])
+def test_every_key_is_on_the_page(model: type) -> None:
+    page = PAGE.read_text()
+    for name, field in model.model_fields.items():  # type: ignore[attr-defined]
+        assert f"`{field.alias or name}`" in page or f"{field.alias or name}:" in page, name

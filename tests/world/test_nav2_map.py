@@ -1,4 +1,4 @@
-"""Maps as nav2_map_server reads them, and every refusal of a map that cannot be used."""
+"""Occupancy maps: as nav2_map_server reads them, as a lidar draws them, and every refusal."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ from tests.coded import at_key, coded
 from tests.published_data import published_data
 
 from rvsg.core.documents import DocumentError
-from rvsg.core.errors import FileError
+from rvsg.core.errors import FileError, InputError
 from rvsg.core.records import Pose
-from rvsg.world.occupancy import load_nav2_map, upright
-from rvsg.world.world import FREE, OCCUPIED, UNKNOWN, OccupancyMap
+from rvsg.world.occupancy import load_nav2_map, occupancy_from_objects, upright, write_map
+from rvsg.world.schema import ObjectEntry
+from rvsg.world.world import FREE, OCCUPIED, UNKNOWN, OccupancyMap, SolidObject
 
 
-def write_map(folder: Path, pixels: np.ndarray, *, image: str = "map.pgm", **header) -> Path:
+def write_pixels(folder: Path, pixels: np.ndarray, *, image: str = "map.pgm", **header) -> Path:
     """A map folder; `header` overrides or (None) drops a line of map.yaml."""
     Image.fromarray(pixels).save(folder / image)
     return write_header(folder, image=image, **header)
@@ -61,24 +62,24 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_pixels_become_cells_as_in_nav2(tmp_path: Path, case: str) -> None:
     pixels, header, cells, note = CASES[case]
-    read = load_nav2_map(write_map(tmp_path, np.vstack([pixels, pixels]), image="m.png", **header))
+    read = load_nav2_map(write_pixels(tmp_path, np.vstack([pixels, pixels]), image="m.png", **header))
     assert read.occupancy.cells.tolist() == [cells, cells]
     assert not note or any(note in said for said in read.notes)
 
 
 def test_row_zero_is_the_lowest_and_the_origin_is_kept(tmp_path: Path) -> None:
-    occupancy = load_nav2_map(write_map(tmp_path, grey([0, 0], [254, 254]), origin="[-1.5, 2, 0.25]")).occupancy
+    occupancy = load_nav2_map(write_pixels(tmp_path, grey([0, 0], [254, 254]), origin="[-1.5, 2, 0.25]")).occupancy
     assert occupancy.cells.tolist() == [[0, 0], [100, 100]]
     assert occupancy.origin == Pose(x=-1.5, y=2.0, yaw=0.25)
 
 
 def test_numbers_that_yaml_takes_for_text_are_read_as_nav2_reads_them(tmp_path: Path) -> None:
-    path = write_map(tmp_path, grey([0, 254], [254, 254]), resolution="5e-2", negate="false")
+    path = write_pixels(tmp_path, grey([0, 254], [254, 254]), resolution="5e-2", negate="false")
     assert load_nav2_map(path).occupancy.resolution == 0.05
 
 
 def test_the_unknown_grey_read_as_free_is_pointed_out_and_can_be_overridden(tmp_path: Path) -> None:
-    path = write_map(tmp_path, grey([0, 205], [254, 254]), free_thresh=0.25)
+    path = write_pixels(tmp_path, grey([0, 205], [254, 254]), free_thresh=0.25)
     assert any("205" in note for note in load_nav2_map(path).notes)
     assert load_nav2_map(path, free_thresh=0.196).occupancy.cells[1, 1] == UNKNOWN
 
@@ -103,7 +104,7 @@ def test_the_unknown_grey_read_as_free_is_pointed_out_and_can_be_overridden(tmp_
     ],
 )
 def test_a_wrong_header_is_refused_at_its_key_and_line(tmp_path: Path, header: dict, line: int) -> None:
-    path = write_map(tmp_path, grey([0, 254], [254, 254]))
+    path = write_pixels(tmp_path, grey([0, 254], [254, 254]))
     with pytest.raises(DocumentError) as caught:
         load_nav2_map(write_header(path.parent, **header))
     (problem,) = caught.value.problems
@@ -144,7 +145,7 @@ def test_an_image_that_is_no_map_is_refused(tmp_path: Path, content: np.ndarray 
 
 def test_an_absurdly_wide_map_is_refused(tmp_path: Path) -> None:
     with pytest.raises(FileError, check=at_key("resolution")):
-        load_nav2_map(write_map(tmp_path, np.full((2, 1500), 254, np.uint8), resolution=1.0))
+        load_nav2_map(write_pixels(tmp_path, np.full((2, 1500), 254, np.uint8), resolution=1.0))
 
 
 @pytest.mark.parametrize("text", ["", "just words", "[1, 2]", "a: [1", "image: a\nimage: b\n", "\x00"])
@@ -156,7 +157,7 @@ def test_a_header_that_is_no_mapping_is_refused(tmp_path: Path, text: str) -> No
 
 @pytest.mark.parametrize(("name", "code"), [("map.pgm", "map-picture"), ("none.yaml", None), (".", None)])
 def test_what_is_given_instead_of_the_header_is_refused(tmp_path: Path, name: str, code: str | None) -> None:
-    write_map(tmp_path, grey([0, 254], [254, 254]))
+    write_pixels(tmp_path, grey([0, 254], [254, 254]))
     with pytest.raises(FileError) as caught:
         load_nav2_map(tmp_path / name)
     assert code is None or caught.value.code == code
@@ -186,3 +187,76 @@ def test_every_public_map_reads() -> None:
         occupancy = upright(load_nav2_map(path).occupancy)
         assert np.count_nonzero(occupancy.cells == FREE) > 50
         assert np.count_nonzero(occupancy.cells == OCCUPIED) > 20
+
+
+ROOM = ObjectEntry(
+    name="room",
+    footprint=((0, 0), (6, 0), (6, 5), (0, 5)),
+    height=2.5,
+    holes=(((0.2, 0.2), (5.8, 0.2), (5.8, 4.8), (0.2, 4.8)),),
+).solid(0.21)
+
+
+def box(name: str, x: float, y: float, bottom: float = 0.0) -> SolidObject:
+    return ObjectEntry.model_validate(
+        {"name": name, "box": {"center": [x, y, bottom + 0.5], "size": [1.0, 1.0, 1.0]}}
+    ).solid(0.21)
+
+
+def at(occupancy: OccupancyMap, x: float, y: float) -> int:
+    column = int((x - occupancy.origin.x) / occupancy.resolution)
+    return int(occupancy.cells[int((y - occupancy.origin.y) / occupancy.resolution), column])
+
+
+def test_outlines_are_occupied_floor_is_free_and_insides_are_unknown() -> None:
+    occupancy = occupancy_from_objects([ROOM, box("crate", 3, 2.5)])
+    assert at(occupancy, 1, 1) == 0
+    assert at(occupancy, 2.51, 2.5) == 100
+    assert at(occupancy, 3, 2.5) == 255
+    assert at(occupancy, 0.1, 2.5) == 255
+    assert at(occupancy, 0.18, 2.5) in (100, 255) and at(occupancy, 0.21, 2.5) == 100
+
+
+def test_what_is_above_the_lidar_plane_is_not_on_the_map() -> None:
+    occupancy = occupancy_from_objects([ROOM, box("lamp", 3, 2.5, bottom=1.5)])
+    assert at(occupancy, 3, 2.5) == 0
+
+
+def test_the_robot_cannot_slip_through_an_outline() -> None:
+    from scipy.ndimage import label
+
+    turned = ObjectEntry.model_validate(
+        {"name": "turned", "box": {"center": [3, 2.5, 0.5], "size": [2.0, 1.0, 1.0], "yaw": 0.6}}
+    ).solid(0.21)
+    cells = occupancy_from_objects([ROOM, turned]).cells
+    parts, _ = label(cells != 100)  # in steps to the four neighbours, unknown cells allowed
+    inside = parts[int(2.5 / 0.05), int(3 / 0.05)]
+    assert inside != parts[20, 20]
+
+
+def test_seeds_choose_the_floor_where_the_robot_drives() -> None:
+    around = occupancy_from_objects([ROOM, box("far", 30, 30)])
+    assert at(around, 3, 2.5) == 255  # the largest open part is outside the room
+    inside = occupancy_from_objects([ROOM, box("far", 30, 30)], seeds=[(3, 2.5)])
+    assert at(inside, 3, 2.5) == 0
+    assert at(inside, 20, 20) == 255
+
+
+def test_a_world_without_anything_for_the_lidar_is_refused() -> None:
+    with pytest.raises(InputError, check=coded("map-no-object")):
+        occupancy_from_objects([box("lamp", 0, 0, bottom=2)])
+
+
+def test_a_map_of_absurd_size_is_refused_before_it_is_drawn() -> None:
+    with pytest.raises(InputError, check=coded("map-too-large")):
+        occupancy_from_objects([box("a", 0, 0), box("b", 50_000, 50_000)])
+
+
+def test_a_written_map_reads_back_equal(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    cells = rng.choice(np.array([0, 100, 255], np.uint8), (31, 47))
+    occupancy = OccupancyMap(cells=cells, resolution=0.05, origin=Pose(x=-1.23456789, y=2.5, yaw=0.0))
+    write_map(occupancy, tmp_path)
+    again = load_nav2_map(tmp_path / "map.yaml").occupancy
+    assert (again.cells == cells).all()
+    assert (again.resolution, again.origin) == (occupancy.resolution, occupancy.origin)

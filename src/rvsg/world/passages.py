@@ -63,11 +63,6 @@ class Passage(Record):
     left: str | None = None
     right: str | None = None
 
-    @property
-    def between(self) -> tuple[str, ...]:
-        """The names of the areas that bound the passage, without repetition."""
-        return tuple(dict.fromkeys(name for name in (self.left, self.right) if name))
-
 
 def free_width_m(world: World, x: float, y: float, yaw: float | None = None) -> float:
     """Return the free width in metres at a point of the floor; 0 inside an obstacle.
@@ -366,7 +361,7 @@ def _narrow_places(world: World, line: Floats, robot: Robot | None) -> list[str]
     """Return where the robot and a person often cannot pass each other, by the free width across the way."""
     words = []
     for passage in narrow_passages(world, line, robot=robot, most=MOST_NARROW):
-        between = passage.between
+        between = list(dict.fromkeys(name for name in (passage.left, passage.right) if name))
         where = f", between {_joined(between)}" if len(between) > 1 else f", beside {between[0]}" if between else ""
         words.append(f"near {passage.waypoint}{where} (free width {passage.width_m:.1f} m)")
     if not words:

@@ -139,24 +139,19 @@ def write_areas(sheet: Sheet, areas: list[Area], kinds: dict[str, Colour], *, la
     def sizes(first: int, last: int) -> list[int]:
         return [max(SMALLEST_TEXT, round(size * sheet.unit)) for size in range(first, last - 1, -2)]
 
-    def beside(text: str, ring: Floats) -> Word | None:
-        return place_beside(text, ring, sheet.taken, sizes(16, 14), page)
-
-    def small(text: str, ring: Floats) -> Word | None:
-        return place_inside(text, ring, sheet.taken, sizes(12, 12))
-
-    def large(text: str, ring: Floats) -> Word | None:
-        return place_inside(text, ring, sheet.taken, sizes(largest, 14))
-
-    for place in (large, beside, small):
+    for beside, tried in ((False, sizes(largest, 14)), (True, sizes(16, 14)), (False, sizes(12, 12))):
         missing = []
         for area in order:
             ring, colour = rings[area.name], kinds[area.kind]
-            word = place(area.name, ring)
+            word = (
+                place_beside(area.name, ring, sheet.taken, tried, page)
+                if beside
+                else place_inside(area.name, ring, sheet.taken, tried)
+            )
             if word is None:
                 missing.append(area)
                 continue
-            if place is beside:
+            if beside:
                 x, y = middle = (ring.min(axis=0) + ring.max(axis=0)) / 2
                 sheet.line(np.array([word.centre, middle]), colour, 1.0)
                 sheet.dot(float(x), float(y), 3 * sheet.unit, fill=colour)
