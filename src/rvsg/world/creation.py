@@ -21,7 +21,7 @@ from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
 from rvsg.world.areas import propose_areas
 from rvsg.world.checks import Remark, check_world
 from rvsg.world.grid import GridSpec
-from rvsg.world.lattice import build_grid, build_world, fitting_spacing
+from rvsg.world.lattice import LIDAR_HEIGHT_M, build_grid, build_world, fitting_spacing
 from rvsg.world.occupancy import load_nav2_map, occupancy_from_objects, upright
 from rvsg.world.rooms import main_part, within
 from rvsg.world.routes import Trial, clearance_m, propose_routes, route_notes
@@ -37,7 +37,6 @@ MOST_LINES_OF_CORRIDORS = 260  # long corridors have few waypoints on many lines
 MOST_WAYPOINTS, MOST_CROSSINGS = 1500, 39_000
 FINER = (1.0, 0.75, 0.5, 0.35, 0.25, 0.18, 0.12)
 CONNECTED, HALF = 0.97, 0.5
-LIDAR_HEIGHT_M = 0.21
 ROBOT_CLEARANCE_M = 0.3
 Progress = Callable[[str], None]
 

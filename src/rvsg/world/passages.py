@@ -367,12 +367,3 @@ def _narrow_places(world: World, line: Floats, robot: Robot | None) -> list[str]
     if not words:
         return []
     return [f"The robot and a person often cannot pass each other {_joined(words)}."]
-
-
-def sampled(line: Floats, step_m: float) -> Floats:
-    """Return points along the line every `step_m` metres or less, including its corners."""
-    parts = []
-    for a, b in pairwise(line):
-        count = max(1, math.ceil(float(np.hypot(*(b - a))) / step_m))
-        parts.append(a + (b - a) * (np.arange(count) / count)[:, None])
-    return np.concatenate([*parts, line[-1:]])

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from rvsg.core.documents import DocumentError, Problem
 from rvsg.core.errors import FileError, InputError
-from rvsg.world.creation import LIDAR_HEIGHT_M, Progress, WorldSource
+from rvsg.world.creation import Progress, WorldSource
+from rvsg.world.lattice import LIDAR_HEIGHT_M
 from rvsg.world.world import WIDTHS_M, Door, Point, SolidObject
 from rvsg_exchange import mesh
 from rvsg_exchange.mesh import SHAPES, Triangles, heightmap

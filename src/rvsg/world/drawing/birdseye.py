@@ -23,7 +23,7 @@ from rvsg.world.drawing.sheet import (
     place_beside,
     place_inside,
 )
-from rvsg.world.passages import line_of, sampled
+from rvsg.world.passages import line_of
 from rvsg.world.space import Bools, frame_of, world_map
 from rvsg.world.world import FREE, OCCUPIED, Area, Route, SolidObject, World
 
@@ -49,10 +49,15 @@ def birdseye(
         width_px: The width of the picture, about.
         route: A route to draw.
     """
+    import shapely
+
     check_width(width_px)
     scene = _Scene(world, palette(colours), width_px)
     scene.draw_floor()
-    way = None if route is None else scene.pixels(sampled(line_of(world, route), 0.15))
+    way = None
+    if route is not None:
+        line = shapely.segmentize(shapely.LineString(line_of(world, route)), 0.15)
+        way = scene.pixels(shapely.get_coordinates(line))
     if way is not None:
         scene.sheet.line(way, scene.ink.route, 4.0)
     scene.draw_objects()
