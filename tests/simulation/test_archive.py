@@ -1,9 +1,11 @@
-"""What is lost when a run is stored, and what is not."""
+"""Stored runs: what is lost, what is damaged, and what is out of range."""
 
 from __future__ import annotations
 
 import contextlib
+import json
 import lzma
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,10 +15,23 @@ from hypothesis.extra import numpy as hnp
 from tests.campaign.parts import WalkGenerator, plan, warehouse
 
 from rvsg.core import plugins
+from rvsg.core.errors import InputError
 from rvsg.evaluation.metrics.registry import measure
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Scenario
-from rvsg.simulation.archive import DECIMALS, MAGIC, PackedRun, arrays_of, decode, encode, rounded, rounded_arrays
+from rvsg.simulation.archive import (
+    DECIMALS,
+    LARGEST,
+    MAGIC,
+    PackedRun,
+    arrays_of,
+    decode,
+    encode,
+    rounded,
+    rounded_arrays,
+    run_from_value,
+    run_to_json,
+)
 from rvsg.simulation.kinematic import KinematicSimulator
 
 
@@ -27,6 +42,8 @@ def scenario(seed: int = 0) -> Scenario:
     return found
 
 
+A_RUN = KinematicSimulator().run(scenario(), warehouse(), seed=1)
+ARCHIVE = PackedRun.of(rounded(A_RUN)).data
 names = st.sampled_from([*DECIMALS, "trajectory.x", "unknown"])
 shapes = hnp.array_shapes(min_dims=1, max_dims=2, min_side=0, max_side=9)
 values = st.floats(-1e7, 1e7) | st.floats() | st.sampled_from([0.0, -0.0, 1e-4, -1e-4, 0.05, 2.0**60])
@@ -86,11 +103,8 @@ def test_an_archive_of_an_earlier_version_is_named() -> None:
         decode(b"RVQ2" + ARCHIVE[4:])
 
 
-ARCHIVE = PackedRun.of(rounded(KinematicSimulator().run(scenario(), warehouse(), seed=1))).data
-
-
 def test_what_is_measured_is_what_is_stored() -> None:
-    run = rounded(KinematicSimulator().run(scenario(), warehouse(), seed=1))
+    run = rounded(A_RUN)
     stored = PackedRun.of(run).unpack()
     assert all(np.array_equal(array, arrays_of(stored)[name]) for name, array in arrays_of(run).items())
     assert measure(stored, world=warehouse()) == measure(run, world=warehouse())
@@ -107,3 +121,30 @@ def test_a_stored_run_is_small_and_no_metric_sees_the_rounding(seed: int) -> Non
         assert (value is None) == (after[name] is None), name
         if value is not None:
             assert after[name] == pytest.approx(value, rel=1e-3, abs=1e-3), name
+
+
+@pytest.mark.parametrize("value", [1e308, -1e308, 2 * LARGEST])
+@pytest.mark.parametrize("name", json.loads(run_to_json(A_RUN))["arrays"])
+def test_an_array_with_a_number_out_of_range_is_refused(name: str, value: float) -> None:
+    given = json.loads(run_to_json(A_RUN))
+    array = given["arrays"][name] or [0.0]
+    place = array[-1] if isinstance(array[-1], list) else array
+    place[-1] = value
+    with pytest.raises(InputError, match=name):
+        run_from_value(given | {"arrays": given["arrays"] | {name: array}})
+
+
+OUT_OF_RANGE = [
+    *(("seed", -1), ("recoveries", -1), ("clock_ratio", 1e308), ("clock_ratio", 0.0), ("robot_radius_m", 1e308)),
+    *(("human_radius_m", (-1.0, 0.3)), ("goal", (1e308, 0.0, 0.0)), ("time_limit_s", 1e308), ("time_limit_s", -1.0)),
+    *(("robot_latency_s", -1.0), ("robot_deceleration_m_s2", 0.0), ("robot_outline", ((1e308, 0.0),))),
+]
+
+
+@pytest.mark.parametrize(("field", "value"), OUT_OF_RANGE)
+def test_a_field_out_of_range_is_refused_from_a_file_and_from_a_simulator(field: str, value: object) -> None:
+    given = json.loads(run_to_json(A_RUN))
+    with pytest.raises(InputError, match=field):
+        run_from_value(given | {field: value})
+    with pytest.raises(InputError, match=field):
+        PackedRun.of(replace(A_RUN, **{field: value}))  # type: ignore[arg-type]

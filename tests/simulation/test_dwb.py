@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -96,14 +97,14 @@ def slow_totals(
 
 def choose(
     master: Bytes, path: Floats, pose: tuple[float, float, float], v0: float, w0: float, goal_yaw: float = 0.0,
-    state: NDArray[np.int64] | None = None,
+    samples: Floats = TABLE, p: Any = STACK,
 ) -> int:  # fmt: skip
-    state = np.zeros(dwb.CONTROLLER_INTS, np.int64) if state is None else state
+    state = np.zeros(dwb.CONTROLLER_INTS, np.int64)
     state[dwb.PLAN_END] = len(path)
-    count = len(TABLE)
+    count = len(samples)
     return dwb.choose(
-        state, np.zeros(dwb.CONTROLLER_REALS), dwb.scratch(count, 60), rollouts(count), TABLE, master, 0, 0, path,
-        goal_yaw, *pose, v0, 0.0, w0, STACK,
+        state, np.zeros(dwb.CONTROLLER_REALS), dwb.scratch(count, 60), rollouts(count), samples, master, 0, 0, path,
+        goal_yaw, *pose, v0, 0.0, w0, p,
     )  # fmt: skip
 
 
@@ -152,16 +153,12 @@ def test_the_chosen_sample_is_the_first_of_least_total_among_those_that_are_free
         assert best == next(i for i, t in enumerate(totals) if t is not None and t <= min(legal) + 1e-9)
 
 
-def test_a_robot_in_an_inscribed_cell_has_no_command() -> None:
+@pytest.mark.parametrize(("blocked", "begin"), [(253, 1.5), (0, 20.0)], ids=["inscribed", "plan out of reach"])
+def test_where_there_is_no_command(blocked: int, begin: float) -> None:
     master = np.zeros((60, 60), np.uint8)
-    master[30, 30] = 253
-    path = np.column_stack([np.linspace(1.5, 3.0, 60), np.full(60, 1.5)])
+    master[30, 30] = blocked
+    path = np.column_stack([np.linspace(begin, begin + 3.0, 120), np.full(120, 1.5)])
     assert choose(master, path, (1.51, 1.51, 0.0), 0.0, 0.0) == -1
-
-
-def test_a_plan_out_of_reach_has_no_command() -> None:
-    path = np.column_stack([np.linspace(20.0, 30.0, 400), np.full(400, 1.5)])
-    assert choose(np.zeros((60, 60), np.uint8), path, (1.51, 1.51, 0.0), 0.0, 0.0) == -1
 
 
 def test_near_the_goal_the_robot_slows_down_then_turns_on_the_spot_towards_the_goals_yaw() -> None:
@@ -250,13 +247,9 @@ class TestDynamicWindow:
         count = fill_window(samples, 0.0, 0.0, 0.0, refer(stack))
         assert count < len(samples)
         path = np.column_stack([np.linspace(1.5, 3.0, 60), np.full(60, 1.5)])
-        state = np.zeros(dwb.CONTROLLER_INTS, np.int64)
-        state[dwb.PLAN_END] = len(path)
-        best = dwb.choose(
-            state, np.zeros(dwb.CONTROLLER_REALS), dwb.scratch(len(samples), 60), rollouts(len(samples)),
-            samples[:count], np.zeros((60, 60), np.uint8), 0, 0, path, 0.0, 1.51, 1.51, 0.0, 0.0, 0.0, 0.0,
-            refer(stack),
-        )  # fmt: skip
+        best = choose(
+            np.zeros((60, 60), np.uint8), path, (1.51, 1.51, 0.0), 0.0, 0.0, samples=samples[:count], p=refer(stack)
+        )
         assert 0 <= best < count
         assert samples[best, 0] > 0.2
 

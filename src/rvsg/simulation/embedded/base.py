@@ -42,6 +42,16 @@ def wrap(angle: float) -> float:
     return turned if turned > -math.pi else turned + 2.0 * math.pi
 
 
+@inner
+def into_frame(edge: Floats, x: float, y: float, cos: float, sin: float) -> tuple[float, float, float, float]:
+    """Return both ends of an edge in a frame at (x, y) that is turned by the angle of `cos` and `sin`."""
+    ax = edge[0] - x
+    ay = edge[1] - y
+    bx = edge[2] - x
+    by = edge[3] - y
+    return cos * ax + sin * ay, cos * ay - sin * ax, cos * bx + sin * by, cos * by - sin * bx
+
+
 @kernel
 def smoothed(command: float, last: float, low: float, high: float, up: float, down: float) -> float:
     """One tick of Nav2's velocity smoother on one axis: the command within low..high, approached by at most a step.

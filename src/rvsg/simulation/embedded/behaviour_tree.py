@@ -122,22 +122,12 @@ def _event(row: Floats) -> Replan | Recovery:
     return Recovery(time_s=time_s, until_s=until_s, x=x, y=y, action=ACTION_NAMES[int(row[FIRST])])
 
 
-CONTROL_PERIOD_S = 0.05
 REPLAN_PERIOD_S = 1.01
 """1 s after the last success, and the 10 ms tick of the behaviour tree in which planning happens."""
 PASSED_GOAL_M = 0.7
-PROGRESS_M = 0.5
-PROGRESS_TIME_S = 10.0
-PATIENCE_S = 0.3
-MAX_RECOVERIES = 6
 ACTIONS = 4
-SPIN_RAD = 1.57
-WAIT_S = 5.0
-BACK_UP_M = 0.30
-BACK_UP_M_S = 0.05
 ACTION_PERIOD_S = 0.1
 ACTION_TIME_S = 10.0
-LOOK_AHEAD_S = 2.0
 ODOMETRY_DEADBAND = 0.001
 
 

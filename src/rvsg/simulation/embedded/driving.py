@@ -6,7 +6,7 @@ import math
 import signal
 import threading
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.core.kernels import kernel
 from rvsg.robots.robot import Robot
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.dwb import PLAN_BEGIN, PLAN_END
 from rvsg.simulation.embedded.episode import Answer, Episode, Outside
-from rvsg.simulation.embedded.lidar import LEG_RADIUS_M, cast_disc, cast_edge
+from rvsg.simulation.embedded.lidar import first_ray, full_scan
 from rvsg.simulation.embedded.localisation import MAP_X, MAP_Y, MAP_YAW
 from rvsg.simulation.embedded.robot_parameters import (
     LIDAR_DROPOUT,
@@ -78,8 +77,9 @@ class Observed(LocalObservation):
         self.plan = state.path[1, state.nav[PLAN_BEGIN] : state.nav[PLAN_END]]
         goal_x, goal_y, goal_yaw = self._goal
         frame = state.own.frame[MAP_X : MAP_YAW + 1].tolist()
-        x, y = _inverse(frame, goal_x, goal_y)
-        self.goal = (x, y, goal_yaw - frame[2])
+        cos, sin = math.cos(frame[MAP_YAW]), math.sin(frame[MAP_YAW])
+        dx, dy = goal_x - frame[MAP_X], goal_y - frame[MAP_Y]
+        self.goal = (cos * dx + sin * dy, cos * dy - sin * dx, goal_yaw - frame[MAP_YAW])
         side = state.stack.resolution
         corner = (float(state.nav[st.WINDOW_COLUMN] * side), float(state.nav[st.WINDOW_ROW] * side))
         self.costmap = Costmap(state.local[st.MASTER], *corner, side)
@@ -97,8 +97,9 @@ class Observed(LocalObservation):
         rays = int(row[LIDAR_RAYS])
         ranges = np.empty(rays)
         full_scan(
-            ranges, state.directions[lidar], state.scanned[lidar], row, self._episode.scene.edges, state.legs[lidar]
-        )
+            ranges, state.directions[lidar], row[LIDAR_VIEW] / (rays - 1), *first_ray(row, state.scanned[lidar]),
+            self._episode.scene.edges, state.legs[lidar],
+        )  # fmt: skip
         begin = (tick * 9973 + lidar * 7919) % state.noise.size
         drawn = (begin + np.arange(rays)) % state.noise.size
         ranges += settings.lidar_noise * row[LIDAR_NOISE] * state.noise[drawn]
@@ -128,31 +129,6 @@ class Observed(LocalObservation):
         within = (ray < scan.ranges.size) & (distance < scan.range_max)
         around = np.maximum(0, np.minimum(ray[:, None] + AROUND, scan.ranges.size - 1))
         return np.asarray(within & (scan.ranges[around].max(axis=1) >= distance - SEEN_PAST_M))
-
-
-@kernel
-def full_scan(ranges: Floats, directions: Floats, scanned: Floats, row: Floats, edges: Floats, legs: Floats) -> None:
-    """Cast the latest scan of a lidar without noise; inf where a ray meets nothing."""
-    yaw = scanned[2]
-    x = scanned[0] + row[LIDAR_X] * math.cos(yaw) - row[LIDAR_Y] * math.sin(yaw)
-    y = scanned[1] + row[LIDAR_X] * math.sin(yaw) + row[LIDAR_Y] * math.cos(yaw)
-    bearing = yaw + row[LIDAR_YAW] - 0.5 * row[LIDAR_VIEW]
-    step = row[LIDAR_VIEW] / (ranges.size - 1)
-    cos = math.cos(bearing)
-    sin = math.sin(bearing)
-    ranges[:] = np.inf
-    for e in range(edges.shape[0]):
-        ax = edges[e, 0] - x
-        ay = edges[e, 1] - y
-        bx = edges[e, 2] - x
-        by = edges[e, 3] - y
-        cast_edge(
-            ranges, directions, step, cos * ax + sin * ay, cos * ay - sin * ax, cos * bx + sin * by, cos * by - sin * bx
-        )
-    for i in range(legs.shape[0]):
-        dx = legs[i, 0] - x
-        dy = legs[i, 1] - y
-        cast_disc(ranges, directions, step, cos * dx + sin * dy, cos * dy - sin * dx, LEG_RADIUS_M)
 
 
 class Driving:
@@ -257,7 +233,11 @@ class Driving:
         """Keep the first fault; what a stack of somebody else raises ends its run, not the campaign."""
         if self.fault is None:
             self._fault_t = t
-            self.fault = str(error) if isinstance(error, StackError) else _where(error)
+            self.fault = str(error)
+            if not isinstance(error, StackError):
+                frames = traceback.extract_tb(error.__traceback__)
+                place = f" ({frames[-1].filename.rpartition('/')[2]}:{frames[-1].lineno})" if frames else ""
+                self.fault = f"{type(error).__name__}: {error}{place}"[:500]
 
 
 def called_every(driver: NavigationStack, robot: Robot) -> float:
@@ -269,19 +249,6 @@ def called_every(driver: NavigationStack, robot: Robot) -> float:
 
 def _ticks(driver: WholeStack) -> int:
     return max(1, round(driver.period_s / base.STEP_S))
-
-
-def _where(error: Exception) -> str:
-    frames = traceback.extract_tb(error.__traceback__)
-    place = f" ({frames[-1].filename.rpartition('/')[2]}:{frames[-1].lineno})" if frames else ""
-    return f"{type(error).__name__}: {error}{place}"[:500]
-
-
-def _inverse(frame: Sequence[float], x: float, y: float) -> tuple[float, float]:
-    """Return a point of the map in the odom frame."""
-    cos, sin = math.cos(frame[MAP_YAW]), math.sin(frame[MAP_YAW])
-    dx, dy = x - frame[MAP_X], y - frame[MAP_Y]
-    return cos * dx + sin * dy, cos * dy - sin * dx
 
 
 @contextmanager

@@ -70,14 +70,8 @@ def new_recording(time_limit_s: float, clock: float, humans: int) -> Recording:
 @inner
 def write_robot(row: Floats, t: float, body: Floats, acceleration: float) -> None:
     """One row of a record: time, pose, velocities, acceleration."""
-    row[0] = t
-    row[1] = body[base.X]
-    row[2] = body[base.Y]
-    row[3] = body[base.YAW]
-    row[4] = body[base.V]
-    row[5] = body[base.W]
-    row[6] = acceleration
-    row[7] = body[base.SIDE]
+    row[0], row[1], row[2], row[3] = t, body[base.X], body[base.Y], body[base.YAW]
+    row[4], row[5], row[6], row[7] = body[base.V], body[base.W], acceleration, body[base.SIDE]
 
 
 @inner
@@ -87,11 +81,12 @@ def write_track(record: Recording, t: float, body: Floats, acceleration: float, 
     if n >= record.track.shape[0]:
         return
     write_robot(record.track[n], t, body, acceleration)
+    humans = record.track_humans[n]
     for i in range(crowd.x.size):
-        record.track_humans[n, i, 0] = crowd.x[i]
-        record.track_humans[n, i, 1] = crowd.y[i]
-        record.track_humans[n, i, 2] = crowd.yaw[i]
-        record.track_humans[n, i, 3] = min(crowd.speed[i], math.sqrt(crowd.vx[i] ** 2 + crowd.vy[i] ** 2))
+        humans[i, 0] = crowd.x[i]
+        humans[i, 1] = crowd.y[i]
+        humans[i, 2] = crowd.yaw[i]
+        humans[i, 3] = min(crowd.speed[i], math.sqrt(crowd.vx[i] ** 2 + crowd.vy[i] ** 2))
     record.counts[0] = n + 1
 
 
@@ -102,28 +97,13 @@ def write_log(record: Recording, wall_s: float, body: Floats, acceleration: floa
     if n >= record.log.shape[0]:
         return
     write_robot(record.log[n], wall_s, body, acceleration)
+    humans = record.log_humans[n]
     for i in range(crowd.x.size):
-        record.log_humans[n, i, 0] = crowd.logged_x[i]
-        record.log_humans[n, i, 1] = crowd.logged_y[i]
-        record.log_humans[n, i, 2] = crowd.logged_yaw[i]
-        record.log_humans[n, i, 3] = crowd.logged_speed[i]
+        humans[i, 0] = crowd.logged_x[i]
+        humans[i, 1] = crowd.logged_y[i]
+        humans[i, 2] = crowd.logged_yaw[i]
+        humans[i, 3] = crowd.logged_speed[i]
     record.counts[1] = n + 1
-
-
-@inner
-def prepare(state: State, settings: Settings, phases: Floats) -> None:
-    """Set the timers as they are 2 s before the start; `phases` (s) of smoother, local and global map."""
-    state.body[base.COMMAND_T] = -1e9
-    half = 0.5 * (state.stack.cells - 0.5)
-    state.nav[st.WINDOW_COLUMN] = int(state.body[base.X] / state.stack.resolution - half)
-    state.nav[st.WINDOW_ROW] = int(state.body[base.Y] / state.stack.resolution - half)
-    state.nav[st.NEED_PLAN] = 1
-    state.nav[st.CLEAR_GLOBAL] = 1
-    begin = -LEAD_TICKS * base.STEP_S
-    state.times[st.SMOOTH_T] = begin + phases[0]
-    state.times[st.LOCAL_T] = begin + phases[1]
-    state.times[st.GLOBAL_T] = begin + phases[2]
-    begin_following(state, settings.robot_start_s)
 
 
 @inner(cached=True)
@@ -211,13 +191,23 @@ def bind(scene: Scene, state: State, crowd: Crowd) -> tuple[Scene, State, Crowd]
 @kernel
 def begin(scene: Scene, state: State, settings: Settings, crowd: Crowd, phases: Floats, loop: Floats) -> None:
     """Set everything as it is 2 s before the start. `phases` (s) of smoother, local and global costmap."""
-    prepare(state, settings, phases)
+    start_s = -LEAD_TICKS * base.STEP_S
+    state.body[base.COMMAND_T] = -1e9
+    half = 0.5 * (state.stack.cells - 0.5)
+    state.nav[st.WINDOW_COLUMN] = int(state.body[base.X] / state.stack.resolution - half)
+    state.nav[st.WINDOW_ROW] = int(state.body[base.Y] / state.stack.resolution - half)
+    state.nav[st.NEED_PLAN] = 1
+    state.nav[st.CLEAR_GLOBAL] = 1
+    state.times[st.SMOOTH_T] = start_s + phases[0]
+    state.times[st.LOCAL_T] = start_s + phases[1]
+    state.times[st.GLOBAL_T] = start_s + phases[2]
+    begin_following(state, settings.robot_start_s)
     for side in range(state.stack.lidars.shape[0]):
-        take_scan(scene, state, settings, crowd, side, -1, -LEAD_TICKS * base.STEP_S)
+        take_scan(scene, state, settings, crowd, side, -1, start_s)
     loop[:] = 0.0
     loop[TICK] = -LEAD_TICKS
     loop[END] = settings.time_limit_s * settings.clock
-    loop[PEOPLE_T] = -LEAD_TICKS * base.STEP_S + settings.people_phase_s
+    loop[PEOPLE_T] = start_s + settings.people_phase_s
 
 
 @inner

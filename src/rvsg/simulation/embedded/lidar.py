@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.kernels import inner, kernel
+from rvsg.simulation.embedded.base import into_frame
+from rvsg.simulation.embedded.robot_parameters import LIDAR_VIEW, LIDAR_X, LIDAR_Y, LIDAR_YAW
 
 Floats = NDArray[np.float64]
 
@@ -113,14 +115,8 @@ def scan(
     sin = math.sin(bearing)
     ranges[:] = FAR
     for i in range(near.size):
-        e = near[i]
-        ax = edges[e, 0] - x
-        ay = edges[e, 1] - y
-        bx = edges[e, 2] - x
-        by = edges[e, 3] - y
-        cast_edge(
-            ranges, directions, step, cos * ax + sin * ay, cos * ay - sin * ax, cos * bx + sin * by, cos * by - sin * bx
-        )
+        ax, ay, bx, by = into_frame(edges[near[i]], x, y, cos, sin)
+        cast_edge(ranges, directions, step, ax, ay, bx, by)
     for i in range(legs.shape[0]):
         dx = legs[i, 0] - x
         dy = legs[i, 1] - y
@@ -130,6 +126,32 @@ def scan(
         for k in range(ranges.size):
             if ranges[k] >= FAR:
                 ranges[k] = NO_RETURN
+
+
+@kernel
+def full_scan(
+    ranges: Floats, directions: Floats, step: float, x: float, y: float, bearing: float, edges: Floats, legs: Floats
+) -> None:
+    """Cast a scan like `scan`, at all edges and legs; infinite where a ray meets nothing. `step` (rad) between rays."""
+    cos = math.cos(bearing)
+    sin = math.sin(bearing)
+    ranges[:] = math.inf
+    for e in range(edges.shape[0]):
+        ax, ay, bx, by = into_frame(edges[e], x, y, cos, sin)
+        cast_edge(ranges, directions, step, ax, ay, bx, by)
+    for i in range(legs.shape[0]):
+        dx = legs[i, 0] - x
+        dy = legs[i, 1] - y
+        cast_disc(ranges, directions, step, cos * dx + sin * dy, cos * dy - sin * dx, LEG_RADIUS_M)
+
+
+@kernel
+def first_ray(mount: Floats, robot: Floats) -> tuple[float, float, float]:
+    """Return the place of a lidar in the world and the bearing of its first ray; `robot`: the pose x, y, yaw."""
+    yaw = robot[2]
+    x = robot[0] + mount[LIDAR_X] * math.cos(yaw) - mount[LIDAR_Y] * math.sin(yaw)
+    y = robot[1] + mount[LIDAR_X] * math.sin(yaw) + mount[LIDAR_Y] * math.cos(yaw)
+    return x, y, yaw + mount[LIDAR_YAW] - 0.5 * mount[LIDAR_VIEW]
 
 
 @kernel

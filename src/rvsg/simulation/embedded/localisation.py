@@ -26,7 +26,7 @@ from scipy import ndimage
 from rvsg.core.kernels import inner
 from rvsg.robots.robot import Lidar
 from rvsg.simulation.embedded.base import wrap
-from rvsg.simulation.embedded.lidar import LEG_RADIUS_M, cast_disc, cast_edge
+from rvsg.simulation.embedded.lidar import full_scan
 from rvsg.world.world import OccupancyMap
 
 Floats = NDArray[np.float64]
@@ -75,58 +75,33 @@ class Localisation(NamedTuple):
 
     frame: Floats
     present: Floats
-    coming: Floats
-    particles: Floats
-    sums: Floats
-    counts: Ints
-    normals: Floats
-    uniforms: Floats
-    bins: Ints
-    ranges: Floats
-    directions: Floats
-    scores: NDArray[np.float32]
-    origin_x: float
-    origin_y: float
-    resolution: float
-    outside: float
-    lidar_noise_m: float
-    mount_x: float
-    mount_y: float
-    mount_yaw: float
-    field_of_view: float
-    range_max: float
-    differential: bool
+    coming: Floats = np.zeros((0, 4))
+    particles: Floats = np.zeros((2, 0, 3))
+    sums: Floats = np.zeros(0)
+    counts: Ints = np.zeros(6, np.int64)
+    normals: Floats = np.zeros(1)
+    uniforms: Floats = np.zeros(1)
+    bins: Ints = np.zeros(1, np.int64)
+    ranges: Floats = np.zeros(0)
+    directions: Floats = np.zeros((0, 2))
+    scores: NDArray[np.float32] = np.zeros((1, 1), np.float32)
+    origin_x: float = 0.0
+    origin_y: float = 0.0
+    resolution: float = 1.0
+    outside: float = 0.0
+    lidar_noise_m: float = 0.0
+    mount_x: float = 0.0
+    mount_y: float = 0.0
+    mount_yaw: float = 0.0
+    field_of_view: float = 0.0
+    range_max: float = 0.0
+    differential: bool = False
     """The motion model: that of a base that cannot move sideways, or of one that can."""
 
 
 def known_offset(x: float, y: float) -> Localisation:
     """A robot that knows its place: the map lies at the constant offset world - map = (x, y)."""
-    none = np.zeros((2, 0, 3))
-    return Localisation(
-        frame=np.array([-x, -y, 0.0, 0.0, 0.0, 0.0]),
-        present=np.array([-x, -y, 0.0]),
-        coming=np.zeros((0, 4)),
-        particles=none,
-        sums=np.zeros(0),
-        counts=np.zeros(6, np.int64),
-        normals=np.zeros(1),
-        uniforms=np.zeros(1),
-        bins=np.zeros(1, np.int64),
-        ranges=np.zeros(0),
-        directions=np.zeros((0, 2)),
-        scores=np.zeros((1, 1), np.float32),
-        origin_x=0.0,
-        origin_y=0.0,
-        resolution=1.0,
-        outside=0.0,
-        lidar_noise_m=0.0,
-        mount_x=0.0,
-        mount_y=0.0,
-        mount_yaw=0.0,
-        field_of_view=0.0,
-        range_max=0.0,
-        differential=False,
-    )
+    return Localisation(frame=np.array([-x, -y, 0.0, 0.0, 0.0, 0.0]), present=np.array([-x, -y, 0.0]))
 
 
 def particle_filter(
@@ -320,24 +295,9 @@ def _look(own: Localisation, x: float, y: float, yaw: float, edges: Floats, legs
     """Cast the filter's beams of the front lidar into `ranges`."""
     step = math.atan2(own.directions[1, 1], own.directions[1, 0])
     bearing = yaw + own.mount_yaw - 0.5 * own.field_of_view
-    cos = math.cos(bearing)
-    sin = math.sin(bearing)
     from_x = x + own.mount_x * math.cos(yaw) - own.mount_y * math.sin(yaw)
     from_y = y + own.mount_x * math.sin(yaw) + own.mount_y * math.cos(yaw)
-    own.ranges[:] = math.inf
-    for e in range(edges.shape[0]):
-        ax = edges[e, 0] - from_x
-        ay = edges[e, 1] - from_y
-        bx = edges[e, 2] - from_x
-        by = edges[e, 3] - from_y
-        cast_edge(
-            own.ranges, own.directions, step, cos * ax + sin * ay, cos * ay - sin * ax, cos * bx + sin * by,
-            cos * by - sin * bx,
-        )  # fmt: skip
-    for i in range(legs.shape[0]):
-        dx = legs[i, 0] - from_x
-        dy = legs[i, 1] - from_y
-        cast_disc(own.ranges, own.directions, step, cos * dx + sin * dy, cos * dy - sin * dx, LEG_RADIUS_M)
+    full_scan(own.ranges, own.directions, step, from_x, from_y, bearing, edges, legs)
     for k in range(own.ranges.size):
         own.ranges[k] += own.lidar_noise_m * _normal(own)
 

@@ -20,7 +20,7 @@ from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.people.crowd import PERIOD_S, Crowd
 from rvsg.simulation.embedded.people.obstacles import RASTER_M, REACH_M
 from rvsg.simulation.embedded.state import Scene
-from rvsg.simulation.embedded.walls import AGAIN_S, FROM, PLACE_X, PLACE_Y, SPEED, UNTIL, Walls
+from rvsg.simulation.embedded.walls import AGAIN_S, FROM, PLACE_X, PLACE_Y, SPEED, UNTIL, Walls, edges_of
 from rvsg.simulation.run import DoorMoved, RecordedEvent, RobotContact
 from rvsg.world.world import Door
 
@@ -32,12 +32,6 @@ SAFE_M = 0.3
 HELD_S = 1.5
 """A person who is in the way of a leaf for so long is pushed out of it; the robot never is."""
 _FAR_M2 = (REACH_M + RASTER_M) ** 2
-
-
-def edges_of(corners: Any) -> Floats:
-    """Return the closed outline of corners (K, 2) as segments (K, 4)."""
-    points = np.asarray(corners, np.float64)
-    return np.hstack([points, np.roll(points, -1, axis=0)])
 
 
 @dataclass(frozen=True)
@@ -270,11 +264,6 @@ A person who turns sideways does so after 5 s."""
 DEEPER_M2 = 1e-4
 
 
-def moves(doors: Sequence[Door], agents: Iterable[HumanAgent]) -> bool:
-    """Return whether anything of this module is part of a run."""
-    return bool(doors) or any(agent.outline for agent in agents)
-
-
 class MovingBodies:
     """Doors and trolleys of one run; `scene`, `walls` and `crowd` are copies of the given ones that hold them."""
 
@@ -287,7 +276,7 @@ class MovingBodies:
         self._outlines = {i: np.array(agent.outline) for i, agent in enumerate(agents) if agent.outline}
         self._heedless = {i for i, agent in enumerate(agents) if agent.behaviour is Behaviour.IMPASSIVE}
         self._pose = {i: (float(crowd.x[i]), float(crowd.y[i]), float(crowd.yaw[i])) for i in self._outlines}
-        self.placed = {i: _placed(outline, *self._pose[i]) for i, outline in self._outlines.items()}
+        self.placed = {i: placed(outline, *self._pose[i]) for i, outline in self._outlines.items()}
         self._reach = {i: float(np.hypot(*outline.T).max()) for i, outline in self._outlines.items()}
         self._blocked_s = dict.fromkeys(self._outlines, 0.0)
         self._by_robot_s = dict.fromkeys(self._outlines, 0.0)
@@ -306,14 +295,14 @@ class MovingBodies:
 
     def on_robot(self, x: float, y: float, yaw: float) -> bool:
         """Return whether a trolley stands on the robot."""
-        robot = _placed(self.crowd.outline, x, y, yaw)
+        robot = placed(self.crowd.outline, x, y, yaw)
         return any(shape.intersects(robot) for shape in self.placed.values())
 
     def step(self, t: float, body: Floats) -> None:
         """Move trolleys and leaves after a tick of the people; `body` is the robot's."""
         crowd, edges = self.crowd, self.scene.edges
         x, y, yaw = float(body[base.X]), float(body[base.Y]), float(body[base.YAW])
-        robot = _placed(self.crowd.outline, x, y, yaw)
+        robot = placed(self.crowd.outline, x, y, yaw)
         self.touches.sort_out(t, self.placed)
         for i in self._outlines:
             self._push(i, t, robot, body)
@@ -357,12 +346,12 @@ class MovingBodies:
         ahead = max(LEAST_AHEAD, math.cos(aside))
         for go, swing in ((ahead, 1.0), *STEPS):
             pose = (x + go * dx, y + go * dy, float(base.wrap(yaw + swing * turn)))
-            shape = _placed(self._outlines[i], *pose)
+            shape = placed(self._outlines[i], *pose)
             if not any(_deeper(shape, self.placed[i], other) for other in blockers):
                 break
         if self._retreats(i, robot):
             go, pose = 0.0, (x - BACK_M * math.cos(yaw), y - BACK_M * math.sin(yaw), yaw)
-            shape = _placed(self._outlines[i], *pose)
+            shape = placed(self._outlines[i], *pose)
             if any(_deeper(shape, self.placed[i], other) for other in blockers):
                 pose, shape = self._pose[i], self.placed[i]
         velocity = (dx / PERIOD_S, dy / PERIOD_S)
@@ -436,7 +425,7 @@ class MovingBodies:
         crowd.vy[j] += push * (ay - by) / length
 
 
-def _placed(corners: Floats, x: float, y: float, yaw: float) -> Any:
+def placed(corners: Floats, x: float, y: float, yaw: float) -> Any:
     """Return an outline of a body's frame in the world."""
     cos, sin = math.cos(yaw), math.sin(yaw)
     return shapely.polygons(corners @ np.array([[cos, sin], [-sin, cos]]) + (x, y))

@@ -20,7 +20,7 @@ from rvsg.simulation.embedded.costmap import (
     observe,
     shift,
 )
-from rvsg.simulation.embedded.lidar import FAR, NO_RETURN, scan
+from rvsg.simulation.embedded.lidar import FAR, NO_RETURN, first_ray, scan
 from rvsg.simulation.embedded.localisation import MAP_YAW, to_map
 from rvsg.simulation.embedded.navfn import convert
 from rvsg.simulation.embedded.robot_parameters import (
@@ -30,10 +30,6 @@ from rvsg.simulation.embedded.robot_parameters import (
     LIDAR_NOISE,
     LIDAR_RAYS,
     LIDAR_VIEW,
-    LIDAR_X,
-    LIDAR_Y,
-    LIDAR_YAW,
-    Stack,
 )
 from rvsg.simulation.embedded.state import (
     DROPOUT_AT,
@@ -45,6 +41,7 @@ from rvsg.simulation.embedded.state import (
     Settings,
     State,
 )
+from rvsg.simulation.embedded.walls import is_inside
 
 Floats = NDArray[np.float64]
 
@@ -56,11 +53,7 @@ def sense(scene: Scene, state: State, settings: Settings, side: int) -> tuple[fl
     Returns the lidar's position (x, y) in the world and the first ray's bearing when the scan was taken.
     """
     mount = state.stack.lidars[side]
-    scanned = state.scanned[side]
-    yaw = scanned[2]
-    x = scanned[0] + mount[LIDAR_X] * math.cos(yaw) - mount[LIDAR_Y] * math.sin(yaw)
-    y = scanned[1] + mount[LIDAR_X] * math.sin(yaw) + mount[LIDAR_Y] * math.cos(yaw)
-    bearing = yaw + mount[LIDAR_YAW] - 0.5 * mount[LIDAR_VIEW]
+    x, y, bearing = first_ray(mount, state.scanned[side])
     rays = int(mount[LIDAR_RAYS])
     tile = 0
     if scene.tile_columns * scene.tile_rows > 1:
@@ -180,26 +173,6 @@ SPEED, FROM_SPEED, RELEASE, ZONE_FIRST, ZONE_END, SIDE = range(6)
 
 
 @inner
-def encloses(corners: Floats, first: int, end: int, x: float, y: float) -> bool:
-    """Whether the polygon of the corners `first` to `end` encloses a point."""
-    found = False
-    j = end - 1
-    for i in range(first, end):
-        ax, ay = corners[i, 0], corners[i, 1]
-        bx, by = corners[j, 0], corners[j, 1]
-        if (ay > y) != (by > y) and x < ax + (y - ay) / (by - ay) * (bx - ax):
-            found = not found
-        j = i
-    return found
-
-
-@inner
-def is_in_zone(stack: Stack, zone: int, x: float, y: float) -> bool:
-    """Whether a point in the base frame lies in a safety zone."""
-    return encloses(stack.zone_corners, int(stack.zones[zone, ZONE_FIRST]), int(stack.zones[zone, ZONE_END]), x, y)
-
-
-@inner
 def watch_zones(scene: Scene, state: State, settings: Settings, side: int, t: float) -> None:
     """Look for returns of the latest scan of a lidar in the safety zones, and set the speed limits of the base.
 
@@ -224,9 +197,10 @@ def watch_zones(scene: Scene, state: State, settings: Settings, side: int, t: fl
         px = from_x + ranges[k] * (turn_cos * directions[k, 0] - turn_sin * directions[k, 1])
         py = from_y + ranges[k] * (turn_sin * directions[k, 0] + turn_cos * directions[k, 1])
         for zone in range(zones.shape[0]):
+            corners = state.stack.zone_corners[int(zones[zone, ZONE_FIRST]) : int(zones[zone, ZONE_END])]
             speed = max(abs(state.body[base.V]), abs(state.body[base.SIDE]))
             watched = speed >= zones[zone, FROM_SPEED] or t < state.zone_until[zone]
-            if watched and is_in_zone(state.stack, zone, px, py):
+            if watched and is_inside(corners, px, py):
                 state.zone_until[zone] = t + zones[zone, RELEASE]
     limit_speed(state, t)
 
@@ -273,15 +247,14 @@ def keep_returns(scene: Scene, state: State, settings: Settings, side: int) -> N
 @inner
 def points_inside(state: State, polygon: int, x: float, y: float, yaw: float) -> int:
     """Return how many returns lie in a polygon of a base at a pose."""
-    row, corners = state.stack.monitor[polygon], state.stack.monitor_corners
+    row = state.stack.monitor[polygon]
+    corners = state.stack.monitor_corners[int(row[FIRST]) : int(row[END])]
     cos, sin = math.cos(yaw), math.sin(yaw)
     found = 0
     for side in range(state.returns.shape[0]):
         for k in range(state.returns.shape[1]):
             dx, dy = state.returns[side, k, 0] - x, state.returns[side, k, 1] - y
-            if dx < NOWHERE / 2 and encloses(
-                corners, int(row[FIRST]), int(row[END]), cos * dx + sin * dy, cos * dy - sin * dx
-            ):
+            if dx < NOWHERE / 2 and is_inside(corners, cos * dx + sin * dy, cos * dy - sin * dx):
                 found += 1
     return found
 

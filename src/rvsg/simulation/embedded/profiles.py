@@ -149,14 +149,9 @@ def people_options(options: SimulatorOptions) -> PeopleOptions:
         published_defects=options.human_defects,
         factor_noise=options.noise.human_factors,
         start_jitter_s=(middle + scale * (low - middle), middle + scale * (high - middle)),
-        early_start=_early_start(options),
+        early_start=min(1.0, options.noise.human_start) * options.human_early_start,
         leg_phase_noise=options.noise.gait > 0.0,
     )
-
-
-def _early_start(options: SimulatorOptions) -> float:
-    """The share of runs in which people begin sooner; none where the noise of their start is off."""
-    return min(1.0, options.noise.human_start) * options.human_early_start
 
 
 def draw_settings(
@@ -171,7 +166,7 @@ def draw_settings(
     delay = 0.5 * (low + high) + noise.result_delay * (high - low) * (stream(seed, "result").random() - 0.5)
     low, high = options.robot_start_s
     start = 0.5 * (low + high) + noise.robot_start * (high - low) * (stream(seed, "robot/start").random() - 0.5)
-    if begins_early(_early_start(options), seed):
+    if begins_early(people_options(options).early_start, seed):
         start += LATE_ROBOT_S
     scene, closed = around.scene_at(route.start.x, route.start.y)
     offset = (world.map_offset[0] + float(shift[0]), world.map_offset[1] + float(shift[1]))
@@ -211,12 +206,7 @@ def _clock(options: SimulatorOptions, seed: int) -> float:
 
 
 def new_localisation(
-    world: World,
-    route: Route,
-    options: SimulatorOptions,
-    around: Surroundings,
-    offset: tuple[float, float],
-    seed: int,
+    world: World, route: Route, options: SimulatorOptions, around: Surroundings, offset: tuple[float, float], seed: int
 ) -> Localisation:
     """What the robot knows of its place at the start."""
     if options.localisation == "known":

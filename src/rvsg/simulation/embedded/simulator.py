@@ -10,6 +10,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from rvsg.core.errors import InputError, SimulationError
@@ -24,10 +25,10 @@ from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.behaviour_tree import navigation_events
 from rvsg.simulation.embedded.costmap import LETHAL
 from rvsg.simulation.embedded.driving import Driving, called_every
-from rvsg.simulation.embedded.episode import Episode, Outside, Recording, go_on, new_recording
+from rvsg.simulation.embedded.episode import Episode, Outside, go_on, new_recording
 from rvsg.simulation.embedded.localisation import Localisation
-from rvsg.simulation.embedded.moving_bodies import MovingBodies, moves
-from rvsg.simulation.embedded.people.contact import events_of, overlap_at_start
+from rvsg.simulation.embedded.moving_bodies import MovingBodies, placed
+from rvsg.simulation.embedded.people.contact import events_of
 from rvsg.simulation.embedded.people.crowd import Crowd, initial
 from rvsg.simulation.embedded.profiles import (
     PROFILES,
@@ -39,11 +40,12 @@ from rvsg.simulation.embedded.profiles import (
     people_options,
     profile,
 )
+from rvsg.simulation.embedded.profiles import profile as named_profile
 from rvsg.simulation.embedded.robot_parameters import stack_of
 from rvsg.simulation.embedded.rollouts import Rollouts, sample_table
 from rvsg.simulation.embedded.rollouts import rollouts as new_rollouts
-from rvsg.simulation.embedded.state import Scene, State, Surroundings, new_state
-from rvsg.simulation.embedded.walls import Walls, free_pose, is_stuck, obstacle_contacts
+from rvsg.simulation.embedded.state import Scene, State, Surroundings, latest, new_state
+from rvsg.simulation.embedded.walls import free_pose, is_stuck, obstacle_contacts
 from rvsg.simulation.run import Outcome, Run, Trajectory, in_order
 from rvsg.simulation.simulators import Simulator
 from rvsg.simulation.stacks.protocol import NavigationStack, Task
@@ -100,9 +102,7 @@ def is_blocked(around: Surroundings, scene: Scene, start: Pose, offset: tuple[fl
     rows = np.floor((y - offset[1] - scene.origin_y) / resolution).astype(int)
     if rows.min() < 0 or columns.min() < 0 or rows.max() >= static.shape[0] or columns.max() >= static.shape[1]:
         return True
-    if (static[rows, columns] == LETHAL).any():
-        return True
-    return _is_in_solid(around, start)
+    return bool((static[rows, columns] == LETHAL).any()) or _is_in_solid(around, start)
 
 
 @lru_cache(maxsize=KEPT_STARTS)
@@ -113,46 +113,25 @@ def free_start(around: Surroundings, start: Pose) -> Pose | None:
 
 @lru_cache(maxsize=KEPT_STARTS)
 def _is_in_solid(around: Surroundings, start: Pose) -> bool:
-    """Whether the robot's footprint or a lidar is in what the lidar plane cuts."""
-    if around.is_inside_solid(start.x, start.y) or _has_lidar_in_solid(around, start):
+    """Whether the robot's footprint or a lidar is in what the lidar plane cuts.
+
+    A lidar on a mast that stands out of the footprint may be.
+    """
+    cos, sin = math.cos(start.yaw), math.sin(start.yaw)
+    lidars = [(start.x + cos * q.x - sin * q.y, start.y + sin * q.x + cos * q.y) for q in around.robot.lidars]
+    if any(around.is_inside_solid(x, y) for x, y in ((start.x, start.y), *lidars)):
         return True
     (rear, right), (front, left) = rectangle(around.robot.footprint)
-    return _crosses(around.edges, start, (rear, front), (right, left))
-
-
-def _crosses(edges: Floats, start: Pose, length: tuple[float, float], width: tuple[float, float]) -> bool:
-    """Whether any edge meets the rectangle of the robot (clipping each edge to it, in the robot's frame)."""
-    cos, sin = math.cos(start.yaw), math.sin(start.yaw)
-    a = edges[:, :2] - (start.x, start.y)
-    d = edges[:, 2:] - edges[:, :2]
-    enter = np.zeros(len(edges))
-    leave = np.ones(len(edges))
-    for (ux, uy), (low, high) in (((cos, sin), length), ((-sin, cos), width)):
-        begin = a[:, 0] * ux + a[:, 1] * uy
-        step = d[:, 0] * ux + d[:, 1] * uy
-        still = np.abs(step) < 1e-12
-        safe = np.where(still, 1.0, step)
-        one, two = (low - begin) / safe, (high - begin) / safe
-        enter = np.where(
-            still, np.where((low <= begin) & (begin <= high), enter, 2.0), np.maximum(enter, np.minimum(one, two))
-        )
-        leave = np.where(still, leave, np.minimum(leave, np.maximum(one, two)))
-    return bool((enter <= leave).any())
-
-
-def _has_lidar_in_solid(around: Surroundings, start: Pose) -> bool:
-    """Whether a lidar is inside a wall or an object; one on a mast that stands out of the footprint may be."""
-    cos, sin = math.cos(start.yaw), math.sin(start.yaw)
-    return any(
-        around.is_inside_solid(start.x + cos * q.x - sin * q.y, start.y + sin * q.x + cos * q.y)
-        for q in around.robot.lidars
-    )
+    corners = np.array([(rear, right), (front, right), (front, left), (rear, left)])
+    edges = shapely.linestrings(around.edges.reshape(-1, 2, 2))
+    return bool(shapely.intersects(placed(corners, start.x, start.y, start.yaw), edges).any())
 
 
 def stands_on_person(crowd: Crowd, start: Pose) -> bool:
     """Whether the robot's body at the start overlaps a person by more than `START_OVERLAP_M`."""
-    people = np.column_stack([crowd.x, crowd.y])
-    return overlap_at_start(crowd.outline, people, crowd.radius, start.x, start.y, start.yaw) > START_OVERLAP_M
+    robot = placed(crowd.outline, start.x, start.y, start.yaw)
+    overlaps = crowd.radius - shapely.distance(robot, shapely.points(crowd.x, crowd.y))
+    return bool((overlaps > START_OVERLAP_M).any())
 
 
 NAME = "embedded"
@@ -174,7 +153,7 @@ class EmbeddedSimulator(Simulator):
     code_options = ()  # the stack is checked where it is made
 
     def __init__(self, profile: str = "default", *, stack: StackLike | None = None, **options: Any) -> None:
-        self._options = _profile(profile, **options)
+        self._options = named_profile(profile, **options)
         choice = None if stack is None else StackChoice.of(stack)
         self._stack = None if choice is None or (choice.is_default and not choice.messages) else choice
 
@@ -232,17 +211,13 @@ class EmbeddedSimulator(Simulator):
         )
 
 
-_profile = profile
-
-
 def stored_options(options: SimulatorOptions, stack: StackChoice | None = None) -> dict[str, object]:
     """Return options as plain data, with the version of the simulator's rules and the content of the default robot.
 
     `stack`: another than the built-in one, with its version.
     """
-    under_test = {} if stack is None else {"stack": stack.record.model_dump(mode="json")}
-    version = {"version": VERSION, "default_robot": load_robot(DEFAULT_ROBOT).id}
-    return {**version, **options.model_dump(mode="json"), **under_test}
+    stored = {"version": VERSION, "default_robot": load_robot(DEFAULT_ROBOT).id, **options.model_dump(mode="json")}
+    return stored if stack is None else {**stored, "stack": stack.record.model_dump(mode="json")}
 
 
 def simulate_agents(
@@ -269,7 +244,10 @@ def simulate_agents(
     route = _settled(route, options.settling_m)
     _check(route, seed)
     robot = robot or load_robot(DEFAULT_ROBOT)
-    robot = _with_options(robot if stack is None else stack.driver.adapt(robot), options)
+    robot = robot if stack is None else stack.driver.adapt(robot)
+    wanted = {"rays": options.lidar_rays, "max_range_m": options.lidar_range_m, "noise_m": options.lidar_noise_m}
+    if changes := {name: value for name, value in wanted.items() if value is not None}:
+        robot = robot.replace(lidars=tuple(lidar.replace(**changes) for lidar in robot.lidars))
     around = surroundings(world, robot)
     walls = around.walls()
     start = free_start(around, route.start) if options.solid_walls else route.start
@@ -281,8 +259,14 @@ def simulate_agents(
         agents, world, options=people_options(options), seed=seed, robot=robot,
         time_limit_s=route.time_limit_s * settings.clock,
     )  # fmt: skip
-    moving = _moving(world, agents, options, scene, walls, crowd)
-    if moving is not None:
+    moving = None
+    if world.moving_doors or any(agent.outline for agent in agents):
+        if options.human_defects:
+            raise InputError(
+                "the profile published-study knows neither automatic doors nor trolleys and wheelchairs; take the "
+                "default profile"
+            )
+        moving = MovingBodies(world.moving_doors, agents, scene, walls, crowd)
         scene, walls, crowd = moving.scene, moving.walls, moving.crowd
     record = new_recording(route.time_limit_s, settings.clock, len(agents))
     blocked = start is None or is_blocked(around, scene, route.start, offset)
@@ -296,7 +280,10 @@ def simulate_agents(
     details: dict[str, object] = {}
     state.body[base.X : base.YAW + 1] = (route.start.x, route.start.y, base.wrap(route.start.yaw))
     if blocked:
-        _stand_still(record, route.start, crowd)
+        for rows, humans in ((record.track, record.track_humans), (record.log, record.log_humans)):
+            rows[0, 1:4] = (route.start.x, route.start.y, route.start.yaw)
+            humans[0, :, :3] = np.column_stack([crowd.x, crowd.y, crowd.yaw])
+        record.counts[:] = (1, 1, 0)
         outcome = Outcome.BLOCKED_START
     else:
         stream(seed, "lidar").standard_normal(out=state.noise)
@@ -351,20 +338,6 @@ def simulate_agents(
     )
 
 
-def _moving(
-    world: World, agents: Sequence[HumanAgent], options: SimulatorOptions, scene: Scene, walls: Walls, crowd: Crowd
-) -> MovingBodies | None:
-    """Return the doors and trolleys of a run, or None where there are none."""
-    if not moves(world.moving_doors, agents):
-        return None
-    if options.human_defects:
-        raise InputError(
-            "the profile published-study knows neither automatic doors nor trolleys and wheelchairs; take the default "
-            "profile"
-        )
-    return MovingBodies(world.moving_doors, agents, scene, walls, crowd)
-
-
 def _task(
     driver: NavigationStack, robot: Robot, world: World, route: Route, goals: Floats, own: Localisation, seed: int
 ) -> Task:
@@ -395,32 +368,12 @@ def _settled(route: Route, by: tuple[float, float]) -> Route:
 
 def surroundings(world: World, robot: Robot) -> Surroundings:
     """Return the arrays of a world for a robot, computed once per process and kept for the last few pairs."""
-    key = (world.place_id, robot.id)
-    if key not in _SURROUNDINGS:
-        _SURROUNDINGS[key] = Surroundings(world, robot)
-        while len(_SURROUNDINGS) > _KEPT:
-            _SURROUNDINGS.popitem(last=False)
-    _SURROUNDINGS.move_to_end(key)
-    return _SURROUNDINGS[key]
+    return latest(_SURROUNDINGS, (world.place_id, robot.id), _KEPT, lambda: Surroundings(world, robot))
 
 
 def rollouts(robot: Robot) -> Rollouts:
     """Return the process's memory of a robot's rollouts: pure, so runs may share it one after another."""
-    if robot.id not in _ROLLOUTS:
-        _ROLLOUTS[robot.id] = new_rollouts(len(sample_table(stack_of(robot))))
-        while len(_ROLLOUTS) > _KEPT_ROLLOUTS:
-            _ROLLOUTS.popitem(last=False)
-    _ROLLOUTS.move_to_end(robot.id)
-    return _ROLLOUTS[robot.id]
-
-
-def _with_options(robot: Robot, options: SimulatorOptions) -> Robot:
-    """Return the robot with the lidars that the options ask for."""
-    wanted = {"rays": options.lidar_rays, "max_range_m": options.lidar_range_m, "noise_m": options.lidar_noise_m}
-    changes = {name: value for name, value in wanted.items() if value is not None}
-    if not changes:
-        return robot
-    return robot.replace(lidars=tuple(lidar.replace(**changes) for lidar in robot.lidars))
+    return latest(_ROLLOUTS, robot.id, _KEPT_ROLLOUTS, lambda: new_rollouts(len(sample_table(stack_of(robot)))))
 
 
 def _check(route: Route, seed: int) -> None:
@@ -449,16 +402,6 @@ def _goals(route: Route, offset: tuple[float, float], in_map_frame: bool) -> Flo
     return poses
 
 
-def _stand_still(record: Recording, start: Pose, crowd: Any) -> None:
-    """The record of a run that ends where it begins."""
-    for rows, humans in ((record.track, record.track_humans), (record.log, record.log_humans)):
-        rows[0, 1:4] = (start.x, start.y, start.yaw)
-        humans[0, :, 0] = crowd.x
-        humans[0, :, 1] = crowd.y
-        humans[0, :, 2] = crowd.yaw
-    record.counts[:] = (1, 1, 0)
-
-
 def _outcome(state: State) -> Outcome:
     nav = state.nav
     if nav[st.RESULT] == st.REACHED:
@@ -477,22 +420,13 @@ def _finite(values: Floats) -> Floats:
 
 
 def _trajectory(rows: Floats, humans: Floats, count: int, sideways: bool) -> Trajectory:
-    robot_rows = _finite(rows[:count].T.copy())
-    human_rows = _finite(np.moveaxis(humans[:count], 2, 0).copy())
+    t, x, y, yaw, v, omega, acceleration, lateral = _finite(rows[:count].T.copy())
+    human_x, human_y, human_yaw, human_speed = _finite(np.moveaxis(humans[:count], 2, 0).copy())
     return Trajectory(
-        t=robot_rows[0],
-        x=robot_rows[1],
-        y=robot_rows[2],
-        yaw=robot_rows[3],
-        v=robot_rows[4],
-        omega=robot_rows[5],
-        acceleration=robot_rows[6],
-        lateral=robot_rows[7] if sideways else np.empty(0),
-        human_x=human_rows[0],
-        human_y=human_rows[1],
-        human_yaw=human_rows[2],
-        human_speed=human_rows[3],
-    )
+        t=t, x=x, y=y, yaw=yaw, v=v, omega=omega, acceleration=acceleration,
+        lateral=lateral if sideways else np.empty(0), human_x=human_x, human_y=human_y, human_yaw=human_yaw,
+        human_speed=human_speed,
+    )  # fmt: skip
 
 
 def warm_up(report: Callable[[str], None] | None = None) -> float:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +21,16 @@ from rvsg.simulation.embedded.localisation import Localisation, beam_scores
 from rvsg.simulation.embedded.navfn import BUFFER, HIGH, conversion, reaches, rest_of_way
 from rvsg.simulation.embedded.robot_parameters import Stack, inscribed_radius, max_range_m, scan_reach, stack_of
 from rvsg.simulation.embedded.rollouts import Rollouts, rollouts, sample_table
-from rvsg.simulation.embedded.walls import Walls, new_walls, reach_of
+from rvsg.simulation.embedded.walls import Walls, cell_borders, edges_of, new_walls, reach_of
 from rvsg.world.world import OccupancyMap, World
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
 
+
+K = TypeVar("K")
+V = TypeVar("V")
 
 TILE_M = 1.0
 RASTER_M = 0.1
@@ -61,6 +65,16 @@ class Scene(NamedTuple):
     tile_reach: float
 
 
+def latest(cache: OrderedDict[K, V], key: K, most: int, make: Callable[[], V]) -> V:
+    """Return the value of a key, made where it is new; only the last `most` that were asked for are kept."""
+    if key not in cache:
+        cache[key] = make()
+        while len(cache) > most:
+            cache.popitem(last=False)
+    cache.move_to_end(key)
+    return cache[key]
+
+
 class Surroundings:
     """A scene and what Python, not a kernel, asks of it."""
 
@@ -73,7 +87,9 @@ class Surroundings:
                 f"world {world.name}: the occupancy map is turned by {occupancy.origin.yaw} rad; "
                 "the simulator needs an upright one. Rotate the map image and set the origin's yaw to 0."
             )
-        static = static_costs(occupancy)
+        static = np.full(occupancy.cells.shape, UNKNOWN, np.uint8)
+        static[occupancy.cells == 0] = FREE
+        static[occupancy.cells == 100] = LETHAL
         self.edges, self.owner = lidar_edges(world)
         self.beam_scores = beam_scores(occupancy, robot.lidars[0].max_range_m)
         self.x, self.y, rows, columns = _extent(world, self.edges)
@@ -112,12 +128,8 @@ class Surroundings:
             return None
         if scene.inflated[row, column] >= INSCRIBED:
             return None
-        if (row, column) not in self.rests:
-            self.rests[row, column] = rest_of_way(scene.inflated, scene.reach, scene.table, column, row)
-            while len(self.rests) > KEPT_GOALS:
-                self.rests.popitem(last=False)
-        self.rests.move_to_end((row, column))
-        return self.rests[row, column]
+        grids = scene.inflated, scene.reach, scene.table
+        return latest(self.rests, (row, column), KEPT_GOALS, lambda: rest_of_way(*grids, column, row))
 
     def is_inside_solid(self, x: float, y: float) -> bool:
         """Whether a point lies within what the lidar plane cuts of some object (outlines of one object: even-odd)."""
@@ -138,14 +150,6 @@ class Surroundings:
         return self.open_scene, False
 
 
-def static_costs(occupancy: OccupancyMap) -> Bytes:
-    """The static layer: 0 free, 254 occupied, 255 unknown."""
-    costs = np.full(occupancy.cells.shape, UNKNOWN, np.uint8)
-    costs[occupancy.cells == 0] = FREE
-    costs[occupancy.cells == 100] = LETHAL
-    return costs
-
-
 def lidar_edges(world: World) -> tuple[Floats, NDArray[np.int64]]:
     """Edges (E, 4) of what the lidar plane cuts, world frame, and the number of the object each belongs to.
 
@@ -155,39 +159,15 @@ def lidar_edges(world: World) -> tuple[Floats, NDArray[np.int64]]:
     owner: list[int] = []
     for number, thing in enumerate(world.solids):
         for outline in thing.slices:
-            points = np.asarray(outline, np.float64).reshape(-1, 2)
-            found.append(np.hstack([points, np.roll(points, -1, axis=0)]))
-            owner += [number] * len(points)
+            found.append(edges_of(np.asarray(outline, np.float64).reshape(-1, 2)))
+            owner += [number] * len(found[-1])
     if not world.objects:
-        walls = _map_borders(world)
-        found.append(walls)
-        owner += [len(world.solids)] * len(walls)
+        occupancy = world.occupancy
+        x, y = occupancy.origin.x + world.map_offset[0], occupancy.origin.y + world.map_offset[1]
+        found.append(cell_borders(occupancy.cells == 100, occupancy.resolution, x, y))
+        owner += [len(world.solids)] * len(found[-1])
     edges = np.concatenate(found) if found else np.zeros((0, 4))
     return np.ascontiguousarray(edges), np.array(owner, np.int64)
-
-
-def _map_borders(world: World) -> Floats:
-    """Return the borders of the map's occupied cells (E, 4), world frame."""
-    x = world.occupancy.origin.x + world.map_offset[0]
-    y = world.occupancy.origin.y + world.map_offset[1]
-    return cell_borders(world.occupancy.cells == 100, world.occupancy.resolution, x, y)
-
-
-def cell_borders(occupied: NDArray[np.bool_], resolution: float, x: float, y: float) -> Floats:
-    """The borders between occupied and other cells as segments (S, 4), straight runs joined."""
-    found = []
-    for grid, turned in ((occupied, False), (occupied.T, True)):
-        padded = np.pad(grid.astype(np.int8), 1)
-        border = (padded[1:, 1:-1] != padded[:-1, 1:-1]).astype(np.int8)
-        change = np.diff(np.pad(border, ((0, 0), (1, 1))), axis=1)
-        line, first = np.nonzero(change == 1)
-        _, last = np.nonzero(change == -1)
-        a = np.column_stack([first, line]) * resolution
-        b = np.column_stack([last, line]) * resolution
-        if turned:
-            a, b = a[:, ::-1], b[:, ::-1]
-        found.append(np.hstack([a + np.array([x, y]), b + np.array([x, y])]))
-    return np.ascontiguousarray(np.concatenate(found))
 
 
 def closed_region(edges: Floats, x: float, y: float, rows: int, columns: int, range_m: float) -> NDArray[np.bool_]:

@@ -24,16 +24,13 @@ from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.behaviour_tree import ODOMETRY_DEADBAND
 from rvsg.simulation.embedded.dwb import PLAN_END, STAMP
 from rvsg.simulation.embedded.episode import Episode, Outside
-from rvsg.simulation.embedded.lidar import FAR, NO_RETURN, scan
+from rvsg.simulation.embedded.lidar import first_ray, full_scan
 from rvsg.simulation.embedded.localisation import MAP_YAW
 from rvsg.simulation.embedded.robot_parameters import (
     LIDAR_MAX,
     LIDAR_MIN,
     LIDAR_RAYS,
     LIDAR_VIEW,
-    LIDAR_X,
-    LIDAR_Y,
-    LIDAR_YAW,
     Stack,
 )
 from rvsg.simulation.embedded.rollouts import SAMPLE_SIDE, SAMPLE_STEPS, SAMPLE_V, SAMPLE_W
@@ -137,17 +134,9 @@ def scales(p: Stack) -> tuple[float, ...]:
 
 
 def raw_scores(
-    nav: Ints,
-    sources: NDArray[np.int32],
-    samples: Floats,
-    ends: Floats,
-    master: NDArray[np.uint8],
-    window: tuple[int, int],
-    path: Floats,
-    goal_yaw: float,
-    pose: tuple[float, float, float],
-    p: Stack,
-) -> Floats:
+    nav: Ints, sources: NDArray[np.int32], samples: Floats, ends: Floats, master: NDArray[np.uint8],
+    window: tuple[int, int], path: Floats, goal_yaw: float, pose: tuple[float, float, float], p: Stack,
+) -> Floats:  # fmt: skip
     """Return the raw score of every critic for every sample, (S, `CRITICS`), just after `dwb.choose`.
 
     `scales` times these adds up to the total where no critic forbids the sample; elsewhere they mean nothing.
@@ -367,6 +356,9 @@ class _Recorder:
         body, nav = state.body, state.nav
         self._maps = (float(stack.resolution), float(scene.resolution), (float(scene.origin_x), float(scene.origin_y)))
         evaluation, self._evaluation = self._evaluation, None
+        plan, planned_at, end = None, float(state.times[st.PLAN_T]), int(nav[PLAN_END])
+        if planned_at != self._planned_at and end != 0:
+            self._planned_at, plan = planned_at, state.path[1, :end].copy()
         lidars = range(stack.lidars.shape[0])
         return Frame(
             t=episode.t,
@@ -382,17 +374,10 @@ class _Recorder:
                 float(nav[st.WINDOW_COLUMN] * stack.resolution),
                 float(nav[st.WINDOW_ROW] * stack.resolution),
             ),
-            plan=self._new_plan(state),
+            plan=plan,
             global_costmap=self._new_cells(state.global_master),
             evaluation=evaluation,
         )
-
-    def _new_plan(self, state: State) -> Floats | None:
-        planned_at, end = float(state.times[st.PLAN_T]), int(state.nav[PLAN_END])
-        if planned_at == self._planned_at or end == 0:
-            return None
-        self._planned_at = planned_at
-        return state.path[1, :end].copy()
 
     def _new_cells(self, master: NDArray[np.uint8]) -> Patch | None:
         if master.shape != self._global.shape:
@@ -425,9 +410,10 @@ class _Recorder:
         commanded = body[[base.COMMAND_V, base.COMMAND_W, base.COMMAND_SIDE]]
         asked = (samples[:count, parts] == commanded).all(axis=1)
         chosen = np.flatnonzero(asked & np.isfinite(score))
+        goal_yaw = float(state.goals[-1, 2] - state.own.frame[MAP_YAW])  # as the robot believes it
         raw = raw_scores(
             state.nav, state.scratch.sources, samples[:count], ends, state.local[st.MASTER],
-            (int(state.nav[st.WINDOW_COLUMN]), int(state.nav[st.WINDOW_ROW])), state.path[1], _goal_yaw(state), pose,
+            (int(state.nav[st.WINDOW_COLUMN]), int(state.nav[st.WINDOW_ROW])), state.path[1], goal_yaw, pose,
             state.stack,
         )  # fmt: skip
         if not state.stack.dwb_whole_range:
@@ -450,29 +436,13 @@ def _velocity(state: State, *parts: int) -> tuple[float, ...]:
     return tuple(float(state.body[part]) for part in (parts if state.stack.base_side > 0.0 else parts[:-1]))
 
 
-def _goal_yaw(state: State) -> float:
-    """Return the goal's yaw as the robot believes it."""
-    return float(state.goals[-1, 2] - state.own.frame[MAP_YAW])
-
-
 def _cast(episode: Episode, side: int) -> Floats:
     """Cast the latest scan of a lidar again, into an array of its own and without noise."""
-    state, scene = episode.state, episode.scene
-    mount, (x, y, yaw) = state.stack.lidars[side], state.scanned[side]
-    rays = int(mount[LIDAR_RAYS])
-    ranges = np.zeros(rays)
-    scan(
-        ranges,
-        state.directions[side],
-        x + mount[LIDAR_X] * math.cos(yaw) - mount[LIDAR_Y] * math.sin(yaw),
-        y + mount[LIDAR_X] * math.sin(yaw) + mount[LIDAR_Y] * math.cos(yaw),
-        yaw + mount[LIDAR_YAW] - 0.5 * mount[LIDAR_VIEW],
-        scene.edges,
-        np.arange(len(scene.edges), dtype=np.int32),
-        state.legs[side],
-        episode.settings.closed,
-        mount[LIDAR_VIEW],
-        float(mount[LIDAR_MAX]),
-    )
-    nothing = (ranges == NO_RETURN) | (ranges >= FAR) | (ranges > mount[LIDAR_MAX]) | (ranges < mount[LIDAR_MIN])
-    return np.where(nothing, np.inf, ranges)
+    state = episode.state
+    mount = state.stack.lidars[side]
+    ranges = np.zeros(int(mount[LIDAR_RAYS]))
+    full_scan(
+        ranges, state.directions[side], mount[LIDAR_VIEW] / (len(ranges) - 1), *first_ray(mount, state.scanned[side]),
+        episode.scene.edges, state.legs[side],
+    )  # fmt: skip
+    return np.where((ranges > mount[LIDAR_MAX]) | (ranges < mount[LIDAR_MIN]), np.inf, ranges)

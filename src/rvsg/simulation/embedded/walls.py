@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -174,37 +174,35 @@ def new_walls(
     )
 
 
+@inner
+def tile_at(walls: Walls, x: float, y: float) -> int:
+    """Return the number of the tile that holds a point; -1 off the raster."""
+    column = int((x - walls.x) // 1.0)
+    row = int((y - walls.y) // 1.0)
+    return row * walls.columns + column if 0 <= column < walls.columns and 0 <= row < walls.rows else -1
+
+
 @kernel
 def overlap(walls: Walls, x: float, y: float, yaw: float) -> float:
     """Return the length of outlines inside the body at a pose, m."""
-    column = int((x - walls.x) // 1.0)
-    row = int((y - walls.y) // 1.0)
-    if not (0 <= column < walls.columns and 0 <= row < walls.rows):
+    tile = tile_at(walls, x, y)
+    if tile < 0:
         return 0.0
-    tile = row * walls.columns + column
     cos = math.cos(yaw)
     sin = math.sin(yaw)
     found = 0.0
     for k in range(walls.start[tile], walls.start[tile + 1]):
-        edge = walls.edges[walls.near[k]]
-        dx = edge[0] - x
-        dy = edge[1] - y
-        ex = edge[2] - x
-        ey = edge[3] - y
-        found += _length_inside(
-            walls, cos * dx + sin * dy, cos * dy - sin * dx, cos * ex + sin * ey, cos * ey - sin * ex
-        )
+        ax, ay, bx, by = base.into_frame(walls.edges[walls.near[k]], x, y, cos, sin)
+        found += _length_inside(walls, ax, ay, bx, by)
     return found
 
 
 @kernel
 def clearance(walls: Walls, x: float, y: float) -> float:
     """Return the distance of a point from the nearest outline, at most `reach`, m."""
-    column = int((x - walls.x) // 1.0)
-    row = int((y - walls.y) // 1.0)
-    if not (0 <= column < walls.columns and 0 <= row < walls.rows):
+    tile = tile_at(walls, x, y)
+    if tile < 0:
         return 0.0
-    tile = row * walls.columns + column
     best = walls.reach * walls.reach
     for k in range(walls.start[tile], walls.start[tile + 1]):
         edge = walls.edges[walls.near[k]]
@@ -260,24 +258,14 @@ def _length_inside(walls: Walls, ax: float, ay: float, bx: float, by: float) -> 
 @inner
 def _deepest(walls: Walls, x: float, y: float, yaw: float) -> tuple[float, float, float, float, float]:
     """Return the deepest contact at a pose: depth (m), place and direction for the body in the base frame."""
-    column = int((x - walls.x) // 1.0)
-    row = int((y - walls.y) // 1.0)
+    tile = tile_at(walls, x, y)
     found = (0.0, 0.0, 0.0, 0.0, 0.0)
-    if not (0 <= column < walls.columns and 0 <= row < walls.rows):
+    if tile < 0:
         return found
-    tile = row * walls.columns + column
     cos = math.cos(yaw)
     sin = math.sin(yaw)
     for k in range(walls.start[tile], walls.start[tile + 1]):
-        edge = walls.edges[walls.near[k]]
-        dx = edge[0] - x
-        dy = edge[1] - y
-        ex = edge[2] - x
-        ey = edge[3] - y
-        ax = cos * dx + sin * dy
-        ay = cos * dy - sin * dx
-        bx = cos * ex + sin * ey
-        by = cos * ey - sin * ex
+        ax, ay, bx, by = base.into_frame(walls.edges[walls.near[k]], x, y, cos, sin)
         if _length_inside(walls, ax, ay, bx, by) > 0.0:
             pressing = contact_with(walls.outline, ax, ay, bx, by)
             if pressing[0] > found[0]:
@@ -428,9 +416,7 @@ def _place(walls: Walls, x: float, y: float, yaw: float) -> tuple[float, float]:
         ay = edge[1] - y
         bx = edge[2] - x
         by = edge[3] - y
-        found = _length_inside(
-            walls, cos * ax + sin * ay, cos * ay - sin * ax, cos * bx + sin * by, cos * by - sin * bx
-        )
+        found = _length_inside(walls, *base.into_frame(edge, x, y, cos, sin))
         if found > best:
             best = found
             square = (bx - ax) ** 2 + (by - ay) ** 2
@@ -462,6 +448,29 @@ def is_stuck(walls: Walls, x: float, y: float) -> bool:
         return False
     last = walls.contacts[n - 1]
     return math.hypot(x - float(last[LAST_X]), y - float(last[LAST_Y])) < STUCK_M
+
+
+def edges_of(corners: Any) -> Floats:
+    """Return the closed outline of corners (K, 2) as segments (K, 4)."""
+    points = np.asarray(corners, np.float64)
+    return np.hstack([points, np.roll(points, -1, axis=0)])
+
+
+def cell_borders(occupied: NDArray[np.bool_], resolution: float, x: float, y: float) -> Floats:
+    """Return the borders between occupied and other cells as segments (S, 4), straight runs joined."""
+    found = []
+    for grid, turned in ((occupied, False), (occupied.T, True)):
+        padded = np.pad(grid.astype(np.int8), 1)
+        border = (padded[1:, 1:-1] != padded[:-1, 1:-1]).astype(np.int8)
+        change = np.diff(np.pad(border, ((0, 0), (1, 1))), axis=1)
+        line, first = np.nonzero(change == 1)
+        _, last = np.nonzero(change == -1)
+        a = np.column_stack([first, line]) * resolution
+        b = np.column_stack([last, line]) * resolution
+        if turned:
+            a, b = a[:, ::-1], b[:, ::-1]
+        found.append(np.hstack([a + np.array([x, y]), b + np.array([x, y])]))
+    return np.ascontiguousarray(np.concatenate(found))
 
 
 def free_pose(walls: Walls, start: Pose) -> Pose | None:

@@ -495,9 +495,6 @@ def _content(command: str) -> str:
     return f"+{digest.hexdigest()[:12]}"
 
 
-__all__ = ["Connection", "ExternalPlanner", "ExternalStack"]
-
-
 CLIENTS = ("rvsg_client.py", "rvsg_client.hpp")
 """Files to copy for stacks in another process, in Python and C++."""
 

@@ -264,17 +264,22 @@ NotNegative = Annotated[float, Field(ge=0)]
 Steps = Annotated[int, Field(ge=1, le=100)]
 
 
-class Constraint(Record):
-    """Speeds beyond the limits."""
+class Critic(Record):
+    """A critic of the sampled trajectories; what is scored says its class."""
 
     enabled: bool = True
+    cost_weight: NotNegative = 5.0
+
+
+class Constraint(Critic):
+    """Speeds beyond the limits."""
+
     cost_weight: NotNegative = 4.0
 
 
-class Cost(Record):
+class Cost(Critic):
     """Costs of the local costmap under the trajectories."""
 
-    enabled: bool = True
     cost_weight: NotNegative = 3.81
     critical_cost: NotNegative = 300.0
     near_collision_cost: NotNegative = 253.0
@@ -284,26 +289,22 @@ class Cost(Record):
     consider_footprint: bool = True
 
 
-class Goal(Record):
+class Goal(Critic):
     """Distance from the goal."""
 
-    enabled: bool = True
-    cost_weight: NotNegative = 5.0
     threshold_to_consider: NotNegative = 1.4
 
 
-class GoalAngle(Record):
+class GoalAngle(Critic):
     """Distance from the goal's yaw."""
 
-    enabled: bool = True
     cost_weight: NotNegative = 3.0
     threshold_to_consider: NotNegative = 0.5
 
 
-class PathAlign(Record):
+class PathAlign(Critic):
     """Distance from the path along the trajectory."""
 
-    enabled: bool = True
     cost_weight: NotNegative = 10.0
     max_path_occupancy_ratio: NotNegative = 0.07
     offset_from_furthest: Annotated[int, Field(ge=1)] = 20
@@ -311,34 +312,29 @@ class PathAlign(Record):
     threshold_to_consider: NotNegative = 0.5
 
 
-class PathFollow(Record):
+class PathFollow(Critic):
     """Distance of the trajectory's end from a point ahead on the path."""
 
-    enabled: bool = True
-    cost_weight: NotNegative = 5.0
     offset_from_furthest: Annotated[int, Field(ge=0)] = 6
     threshold_to_consider: NotNegative = 1.4
 
 
-class PathAngle(Record):
+class PathAngle(Critic):
     """Heading of the trajectory's end towards a point ahead on the path."""
 
-    enabled: bool = True
     cost_weight: NotNegative = 2.2
     offset_from_furthest: Annotated[int, Field(ge=0)] = 4
     threshold_to_consider: NotNegative = 0.5
     max_angle_to_furthest: NotNegative = 0.785398
 
 
-class PreferForward(Record):
+class PreferForward(Critic):
     """Driving backwards."""
 
-    enabled: bool = True
-    cost_weight: NotNegative = 5.0
     threshold_to_consider: NotNegative = 0.5
 
 
-class Twirling(Record):
+class Twirling(Critic):
     """Turning."""
 
     enabled: bool = False
@@ -431,8 +427,8 @@ class Mppi(Configured):
         """Return the options with what the robot adds to them."""
         s = self.settings
 
-        def weight(critic: Record) -> float:
-            return float(critic.cost_weight) if critic.enabled else 0.0  # type: ignore[attr-defined]
+        def weight(critic: Critic) -> float:
+            return critic.cost_weight if critic.enabled else 0.0
 
         cost, align, follow, angle = s.CostCritic, s.PathAlignCritic, s.PathFollowCritic, s.PathAngleCritic
         return Numbers(

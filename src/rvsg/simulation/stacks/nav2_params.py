@@ -64,7 +64,7 @@ class Nav2File:
 class Section:
     """The parameters of a node or a plug-in; remembers which of them were used."""
 
-    def __init__(self, reader: Reader, place: Key, values: Any) -> None:
+    def __init__(self, reader: _Reader, place: Key, values: Any) -> None:
         self._reader, self.place = reader, place
         self.values: Mapping[str, Any] = values if isinstance(values, Mapping) else {}
 
@@ -88,74 +88,15 @@ class Section:
             self._reader.wrong((*self.place, key), f"expected a number, got {value!r}")
         return value
 
+    def copy_to(self, into: dict[str, Any], **names: str) -> None:
+        """Set options to the numbers of these names, where they are given."""
+        for option, key in names.items():
+            if (value := self.number(key)) is not None:
+                into[option] = value
+
     def inner(self, key: str) -> Section:
         """Return a plug-in's section."""
         return Section(self._reader, (*self.place, key), self.values.get(key))
-
-
-class Reader:
-    """Reads a parameter file; keeps what was used and what is not supported."""
-
-    def __init__(self, path: Path, document: Mapping[str, Any]) -> None:
-        self.path, self.document = path, document
-        self.used: dict[Key, str] = {}
-        self.refused: dict[Key, str] = {}
-        self.idle: dict[Key, str] = {}
-        """Sections that change nothing, and why."""
-        self.options: dict[str, Any] = {"smoother": {}, "costmaps": {}, "behaviours": {}}
-
-    def use(self, key: Key, note: str = "") -> None:
-        """Mark a key as honoured."""
-        self.used[key] = note
-
-    def refuse(self, key: Key, note: str) -> None:
-        """Mark a key as not supported, with the reason."""
-        self.refused[key] = note
-
-    def wrong(self, key: Key, message: str, code: str = "document") -> Never:
-        """Raise what is wrong with a key."""
-        line = read_yaml(self.path).lines.get(key)
-        error = DocumentError([Problem(self.path, line, f"{'.'.join(map(str, key))}: {message}", key, code)])
-        error.code = code
-        raise error
-
-    def node(self, *names: str) -> Section:
-        """Return the section of a node, with the wild card of a namespace or not."""
-        found: Any = self.document
-        for name in (*names, "ros__parameters"):
-            found = found.get(name) if isinstance(found, Mapping) else None
-        return Section(self, (*names, "ros__parameters"), found)
-
-    def kind_of(self, section: Section, known: tuple[str, ...] | Mapping[str, str], what: str) -> str:
-        """Return the class of a plug-in, without its package; refuse one that is not simulated."""
-        plugin = str(section.get("plugin", ""))
-        kind = re.split(r"::|/", plugin)[-1]
-        if kind not in known:
-            near = difflib.get_close_matches(kind, list(known), n=1, cutoff=0.0)
-            self.wrong(
-                (*section.place, "plugin"),
-                f"the {what} {plugin or '(no plugin)'} is not simulated. The nearest that is: "
-                f"{near[0] if near else '-'}. Simulated: {', '.join(known)}. To test yours as it is, use "
-                "--stack ros2 or exec:COMMAND.",
-                "not-simulated",
-            )
-        return kind
-
-    def first_of(self, section: Section, *keys: str, default: str) -> str:
-        """Return the name of the first plug-in that a key lists."""
-        for key in keys:
-            names = section.get(key)
-            if names:
-                if isinstance(names, list) and len(names) > 1:
-                    self.refuse((*section.place, key), f"only the first is simulated: {names[0]}")
-                return str(names[0] if isinstance(names, list) else names)
-        return default
-
-
-def put(into: dict[str, Any], key: str, value: Any) -> None:
-    """Set a value, unless it is None."""
-    if value is not None:
-        into[key] = value
 
 
 def circle(radius: float) -> tuple[tuple[float, float], ...]:
@@ -225,17 +166,15 @@ WORDS = re.compile(
     r"(topic|frame|frame_id|use_sim_time|publish|visuali[sz]e|debug|groot|bond|introspection|qos|service|transform_tolerance"
     r"|realtime|server_timeout|source_timeout|stop_pub_timeout|terminal_checking_interval|expected_planner_frequency|odom_duration|filter_duration|stamp_smoothed|map_subscribe|result_timeout|update_timeout|navigators|always_send_full|plugin_lib_names|rviz|verbose|tf_broadcast|error_code)"
 )
-"""Keys of transport, time and display: they change no motion in lock-step without delays."""
-
-
 PLANAR = re.compile(
     r"(z_|origin_z|obstacle_height|m(in|ax)_height|mark_threshold|unknown_threshold|combination_method)"
 )
-"""Keys of the third dimension: the lidars here are planar."""
 SIDEWAYS = re.compile(
     r"(_y$|^vy_|^ay_|_xy$|min_y_|AckermannConstraints|short_circuit|TrajectoryVisualizer|regenerate_noises)"
 )
-"""Keys of sideways motion, which only DWB plans with, and of computing time."""
+SIDEWAYS_NOTE = "sideways motion that is not asked for, or computing time"
+IDLE = ((WORDS, "transport, time or display"), (PLANAR, "the lidars are planar"), (SIDEWAYS, SIDEWAYS_NOTE))
+"""Keys that change no motion in lock-step without delays, and why."""
 AS_SIMULATED = {
     "rolling_window": True, "clearing": True, "marking": True, "data_type": "LaserScan",
     "raytrace_min_range": 0.0, "obstacle_min_range": 0.0, "bt_loop_duration": 10, "min_x_velocity_threshold": 0.001,
@@ -284,11 +223,66 @@ def read_nav2_params(path: str | Path) -> Nav2File:
             path, "this is no parameter file of Nav2: none of the nodes "
             f"{', '.join(SERVERS[:5])} ... is in it."
         )  # fmt: skip
-    return _Params(path, document).read()
+    return _Reader(path, document).read()
 
 
-class _Params(Reader):
-    """What of each node is simulated."""
+class _Reader:
+    """Reads every node of a parameter file; keeps what was used and what is not supported."""
+
+    def __init__(self, path: Path, document: Mapping[str, Any]) -> None:
+        self.path, self.document = path, document
+        self.used: dict[Key, str] = {}
+        self.refused: dict[Key, str] = {}
+        self.idle: dict[Key, str] = {}
+        """Sections that change nothing, and why."""
+        self.options: dict[str, Any] = {"smoother": {}, "costmaps": {}, "behaviours": {}}
+
+    def use(self, key: Key, note: str = "") -> None:
+        """Mark a key as honoured."""
+        self.used[key] = note
+
+    def refuse(self, key: Key, note: str) -> None:
+        """Mark a key as not supported, with the reason."""
+        self.refused[key] = note
+
+    def wrong(self, key: Key, message: str, code: str = "document") -> Never:
+        """Raise what is wrong with a key."""
+        line = read_yaml(self.path).lines.get(key)
+        error = DocumentError([Problem(self.path, line, f"{'.'.join(map(str, key))}: {message}", key, code)])
+        error.code = code
+        raise error
+
+    def node(self, *names: str) -> Section:
+        """Return the section of a node, with the wild card of a namespace or not."""
+        found: Any = self.document
+        for name in (*names, "ros__parameters"):
+            found = found.get(name) if isinstance(found, Mapping) else None
+        return Section(self, (*names, "ros__parameters"), found)
+
+    def kind_of(self, section: Section, known: tuple[str, ...] | Mapping[str, str], what: str) -> str:
+        """Return the class of a plug-in, without its package; refuse one that is not simulated."""
+        plugin = str(section.get("plugin", ""))
+        kind = re.split(r"::|/", plugin)[-1]
+        if kind not in known:
+            near = difflib.get_close_matches(kind, list(known), n=1, cutoff=0.0)
+            self.wrong(
+                (*section.place, "plugin"),
+                f"the {what} {plugin or '(no plugin)'} is not simulated. The nearest that is: "
+                f"{near[0] if near else '-'}. Simulated: {', '.join(known)}. To test yours as it is, use "
+                "--stack ros2 or exec:COMMAND.",
+                "not-simulated",
+            )
+        return kind
+
+    def first_of(self, section: Section, *keys: str, default: str) -> str:
+        """Return the name of the first plug-in that a key lists."""
+        for key in keys:
+            names = section.get(key)
+            if names:
+                if isinstance(names, list) and len(names) > 1:
+                    self.refuse((*section.place, key), f"only the first is simulated: {names[0]}")
+                return str(names[0] if isinstance(names, list) else names)
+        return default
 
     def read(self) -> Nav2File:
         """Read every node; return the file."""
@@ -307,18 +301,18 @@ class _Params(Reader):
         name = self.first_of(server, "controller_plugins", default="FollowPath")
         section = server.inner(name)
         kind = self.kind_of(section, CONTROLLERS, "controller")
-        behaviours = self.options["behaviours"]
-        put(behaviours, "controller_hz", server.number("controller_frequency"))
-        put(behaviours, "failure_tolerance_s", server.number("failure_tolerance"))
+        server.copy_to(
+            self.options["behaviours"], controller_hz="controller_frequency", failure_tolerance_s="failure_tolerance"
+        )
         {"nav2-dwb": self._dwb, "nav2-rpp": self._rpp, "nav2-mppi": self._mppi}[CONTROLLERS[kind]](section)
         handler = server.inner(self.first_of(server, "path_handler_plugins", default="PathHandler"))
         if CONTROLLERS[kind] == "nav2-mppi" and handler.values:
-            put(self.options, "prune_distance", handler.number("prune_distance"))
+            handler.copy_to(self.options, prune_distance="prune_distance")
         return CONTROLLERS[kind]
 
     def _dwb(self, section: Section) -> None:
-        values = {key: section.number(name) for key, name in DWB.items()}
-        values = {key: value for key, value in values.items() if value is not None}
+        values: dict[str, Any] = {}
+        section.copy_to(values, **DWB)
         for name in section.get("critics", []):
             if name not in CRITICS:
                 near = difflib.get_close_matches(str(name), CRITICS, n=1, cutoff=0.0)[0]
@@ -333,9 +327,8 @@ class _Params(Reader):
                           ("decel_lim_theta", "yaw_acceleration_rad_s2")):  # fmt: skip
             if (value := section.number(name)) is not None and abs(value) != values.get(key):
                 self.refuse((*section.place, *name.split(".")), f"it is that of {DWB[key]}")
-        for key in ("deceleration_m_s2",):
-            if key in values:
-                values[key] = abs(values[key])
+        if "deceleration_m_s2" in values:
+            values["deceleration_m_s2"] = abs(values["deceleration_m_s2"])
         if section.values.get("max_vel_y"):
             self._lateral(section, values)
         self.options["dwb"] = {key: value for key, value in values.items() if value != 0.0 or key not in POSITIVE}
@@ -355,7 +348,7 @@ class _Params(Reader):
         for name in PurePursuitSettings.model_fields:
             if (value := section.get(name)) is not None:
                 self.options[name] = value
-        put(self.options, "desired_linear_vel", section.number("max_linear_vel"))
+        section.copy_to(self.options, desired_linear_vel="max_linear_vel")
         if section.values.get("use_dynamic_window"):
             self.refuse((*section.place, "use_dynamic_window"), "the dynamic window of pure pursuit is not simulated")
 
@@ -390,14 +383,12 @@ class _Params(Reader):
     def _costmaps(self) -> None:
         maps = self.options["costmaps"]
         local, world = (self.node(name, name) for name in ("local_costmap", "global_costmap"))
-        put(maps, "local_size_m", local.number("width"))
+        local.copy_to(maps, local_size_m="width", local_resolution_m="resolution", local_update_hz="update_frequency")
+        world.copy_to(maps, global_update_hz="update_frequency")
         if local.values.get("height", local.values.get("width")) != local.values.get("width"):
             self.refuse((*local.place, "height"), "a square of the width is simulated")
         elif "height" in local.values:
             self.use((*local.place, "height"))
-        put(maps, "local_resolution_m", local.number("resolution"))
-        put(maps, "local_update_hz", local.number("update_frequency"))
-        put(maps, "global_update_hz", world.number("update_frequency"))
         for section, prefix in ((local, "local"), (world, "global")):
             self._layers(section, prefix)
         self._footprint(local)
@@ -416,8 +407,8 @@ class _Params(Reader):
             kind = self.kind_of(layer, LAYERS, "costmap layer")
             layer.get("enabled")
             if kind == "InflationLayer":
-                put(maps, f"{prefix}_inflation_m", layer.number("inflation_radius"))
-                put(maps, f"{prefix}_cost_scaling", layer.number("cost_scaling_factor"))
+                names = {f"{prefix}_inflation_m": "inflation_radius", f"{prefix}_cost_scaling": "cost_scaling_factor"}
+                layer.copy_to(maps, **names)
             elif kind in ("ObstacleLayer", "VoxelLayer"):
                 self._sources(layer, prefix)
         listed = {str(name) for key in ("plugins", "filters") for name in section.values.get(key) or ()}
@@ -438,17 +429,14 @@ class _Params(Reader):
             for key in ("marking", "clearing"):
                 if source.values.get(key) is False:
                     self.refuse((*source.place, key), "every lidar marks and clears")
+            maps = self.options["costmaps"]
+            ranges = {"obstacle_range_m": "obstacle_max_range", "clearing_range_m": "raytrace_max_range"}
             if prefix == "local":
-                put(self.options["costmaps"], "obstacle_range_m", source.number("obstacle_max_range"))
-                put(self.options["costmaps"], "clearing_range_m", source.number("raytrace_max_range"))
-            else:
-                maps = self.options["costmaps"]
-                for key, local in (
-                    ("obstacle_max_range", "obstacle_range_m"),
-                    ("raytrace_max_range", "clearing_range_m"),
-                ):
-                    if source.number(key, maps.get(local)) != maps.get(local):
-                        self.refuse((*source.place, key), "the ranges of the local costmap hold for both")
+                source.copy_to(maps, **ranges)
+                continue
+            for local, key in ranges.items():
+                if source.number(key, maps.get(local)) != maps.get(local):
+                    self.refuse((*source.place, key), "the ranges of the local costmap hold for both")
 
     def _footprint(self, local: Section) -> None:
         radius, text = local.values.get("robot_radius"), local.values.get("footprint")
@@ -460,9 +448,8 @@ class _Params(Reader):
             except (ValueError, TypeError):
                 self.wrong((*local.place, "footprint"), f"expected a list of points [[x, y], ...], got {text!r:.60}")
         elif radius is not None:
-            found = local.number("robot_radius")
-            self.options["footprint"] = circle(found)
-        put(self.options, "padding_m", local.number("footprint_padding"))
+            self.options["footprint"] = circle(local.number("robot_radius"))
+        local.copy_to(self.options, padding_m="footprint_padding")
 
     def _checkers(self, server: Section) -> None:
         behaviours = self.options["behaviours"]
@@ -471,15 +458,13 @@ class _Params(Reader):
         )
         if progress.values:
             self.kind_of(progress, CHECKERS, "progress checker")
-            put(behaviours, "progress_m", progress.number("required_movement_radius"))
-            put(behaviours, "progress_s", progress.number("movement_time_allowance"))
+            progress.copy_to(behaviours, progress_m="required_movement_radius", progress_s="movement_time_allowance")
         goal = server.inner(
             self.first_of(server, "goal_checker_plugins", "goal_checker_plugin", default="goal_checker")
         )
         if goal.values:
             self.kind_of(goal, CHECKERS, "goal checker")
-            put(behaviours, "goal_tolerance_m", goal.number("xy_goal_tolerance"))
-            put(behaviours, "goal_tolerance_rad", goal.number("yaw_goal_tolerance"))
+            goal.copy_to(behaviours, goal_tolerance_m="xy_goal_tolerance", goal_tolerance_rad="yaw_goal_tolerance")
             if goal.get("stateful", True) is not True:
                 self.refuse((*goal.place, "stateful"), "the goal checker keeps that the place was reached")
 
@@ -489,7 +474,7 @@ class _Params(Reader):
             return
         section = server.inner(self.first_of(server, "planner_plugins", default="GridBased"))
         self.kind_of(section, ("NavfnPlanner",), "planner")
-        put(self.options["behaviours"], "planner_tolerance_m", section.number("tolerance"))
+        section.copy_to(self.options["behaviours"], planner_tolerance_m="tolerance")
         for key, value in PLANNING.items():
             if section.get(key, value, note="this is what is simulated") != value:
                 self.refuse((*section.place, key), f"{value!r} is simulated")
@@ -498,21 +483,18 @@ class _Params(Reader):
         server = self.node("behavior_server")
         server = server if server.values else self.node("recoveries_server")
         self.options["behaviours"]["waits_for_costmaps"] = True
-        names = {"spin_max_rad_s": "max_rotational_vel", "spin_min_rad_s": "min_rotational_vel",
-                 "spin_acceleration_rad_s2": "rotational_acc_lim", "look_ahead_s": "simulate_ahead_time"}  # fmt: skip
-        for key, name in names.items():
-            put(self.options["behaviours"], key, server.number(name))
+        server.copy_to(
+            self.options["behaviours"], spin_max_rad_s="max_rotational_vel", spin_min_rad_s="min_rotational_vel",
+            spin_acceleration_rad_s2="rotational_acc_lim", look_ahead_s="simulate_ahead_time",
+        )  # fmt: skip
         for name in server.get("behavior_plugins", server.get("recovery_plugins", [])):
             plugin = server.inner(str(name))
             if kind := str(plugin.values.get("plugin", "")):
                 is_jazzy = "::" in kind
                 self.options["behaviours"] |= {"smoothed": is_jazzy, "gives_up_without_plan": is_jazzy}
-                way = (
-                    "through the velocity smoother, as from Jazzy on"
-                    if is_jazzy
-                    else "past the velocity smoother, as in Humble"
-                )
-                plugin.get("plugin", note=f"recoveries drive {way}")
+                way = "through" if is_jazzy else "past"
+                release = "from Jazzy on" if is_jazzy else "in Humble"
+                plugin.get("plugin", note=f"recoveries drive {way} the velocity smoother, as {release}")
             for key in plugin.values.keys() - {"plugin"}:
                 self.refuse((*plugin.place, str(key)), "recoveries move as those of Humble do")
         tree = self.node("bt_navigator")
@@ -526,17 +508,16 @@ class _Params(Reader):
         section, smoother = self.node("velocity_smoother"), self.options["smoother"]
         if not section.values:
             return
-        put(smoother, "frequency_hz", section.number("smoothing_frequency"))
-        put(smoother, "timeout_s", section.number("velocity_timeout"))
+        section.copy_to(smoother, frequency_hz="smoothing_frequency", timeout_s="velocity_timeout")
         for key, (first, last) in VECTORS.items():
             vector = section.get(key)
             if vector is None:
                 continue
             if not isinstance(vector, list) or len(vector) != 3 or not all(isinstance(v, int | float) for v in vector):
                 self.wrong((*section.place, key), f"expected three numbers [x, y, yaw], got {vector!r}")
-            put(smoother, first, abs(float(vector[0])))
+            smoother[first] = abs(float(vector[0]))
             if last:
-                put(smoother, last, abs(float(vector[2])))
+                smoother[last] = abs(float(vector[2]))
             if vector[1]:
                 section.get(key, note="forward and turning; sideways, the robot's limits.lateral_m_s holds")
         if section.get("feedback", "OPEN_LOOP") != "OPEN_LOOP":
@@ -589,12 +570,10 @@ class _Params(Reader):
                 yield Entry(name, shown, "honoured", note)
             elif key[0].strip("/").partition("/")[0] in OUTSIDE:
                 yield Entry(name, shown, "no effect", f"{key[0]} has no part in a run here")
-            elif WORDS.search(key[-1]):
-                yield Entry(name, shown, "no effect", "transport, time or display")
-            elif PLANAR.search(key[-1]):
-                yield Entry(name, shown, "no effect", "the lidars are planar")
-            elif SIDEWAYS.search(key[-1]) or SIDEWAYS.search(key[-2]):
-                yield Entry(name, shown, "no effect", "sideways motion that is not asked for, or computing time")
+            elif why := next((why for pattern, why in IDLE if pattern.search(key[-1])), ""):
+                yield Entry(name, shown, "no effect", why)
+            elif SIDEWAYS.search(key[-2]):
+                yield Entry(name, shown, "no effect", SIDEWAYS_NOTE)
             elif AS_SIMULATED.get(key[-1].rpartition(".")[2], ...) == value:
                 yield Entry(name, shown, "honoured", "this is what is simulated")
             else:

@@ -57,32 +57,32 @@ class PurePursuitSettings(Nav2Settings):
 
 
 class Numbers(NamedTuple):
-    """The options and the robot as the kernel reads them."""
+    """The options, by their names, and the robot as the kernel reads them."""
 
-    speed: float
-    lookahead: float
-    min_lookahead: float
-    max_lookahead: float
+    desired_linear_vel: float
+    lookahead_dist: float
+    min_lookahead_dist: float
+    max_lookahead_dist: float
     lookahead_time: float
-    scaled_lookahead: bool
-    turn: float
-    turn_acceleration: float
-    rotates: bool
-    rotate_angle: float
-    approach_speed: float
-    approach_m: float
-    by_curvature: bool
-    min_radius: float
-    min_speed: float
-    by_cost: bool
-    cost_m: float
-    cost_gain: float
-    cost_scaling: float
-    fixed_curvature: bool
-    curvature_lookahead: float
-    checks: bool
-    check_s: float
-    reverses: bool
+    use_velocity_scaled_lookahead_dist: bool
+    rotate_to_heading_angular_vel: float
+    max_angular_accel: float
+    use_rotate_to_heading: bool
+    rotate_to_heading_min_angle: float
+    min_approach_linear_velocity: float
+    approach_velocity_scaling_dist: float
+    use_regulated_linear_velocity_scaling: bool
+    regulated_linear_scaling_min_radius: float
+    regulated_linear_scaling_min_speed: float
+    use_cost_regulated_linear_velocity_scaling: bool
+    cost_scaling_dist: float
+    cost_scaling_gain: float
+    inflation_cost_scaling_factor: float
+    use_fixed_curvature_lookahead: bool
+    curvature_lookahead_dist: float
+    use_collision_detection: bool
+    max_allowed_time_to_collision_up_to_carrot: float
+    allow_reversing: bool
     inscribed: float
     circumscribed: float
     goal_m: float
@@ -124,9 +124,9 @@ def curvature_to(cx: float, cy: float) -> float:
 def turn_towards(angle: float, w0: float, p: Numbers) -> float:
     """Return the yaw rate that turns on the spot by an angle, within the acceleration, and stops there."""
     sign = 1.0 if angle > 0.0 else -1.0
-    step = p.turn_acceleration * p.period_s
-    w = min(w0 + step, max(w0 - step, sign * p.turn))
-    stopping = math.sqrt(2.0 * p.turn_acceleration * abs(angle))
+    step = p.max_angular_accel * p.period_s
+    w = min(w0 + step, max(w0 - step, sign * p.rotate_to_heading_angular_vel))
+    stopping = math.sqrt(2.0 * p.max_angular_accel * abs(angle))
     return sign * stopping if abs(w) > stopping else w
 
 
@@ -155,7 +155,7 @@ def collides(
         step = side / abs(v)
     px, py, angle = x, y, yaw
     i = 1
-    while i * step < p.check_s:
+    while i * step < p.max_allowed_time_to_collision_up_to_carrot:
         i += 1
         px += step * v * math.cos(angle)
         py += step * v * math.sin(angle)
@@ -172,18 +172,22 @@ def regulated(v: float, curvature: float, cost: float, rest_m: float, end_m: flo
     """Return the speed after the constraints of curvature, cost and approach."""
     by_curvature = v
     by_cost = v
-    if p.by_curvature and curvature != 0.0:
+    if p.use_regulated_linear_velocity_scaling and curvature != 0.0:
         radius = abs(1.0 / curvature)
-        if radius < p.min_radius:
-            by_curvature = v * (1.0 - abs(radius - p.min_radius) / p.min_radius)
-    if p.by_cost and cost != FREE and cost != UNKNOWN:
-        away = (p.cost_scaling * p.inscribed - math.log(cost) + math.log(253.0)) / p.cost_scaling
-        if away < p.cost_m:
-            by_cost = v * (p.cost_gain * away / p.cost_m)
-    v = max(min(by_curvature, by_cost), p.min_speed)
-    if rest_m < p.approach_m:
-        v = min(v, max(p.approach_speed, v * end_m / p.approach_m))
-    return min(abs(v), p.speed)
+        if radius < p.regulated_linear_scaling_min_radius:
+            by_curvature = v * (
+                1.0 - abs(radius - p.regulated_linear_scaling_min_radius) / p.regulated_linear_scaling_min_radius
+            )
+    if p.use_cost_regulated_linear_velocity_scaling and cost != FREE and cost != UNKNOWN:
+        away = (
+            p.inflation_cost_scaling_factor * p.inscribed - math.log(cost) + math.log(253.0)
+        ) / p.inflation_cost_scaling_factor
+        if away < p.cost_scaling_dist:
+            by_cost = v * (p.cost_scaling_gain * away / p.cost_scaling_dist)
+    v = max(min(by_curvature, by_cost), p.regulated_linear_scaling_min_speed)
+    if rest_m < p.approach_velocity_scaling_dist:
+        v = min(v, max(p.min_approach_linear_velocity, v * end_m / p.approach_velocity_scaling_dist))
+    return min(abs(v), p.desired_linear_vel)
 
 
 @kernel
@@ -212,34 +216,34 @@ def pursue(
     rest = 0.0
     for k in range(begin + 1, local.shape[0]):
         rest += math.hypot(local[k, 0] - local[k - 1, 0], local[k, 1] - local[k - 1, 1])
-    ahead = p.lookahead
-    if p.scaled_lookahead:
-        ahead = min(p.max_lookahead, max(p.min_lookahead, abs(v0) * p.lookahead_time))
+    ahead = p.lookahead_dist
+    if p.use_velocity_scaled_lookahead_dist:
+        ahead = min(p.max_lookahead_dist, max(p.min_lookahead_dist, abs(v0) * p.lookahead_time))
     px, py = carrot(local, begin, ahead, x, y)
     cos, sin = math.cos(yaw), math.sin(yaw)
     cx, cy = cos * (px - x) + sin * (py - y), cos * (py - y) - sin * (px - x)
     hx, hy = cx, cy
-    if p.fixed_curvature:
-        qx, qy = carrot(local, begin, p.curvature_lookahead, x, y)
+    if p.use_fixed_curvature_lookahead:
+        qx, qy = carrot(local, begin, p.curvature_lookahead_dist, x, y)
         hx, hy = cos * (qx - x) + sin * (qy - y), cos * (qy - y) - sin * (qx - x)
     curvature = curvature_to(hx, hy)
-    sign = -1.0 if p.reverses and cx < 0.0 else 1.0
+    sign = -1.0 if p.allow_reversing and cx < 0.0 else 1.0
     carrot_m = math.hypot(cx, cy)
     heading = math.atan2(hy, hx)
     if sign < 0.0:
         heading = math.atan2(-hy, -hx)
     v, w = 0.0, 0.0
-    if p.rotates and carrot_m < p.goal_m:
+    if p.use_rotate_to_heading and carrot_m < p.goal_m:
         angle = goal_yaw - yaw
         w = turn_towards(math.atan2(math.sin(angle), math.cos(angle)), w0, p)
-    elif p.rotates and abs(heading) > p.rotate_angle:
+    elif p.use_rotate_to_heading and abs(heading) > p.rotate_to_heading_min_angle:
         w = turn_towards(heading, w0, p)
     else:
         row, column = int((y - oy) / side), int((x - ox) / side)
         end_m = math.hypot(local[-1, 0] - x, local[-1, 1] - y)
-        v = sign * regulated(p.speed, curvature, float(cells[row, column]), rest, end_m, p)
+        v = sign * regulated(p.desired_linear_vel, curvature, float(cells[row, column]), rest, end_m, p)
         w = v * curvature
-    if p.checks and collides(cells, ox, oy, side, x, y, yaw, v, w, carrot_m, p):
+    if p.use_collision_detection and collides(cells, ox, oy, side, x, y, yaw, v, w, carrot_m, p):
         return False, 0.0, 0.0
     return True, v, w
 
@@ -266,38 +270,11 @@ class PurePursuit(Configured):
         self, footprint: Floats, inscribed: float, circumscribed: float, goal_m: float, period_s: float
     ) -> Numbers:
         """Return the options with what the robot adds to them."""
-        s = self.settings
+        options = self.settings.model_dump(include={*Numbers._fields} - {"footprint"})
         return Numbers(
-            speed=s.desired_linear_vel,
-            lookahead=s.lookahead_dist,
-            min_lookahead=s.min_lookahead_dist,
-            max_lookahead=s.max_lookahead_dist,
-            lookahead_time=s.lookahead_time,
-            scaled_lookahead=s.use_velocity_scaled_lookahead_dist,
-            turn=s.rotate_to_heading_angular_vel,
-            turn_acceleration=s.max_angular_accel,
-            rotates=s.use_rotate_to_heading,
-            rotate_angle=s.rotate_to_heading_min_angle,
-            approach_speed=s.min_approach_linear_velocity,
-            approach_m=s.approach_velocity_scaling_dist,
-            by_curvature=s.use_regulated_linear_velocity_scaling,
-            min_radius=s.regulated_linear_scaling_min_radius,
-            min_speed=s.regulated_linear_scaling_min_speed,
-            by_cost=s.use_cost_regulated_linear_velocity_scaling,
-            cost_m=s.cost_scaling_dist,
-            cost_gain=s.cost_scaling_gain,
-            cost_scaling=s.inflation_cost_scaling_factor,
-            fixed_curvature=s.use_fixed_curvature_lookahead,
-            curvature_lookahead=s.curvature_lookahead_dist,
-            checks=s.use_collision_detection,
-            check_s=s.max_allowed_time_to_collision_up_to_carrot,
-            reverses=s.allow_reversing,
-            inscribed=inscribed,
-            circumscribed=circumscribed,
-            goal_m=goal_m,
-            period_s=period_s,
+            **options, inscribed=inscribed, circumscribed=circumscribed, goal_m=goal_m, period_s=period_s,
             footprint=footprint,
-        )
+        )  # fmt: skip
 
     def reset(self, task: Task) -> None:
         """Keep the robot's numbers."""

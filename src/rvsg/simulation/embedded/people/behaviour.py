@@ -10,7 +10,20 @@ from rvsg.core.kernels import inner, kernel
 from rvsg.core.references import refer
 from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.embedded.people.contact import TOUCH_M, may_touch, note_overlap, note_touch, robot_gap, separate
-from rvsg.simulation.embedded.people.crowd import PERIOD_S, REACTED, Crowd, PeopleOptions, initial, note_until
+from rvsg.simulation.embedded.people.crowd import (
+    CURIOUS,
+    IMPASSIVE,
+    PERIOD_S,
+    REACTED,
+    SCARED,
+    SURPRISED,
+    THREATENING,
+    Crowd,
+    PeopleOptions,
+    RobotState,
+    initial,
+    note_until,
+)
 from rvsg.simulation.embedded.people.motion import (
     advance,
     aim,
@@ -34,7 +47,6 @@ from rvsg.simulation.embedded.people.social_force import (
 )
 from rvsg.world.world import World
 
-REGULAR, IMPASSIVE, SURPRISED, SCARED, CURIOUS, THREATENING = 1, 2, 3, 4, 5, 6
 HALF_VIEW_RAD = math.pi / 2 + 0.17
 CURIOUS_RANGE_M = 10.0
 THREATENING_RANGE_M = 4.5
@@ -50,15 +62,9 @@ WAITED_S = 15.0
 
 @kernel
 def tick(
-    crowd: Crowd,
-    t_s: float,
-    dt_s: float,
-    robot_x: float,
-    robot_y: float,
-    robot_yaw: float,
-    robot_v: float,
+    crowd: Crowd, t_s: float, dt_s: float, robot_x: float, robot_y: float, robot_yaw: float, robot_v: float,
     robot_side: float,
-) -> None:
+) -> None:  # fmt: skip
     """Move everybody by one tick of dt_s (0.1 s in a run); the robot is at its present pose.
 
     `robot_v` and `robot_side` are the robot's speeds ahead and to its left, m/s. `t_s` is the time since the robot's
@@ -73,41 +79,34 @@ def tick(
         crowd.old_vy[i] = crowd.vy[i]
         speed = math.sqrt(crowd.vx[i] ** 2 + crowd.vy[i] ** 2)
         crowd.logged_speed[i] = min(speed, crowd.speed[i])
+    robot = RobotState(
+        robot_x, robot_y, robot_yaw,
+        robot_v * math.cos(robot_yaw) - robot_side * math.sin(robot_yaw),
+        robot_v * math.sin(robot_yaw) + robot_side * math.cos(robot_yaw),
+    )  # fmt: skip
     crowd.free[0] = 0.0
     find_slow(crowd)
     sum_groups(crowd)
     for i in range(n):
-        find_obstacle(crowd, i, robot_x, robot_y, robot_yaw)
+        find_obstacle(crowd, i, robot)
     if not crowd.published:
         push_pairs(crowd)
-    robot_vx = robot_v * math.cos(robot_yaw) - robot_side * math.sin(robot_yaw)
-    robot_vy = robot_v * math.sin(robot_yaw) + robot_side * math.cos(robot_yaw)
     for i in range(n):
-        _act(crowd, i, t_s, dt_s, robot_x, robot_y, robot_yaw, robot_vx, robot_vy)
+        _act(crowd, i, t_s, dt_s, robot)
     if crowd.published:
         return
     for i in range(n):
-        if may_touch(crowd, i, robot_x, robot_y):
-            note_touch(crowd, i, t_s, robot_x, robot_y, robot_yaw, robot_vx, robot_vy, 0.0)
-    separate(crowd, dt_s, robot_x, robot_y, robot_yaw)
+        if may_touch(crowd, i, robot):
+            note_touch(crowd, i, t_s, robot, 0.0)
+    separate(crowd, dt_s, robot)
     for i in range(n):
-        note_overlap(crowd, i, robot_x, robot_y, robot_yaw)
+        note_overlap(crowd, i, robot)
         if t_s >= crowd.start_time[i] - 1e-9:
-            arrive(crowd, i, t_s, dt_s, robot_x, robot_y, robot_yaw)
+            arrive(crowd, i, t_s, dt_s, robot)
 
 
 @inner
-def _act(
-    crowd: Crowd,
-    i: int,
-    t: float,
-    dt: float,
-    robot_x: float,
-    robot_y: float,
-    robot_yaw: float,
-    robot_vx: float,
-    robot_vy: float,
-) -> None:
+def _act(crowd: Crowd, i: int, t: float, dt: float, robot: RobotState) -> None:
     """Let a person wait, react or walk."""
     crowd.stands[i] = 1
     crowd.reacting[i] = 0
@@ -116,25 +115,25 @@ def _act(
     if waits and crowd.published:
         crowd.vx[i] = 0.0
         crowd.vy[i] = 0.0
-        if crowd.reacted[i] < 0.0 and _in_sight(crowd, i, robot_x, robot_y):
+        if crowd.reacted[i] < 0.0 and _in_sight(crowd, i, robot):
             # The study's people stood in sight of the robot for about 15 s while their timers already ran.
             crowd.reacted[i] = WAITED_S
         return
     crowd.reacted[i] = max(0.0, crowd.reacted[i])
-    if _react(crowd, i, dt, robot_x, robot_y, robot_yaw):
+    if _react(crowd, i, dt, robot):
         crowd.reacting[i] = 1
         crowd.stands[i] = 1 if crowd.vx[i] == 0.0 and crowd.vy[i] == 0.0 else 0
         note_until(crowd, REACTED, i, t, t + dt, crowd.x[i], crowd.y[i], float(crowd.behaviour[i]))
     elif waits:
-        stand_at_place(crowd, i, dt, crowd.behaviour[i] != IMPASSIVE, robot_x, robot_y, robot_yaw, robot_vx, robot_vy)
+        stand_at_place(crowd, i, dt, crowd.behaviour[i] != IMPASSIVE, robot)
     elif crowd.published:
-        walk_published(crowd, i, dt, robot_x, robot_y, robot_yaw, robot_vx, robot_vy)
+        walk_published(crowd, i, dt, robot)
     else:
-        walk(crowd, i, t, dt, robot_x, robot_y, robot_yaw, robot_vx, robot_vy)
+        walk(crowd, i, t, dt, robot)
 
 
 @inner
-def _in_sight(crowd: Crowd, i: int, robot_x: float, robot_y: float) -> bool:
+def _in_sight(crowd: Crowd, i: int, robot: RobotState) -> bool:
     """Whether a human with a reaction sees the robot: within its range and 99.7° of its yaw. Walls do not hide it."""
     kind = crowd.behaviour[i]
     if kind in (SURPRISED, SCARED):
@@ -145,19 +144,19 @@ def _in_sight(crowd: Crowd, i: int, robot_x: float, robot_y: float) -> bool:
         reach = THREATENING_RANGE_M
     else:
         return False
-    if distance_to(crowd, i, robot_x, robot_y) > reach:
+    if distance_to(crowd, i, robot.x, robot.y) > reach:
         return False
-    bearing = math.atan2(robot_y - crowd.y[i], robot_x - crowd.x[i])
+    bearing = math.atan2(robot.y - crowd.y[i], robot.x - crowd.x[i])
     return abs(wrap(bearing - crowd.yaw[i])) <= HALF_VIEW_RAD
 
 
 @inner
-def _react(crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: float, robot_yaw: float) -> bool:
+def _react(crowd: Crowd, i: int, dt: float, robot: RobotState) -> bool:
     """React to the robot if it is in sight and time is left; says whether this was the human's tick.
 
     The time runs while the robot is in sight. `once`: spent for good; otherwise the reaction may begin anew.
     """
-    if not _in_sight(crowd, i, robot_x, robot_y):
+    if not _in_sight(crowd, i, robot):
         return False
     crowd.reacted[i] += dt
     if crowd.expired[i]:
@@ -170,24 +169,24 @@ def _react(crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: float, robo
         return False
     kind = crowd.behaviour[i]
     if kind == SURPRISED:
-        _be_surprised(crowd, i, dt, robot_x, robot_y, robot_yaw)
+        _be_surprised(crowd, i, dt, robot)
     elif kind == SCARED:
-        _be_scared(crowd, i, dt, robot_x, robot_y, robot_yaw)
+        _be_scared(crowd, i, dt, robot)
     elif kind == CURIOUS:
-        _be_curious(crowd, i, dt, robot_x, robot_y, robot_yaw)
+        _be_curious(crowd, i, dt, robot)
     else:
-        _be_threatening(crowd, i, dt, robot_x, robot_y, robot_yaw)
+        _be_threatening(crowd, i, dt, robot)
     return True
 
 
 @inner
-def _stand(crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: float, robot_yaw: float) -> None:
+def _stand(crowd: Crowd, i: int, dt: float, robot: RobotState) -> None:
     """Stand still; in the default profile, step back from a robot that touches."""
     crowd.vx[i] = 0.0
     crowd.vy[i] = 0.0
     if crowd.published:
         return
-    gap, ux, uy = robot_gap(crowd, i, robot_x, robot_y, robot_yaw)
+    gap, ux, uy = robot_gap(crowd, i, robot)
     if gap < TOUCH_M:
         crowd.vx[i] = STEP_BACK_M_S * ux
         crowd.vy[i] = STEP_BACK_M_S * uy
@@ -195,10 +194,10 @@ def _stand(crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: float, robo
 
 
 @inner
-def _be_surprised(crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: float, robot_yaw: float) -> None:
+def _be_surprised(crowd: Crowd, i: int, dt: float, robot: RobotState) -> None:
     """Stop and turn towards the robot at 18°/s."""
-    _stand(crowd, i, dt, robot_x, robot_y, robot_yaw)
-    error = wrap(math.atan2(robot_y - crowd.y[i], robot_x - crowd.x[i]) - crowd.yaw[i])
+    _stand(crowd, i, dt, robot)
+    error = wrap(math.atan2(robot.y - crowd.y[i], robot.x - crowd.x[i]) - crowd.yaw[i])
     if crowd.published:
         # A fixed step per tick, whatever its length; to the right it is taken in full even past the robot.
         step = 0.01 * math.pi
@@ -210,7 +209,7 @@ def _be_surprised(crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: floa
 
 
 @inner
-def _be_scared(crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: float, robot_yaw: float) -> None:
+def _be_scared(crowd: Crowd, i: int, dt: float, robot: RobotState) -> None:
     """Keep to the goal more slowly, pushed away from the robot by force·0.2 m/gap."""
     g = crowd.goal_index[i]
     goal_x = crowd.goals[i, g, 0]
@@ -219,22 +218,10 @@ def _be_scared(crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: float, 
         goal_x, goal_y = aim(crowd, i)
         goal_x, goal_y = around(crowd, i, goal_x, goal_y)
     fx, fy = total_force(
-        crowd,
-        i,
-        crowd.published,
-        goal_x,
-        goal_y,
-        crowd.goal_radius[i],
-        crowd.react_speed[i],
-        False,
-        robot_x,
-        robot_y,
-        robot_yaw,
-        0.0,
-        0.0,
+        crowd, i, crowd.published, goal_x, goal_y, crowd.goal_radius[i], crowd.react_speed[i], False, robot
     )
-    dx = crowd.x[i] - robot_x
-    dy = crowd.y[i] - robot_y
+    dx = crowd.x[i] - robot.x
+    dy = crowd.y[i] - robot.y
     distance = math.sqrt(dx * dx + dy * dy)
     gap = distance - crowd.radius[i]
     if not crowd.published:
@@ -248,65 +235,39 @@ def _be_scared(crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: float, 
 
 
 @inner
-def _be_curious(crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: float, robot_yaw: float) -> None:
+def _be_curious(crowd: Crowd, i: int, dt: float, robot: RobotState) -> None:
     """Approach the robot, slower the nearer it is, stop at a distance and look at it."""
-    distance = distance_to(crowd, i, robot_x, robot_y)
+    distance = distance_to(crowd, i, robot.x, robot.y)
     if distance <= crowd.react_distance[i]:
-        _stand(crowd, i, dt, robot_x, robot_y, robot_yaw)
-        crowd.yaw[i] = math.atan2(robot_y - crowd.y[i], robot_x - crowd.x[i])
+        _stand(crowd, i, dt, robot)
+        crowd.yaw[i] = math.atan2(robot.y - crowd.y[i], robot.x - crowd.x[i])
         return
     speed = crowd.react_speed[i] * distance / CURIOUS_RANGE_M
-    goal_x, goal_y = robot_x, robot_y
+    goal_x, goal_y = robot.x, robot.y
     if not crowd.published:
-        goal_x, goal_y = around(crowd, i, robot_x, robot_y)
-    fx, fy = total_force(
-        crowd,
-        i,
-        crowd.published,
-        goal_x,
-        goal_y,
-        crowd.robot_radius,
-        speed,
-        False,
-        robot_x,
-        robot_y,
-        robot_yaw,
-        0.0,
-        0.0,
-    )
+        goal_x, goal_y = around(crowd, i, robot.x, robot.y)
+    fx, fy = total_force(crowd, i, crowd.published, goal_x, goal_y, crowd.robot_radius, speed, False, robot)
     step(crowd, i, dt, fx, fy, speed)
 
 
 @inner
-def _be_threatening(crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: float, robot_yaw: float) -> None:
+def _be_threatening(crowd: Crowd, i: int, dt: float, robot: RobotState) -> None:
     """Hurry to a point in front of the robot and block it."""
-    ahead_x = math.cos(robot_yaw)
-    ahead_y = math.sin(robot_yaw)
+    ahead_x = math.cos(robot.yaw)
+    ahead_y = math.sin(robot.yaw)
     if crowd.published:
         # Sine and cosine are swapped: the point is mirrored about the 45° line.
         ahead_x, ahead_y = ahead_y, ahead_x
-    goal_x = robot_x + crowd.react_distance[i] * ahead_x
-    goal_y = robot_y + crowd.react_distance[i] * ahead_y
+    goal_x = robot.x + crowd.react_distance[i] * ahead_x
+    goal_y = robot.y + crowd.react_distance[i] * ahead_y
     if not crowd.published:
         goal_x, goal_y = around(crowd, i, goal_x, goal_y)
     fx, fy = total_force(
-        crowd,
-        i,
-        crowd.published,
-        goal_x,
-        goal_y,
-        THREATENING_GOAL_RADIUS_M,
-        THREATENING_SPEED_M_S,
-        False,
-        robot_x,
-        robot_y,
-        robot_yaw,
-        0.0,
-        0.0,
+        crowd, i, crowd.published, goal_x, goal_y, THREATENING_GOAL_RADIUS_M, THREATENING_SPEED_M_S, False, robot
     )
     step(crowd, i, dt, fx, fy, THREATENING_SPEED_M_S)
-    if distance_to(crowd, i, robot_x, robot_y) <= FACE_ROBOT_M:
-        crowd.yaw[i] = math.atan2(robot_y - crowd.y[i], robot_x - crowd.x[i])
+    if distance_to(crowd, i, robot.x, robot.y) <= FACE_ROBOT_M:
+        crowd.yaw[i] = math.atan2(robot.y - crowd.y[i], robot.x - crowd.x[i])
 
 
 SLACK = 1.25
@@ -321,11 +282,7 @@ def walking_time_s(world: World, way: Sequence[str], speed_m_s: float, limit_s: 
     """Return the seconds a person takes along waypoints with nobody about; infinity where they take over `limit_s`."""
     goals = tuple(world.grid.position(name) for name in way)
     agent = HumanAgent(
-        name="p",
-        start=goals[0],
-        goals=goals,
-        pauses_s=(0.0,) * (len(goals) - 1) + (2 * limit_s,),
-        speed_m_s=speed_m_s,
+        name="p", start=goals[0], goals=goals, pauses_s=(0.0,) * (len(goals) - 1) + (2 * limit_s,), speed_m_s=speed_m_s
     )
     crowd = initial([agent], world, options=_NO_NOISE, seed=0, time_limit_s=limit_s)
     by_reference = refer(crowd)

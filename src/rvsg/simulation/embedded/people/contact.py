@@ -23,6 +23,7 @@ from rvsg.simulation.embedded.people.crowd import (
     TOUCHED,
     UNTIL,
     Crowd,
+    RobotState,
     X,
     Y,
     note_until,
@@ -55,7 +56,7 @@ CLOSING, ROBOT_PART, PERSON_PART, BEARING, OVERLAP = range(FIRST + 1, FIRST + 6)
 
 
 @inner
-def separate(crowd: Crowd, dt: float, robot_x: float, robot_y: float, robot_yaw: float) -> None:
+def separate(crowd: Crowd, dt: float, robot: RobotState) -> None:
     """Push people apart who overlap after their steps, and out of the robot; then set the velocities they moved with.
 
     The robot does not give way here: people do not push it. Who is pinned, so that no push parts them, does not move.
@@ -67,10 +68,13 @@ def separate(crowd: Crowd, dt: float, robot_x: float, robot_y: float, robot_yaw:
             count = _find_pairs(crowd)
         worst, strayed = _part_all(crowd, count)
         for i in range(n):
-            if may_touch(crowd, i, robot_x, robot_y):
-                overlap = _out_of_robot(crowd, i, robot_x, robot_y, robot_yaw)
-                worst = max(worst, overlap)
-                strayed = strayed or (overlap > 0.0 and _has_strayed(crowd, i))
+            if may_touch(crowd, i, robot):
+                gap, ux, uy = robot_gap(crowd, i, robot)
+                if gap < 0.0:
+                    crowd.x[i] -= gap * ux
+                    crowd.y[i] -= gap * uy
+                    worst = max(worst, -gap)
+                    strayed = strayed or _has_strayed(crowd, i)
         if worst <= SLACK_M:
             break
         if strayed:
@@ -220,74 +224,53 @@ def _part(crowd: Crowd, i: int, j: int) -> float:
 
 
 @inner
-def _out_of_robot(crowd: Crowd, i: int, robot_x: float, robot_y: float, robot_yaw: float) -> float:
-    """Push a person out of the robot's body; return how deep they were in it."""
-    gap, ux, uy = robot_gap(crowd, i, robot_x, robot_y, robot_yaw)
-    if gap >= 0.0:
-        return 0.0
-    crowd.x[i] -= gap * ux
-    crowd.y[i] -= gap * uy
-    return -gap
-
-
-@inner
-def may_touch(crowd: Crowd, i: int, robot_x: float, robot_y: float) -> bool:
+def may_touch(crowd: Crowd, i: int, robot: RobotState) -> bool:
     """Whether a person is so near that the robot may touch them at some heading."""
     far = crowd.outline_reach + crowd.radius[i] + 2.0 * TOUCH_M
-    dx = crowd.x[i] - robot_x
-    dy = crowd.y[i] - robot_y
+    dx = crowd.x[i] - robot.x
+    dy = crowd.y[i] - robot.y
     return not dx * dx + dy * dy > far * far
 
 
 @inner
-def robot_gap(crowd: Crowd, i: int, robot_x: float, robot_y: float, robot_yaw: float) -> tuple[float, float, float]:
+def robot_gap(crowd: Crowd, i: int, robot: RobotState) -> tuple[float, float, float]:
     """Return the gap between a person's disc and the robot's outline (negative: overlap), and the outward normal."""
     x = crowd.x[i]
     y = crowd.y[i]
     far = crowd.outline_reach + crowd.radius[i]
-    dx = x - robot_x
-    dy = y - robot_y
+    dx = x - robot.x
+    dy = y - robot.y
     square = dx * dx + dy * dy
     if square > (far + 1.0) ** 2:
         return math.sqrt(square) - far, 1.0, 0.0
-    px, py, inside = on_outline(crowd.outline, x, y, robot_x, robot_y, robot_yaw)
+    px, py, inside = on_outline(crowd.outline, x, y, robot.x, robot.y, robot.yaw)
     dx = x - px
     dy = y - py
     distance = math.sqrt(dx * dx + dy * dy)
     if distance < 1e-9:
-        away = max(math.sqrt((px - robot_x) ** 2 + (py - robot_y) ** 2), 1e-9)
-        return -crowd.radius[i], (px - robot_x) / away, (py - robot_y) / away
+        away = max(math.sqrt((px - robot.x) ** 2 + (py - robot.y) ** 2), 1e-9)
+        return -crowd.radius[i], (px - robot.x) / away, (py - robot.y) / away
     if inside:
         return -distance - crowd.radius[i], -dx / distance, -dy / distance
     return distance - crowd.radius[i], dx / distance, dy / distance
 
 
 @inner
-def note_overlap(crowd: Crowd, i: int, robot_x: float, robot_y: float, robot_yaw: float) -> None:
+def note_overlap(crowd: Crowd, i: int, robot: RobotState) -> None:
     """Keep the largest overlap of the present contact."""
     row = crowd.open[i, TOUCHED]
     if row >= 0:
-        gap, _, _ = robot_gap(crowd, i, robot_x, robot_y, robot_yaw)
+        gap, _, _ = robot_gap(crowd, i, robot)
         crowd.events[row, OVERLAP] = max(crowd.events[row, OVERLAP], -gap)
 
 
 @inner
-def note_touch(
-    crowd: Crowd,
-    i: int,
-    t: float,
-    robot_x: float,
-    robot_y: float,
-    robot_yaw: float,
-    robot_vx: float,
-    robot_vy: float,
-    robot_w: float,
-) -> None:
+def note_touch(crowd: Crowd, i: int, t: float, robot: RobotState, robot_w: float) -> None:
     """Note the contact of a person and the robot, where they touch, with the speeds before it is resolved.
 
-    `robot_vx` and `robot_vy` are the velocity of the base frame in the world, m/s.
+    `robot_w` is the yaw rate of the robot, rad/s.
     """
-    gap, ux, uy = robot_gap(crowd, i, robot_x, robot_y, robot_yaw)
+    gap, ux, uy = robot_gap(crowd, i, robot)
     if gap > TOUCH_M:
         return
     x = crowd.x[i] - (crowd.radius[i] + gap) * ux
@@ -298,13 +281,13 @@ def note_touch(
     if row < 0:
         return
     if fresh:
-        there_vx = robot_vx - robot_w * (y - robot_y)
-        there_vy = robot_vy + robot_w * (x - robot_x)
-        robot = there_vx * ux + there_vy * uy
+        there_vx = robot.vx - robot_w * (y - robot.y)
+        there_vy = robot.vy + robot_w * (x - robot.x)
+        approach = there_vx * ux + there_vy * uy
         person = -(crowd.vx[i] * ux + crowd.vy[i] * uy)
-        bearing = math.atan2(crowd.y[i] - robot_y, crowd.x[i] - robot_x) - robot_yaw
-        crowd.events[row, CLOSING] = max(0.0, robot + person)
-        crowd.events[row, ROBOT_PART] = robot
+        bearing = math.atan2(crowd.y[i] - robot.y, crowd.x[i] - robot.x) - robot.yaw
+        crowd.events[row, CLOSING] = max(0.0, approach + person)
+        crowd.events[row, ROBOT_PART] = approach
         crowd.events[row, PERSON_PART] = person
         crowd.events[row, BEARING] = math.atan2(math.sin(bearing), math.cos(bearing))
 
@@ -327,29 +310,31 @@ def touch_people(crowd: Crowd, t: float, body: Floats, x: float, y: float, yaw: 
         return 0.0
     free = math.inf
     touched = False
+    cos = math.cos(body[base.YAW])
+    sin = math.sin(body[base.YAW])
+    robot = RobotState(
+        body[base.X], body[base.Y], body[base.YAW],
+        body[base.V] * cos - body[base.SIDE] * sin, body[base.V] * sin + body[base.SIDE] * cos,
+    )  # fmt: skip
     for i in range(crowd.x.size):
-        dx = crowd.x[i] - body[base.X]
-        dy = crowd.y[i] - body[base.Y]
+        dx = crowd.x[i] - robot.x
+        dy = crowd.y[i] - robot.y
         least = math.sqrt(dx * dx + dy * dy) - (crowd.outline_reach + crowd.radius[i]) - TOUCH_M
         free = min(free, least)
         if least > 0.0:
             continue
-        gap, ux, uy = robot_gap(crowd, i, body[base.X], body[base.Y], body[base.YAW])
+        gap, ux, uy = robot_gap(crowd, i, robot)
         if gap > TOUCH_M:
             continue
         touched = True
-        cos = math.cos(body[base.YAW])
-        sin = math.sin(body[base.YAW])
-        vx = body[base.V] * cos - body[base.SIDE] * sin
-        vy = body[base.V] * sin + body[base.SIDE] * cos
-        note_touch(crowd, i, t, body[base.X], body[base.Y], body[base.YAW], vx, vy, body[base.W])
+        note_touch(crowd, i, t, robot, body[base.W])
         if gap <= LEAST_M and bumper_s > 0.0:
             body[base.STOPPED_T] = max(body[base.STOPPED_T], t + bumper_s)
         if gap < 0.0 and crowd.stands[i] == 0:
             was_x = crowd.x[i]
             was_y = crowd.y[i]
             _give_way(crowd, i, -gap * ux, -gap * uy)
-            after, _, _ = robot_gap(crowd, i, body[base.X], body[base.Y], body[base.YAW])
+            after, _, _ = robot_gap(crowd, i, robot)
             if after < gap:
                 # Walls would push the person deeper into the robot: pinned between both.
                 crowd.x[i] = was_x
@@ -358,8 +343,9 @@ def touch_people(crowd: Crowd, t: float, body: Floats, x: float, y: float, yaw: 
     if not touched:
         return 0.0
     change = _hold_back(crowd, body, x, y, yaw)
+    held = RobotState(body[base.X], body[base.Y], body[base.YAW], 0.0, 0.0)
     for i in range(crowd.x.size):
-        note_overlap(crowd, i, body[base.X], body[base.Y], body[base.YAW])
+        note_overlap(crowd, i, held)
     return change
 
 
@@ -381,8 +367,9 @@ def _give_way(crowd: Crowd, i: int, dx: float, dy: float) -> None:
 def deepest(crowd: Crowd, x: float, y: float, yaw: float) -> float:
     """Return the largest overlap of a person with the robot at a pose; 0 where there is none."""
     found = 0.0
+    robot = RobotState(x, y, yaw, 0.0, 0.0)
     for i in range(crowd.x.size):
-        gap, _, _ = robot_gap(crowd, i, x, y, yaw)
+        gap, _, _ = robot_gap(crowd, i, robot)
         found = max(found, -gap)
     return found
 
@@ -423,20 +410,6 @@ def _hold_back(crowd: Crowd, body: Floats, x: float, y: float, yaw: float) -> fl
     body[base.SIDE] *= moved
     body[base.W] *= turned
     return change
-
-
-def overlap_at_start(outline: Floats, people: Floats, radius: Floats, x: float, y: float, yaw: float) -> float:
-    """Return how far the robot's outline and people (N, 2) of these radii (N,) overlap at most, metres."""
-    far = np.hypot(outline[:, 0], outline[:, 1]).max() + radius
-    near = ~(np.hypot(people[:, 0] - x, people[:, 1] - y) > far + 0.01)
-    if not near.any():
-        return 0.0
-    from shapely import Point, Polygon
-
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    polygon = Polygon(outline @ np.array([[cos, sin], [-sin, cos]]) + (x, y))
-    gaps = [polygon.distance(Point(point)) - r for point, r in zip(people[near], radius[near], strict=True)]
-    return max(0.0, -min(gaps, default=0.0))
 
 
 def events_of(crowd: Crowd, names: Sequence[str], behaviours: Sequence[Behaviour]) -> tuple[RecordedEvent, ...]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import chain
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,14 +38,9 @@ runs 0.2 s sooner; where a human stands on the robot, it decides on which side t
 KINDS = 5
 COLUMNS = 12
 MOST_EVENTS = 50_000
-CODES = {
-    Behaviour.REGULAR: 1,
-    Behaviour.IMPASSIVE: 2,
-    Behaviour.SURPRISED: 3,
-    Behaviour.SCARED: 4,
-    Behaviour.CURIOUS: 5,
-    Behaviour.THREATENING: 6,
-}
+REGULAR, IMPASSIVE, SURPRISED, SCARED, CURIOUS, THREATENING = range(1, 7)
+CODES = {behaviour: code for code, behaviour in enumerate(Behaviour, start=1)}
+"""How a behaviour is named in `Crowd.behaviour`: as above."""
 
 
 class PeopleOptions(Record):
@@ -70,6 +65,16 @@ class PeopleOptions(Record):
     def published(cls) -> PeopleOptions:
         """HuNavSim as the published study ran it."""
         return cls(published_defects=True, start_jitter_s=PUBLISHED_START_S, early_start=PUBLISHED_EARLY_START)
+
+
+class RobotState(NamedTuple):
+    """The robot as people meet it: pose and velocity of its base frame in the world."""
+
+    x: float
+    y: float
+    yaw: float
+    vx: float
+    vy: float
 
 
 class Crowd(NamedTuple):
@@ -211,73 +216,54 @@ def initial(
     for i, agent in enumerate(agents):
         goals[i, : len(agent.goals)] = agent.goals
         pauses[i, : len(agent.goals)] = agent.pauses_s
-    start = np.array([agent.start for agent in agents], dtype=np.float64).reshape(-1, 2)
+    x, y = np.array([agent.start for agent in agents], dtype=np.float64).reshape(-1, 2).T
     drawn = [_drawn(agent, i, options, seed) for i, agent in enumerate(agents)]
-    names = {group: k for k, group in enumerate(sorted({a.group for a in agents if a.group is not None}))}
+    groups = sorted({agent.group for agent in agents if agent.group is not None})
     begin = beginning(options, seed)
     phase = stream(seed, "people/gait").uniform(0.0, LEG_PERIOD_M, n) if options.leg_phase_noise else np.zeros(n)
     boxes, origins = boxes_of(world.solids) if published else (np.zeros((0, 6)), np.zeros((0, 3)))
     surfaces = None if published else _surfaces(world)
     yaw = np.array([_first_yaw(agent, published) for agent in agents], dtype=np.float64)
 
-    def column(values: Sequence[float]) -> Floats:
-        return np.array(values, dtype=np.float64)
+    def column(values: Iterable[float]) -> Floats:
+        return np.array(list(values), dtype=np.float64)
 
-    def codes(values: Sequence[int]) -> Ints:
-        return np.array(values, dtype=np.int64)
+    def codes(values: Iterable[int]) -> Ints:
+        return np.array(list(values), dtype=np.int64)
 
+    zeros: dict[str, Any] = {name: np.zeros(n) for name in ZEROS}
+    zeros |= {name: np.zeros(n, np.int64) for name in INTEGER_ZEROS}
+    places: dict[str, Any] = {f"{part}{axis}": values.copy() for part in ("", "logged_", "place_", "from_")
+                              for axis, values in (("x", x), ("y", y))}  # fmt: skip
     return Crowd(
-        x=start[:, 0].copy(),
-        y=start[:, 1].copy(),
-        vx=np.zeros(n),
-        vy=np.zeros(n),
+        **zeros,
+        **places,
         yaw=yaw,
         walked=phase,
-        logged_x=start[:, 0].copy(),
-        logged_y=start[:, 1].copy(),
         logged_yaw=yaw.copy(),
-        logged_speed=np.zeros(n),
         goals=goals,
         pauses=pauses,
-        goal_count=codes([len(agent.goals) for agent in agents]),
-        goal_index=np.zeros(n, np.int64),
-        pause_left=np.zeros(n),
-        start_time=column([agent.start_delay_s + begin for agent in agents]),
-        speed=column([agent.speed_m_s for agent in agents]),
-        radius=column([agent.radius_m for agent in agents]),
-        goal_radius=column([agent.goal_radius_m for agent in agents]),
-        height=column([_HEIGHTS[i % len(_HEIGHTS)] for i in range(n)]),
-        factor_goal=column([factors.goal for factors, _ in drawn]),
-        factor_obstacle=column([factors.obstacle for factors, _ in drawn]),
-        factor_social=column([factors.social for factors, _ in drawn]),
-        behaviour=codes([CODES[agent.behaviour] for agent in agents]),
-        duration=column([reaction.duration_s for _, reaction in drawn]),
-        once=codes([int(reaction.once) for _, reaction in drawn]),
-        react_speed=column([reaction.speed_m_s for _, reaction in drawn]),
-        react_distance=column([reaction.distance_m for _, reaction in drawn]),
-        react_force=column([reaction.force for _, reaction in drawn]),
+        goal_count=codes(len(agent.goals) for agent in agents),
+        start_time=column(agent.start_delay_s + begin for agent in agents),
+        speed=column(agent.speed_m_s for agent in agents),
+        radius=column(agent.radius_m for agent in agents),
+        goal_radius=column(agent.goal_radius_m for agent in agents),
+        height=column(_HEIGHTS[i % len(_HEIGHTS)] for i in range(n)),
+        factor_goal=column(factors.goal for factors, _ in drawn),
+        factor_obstacle=column(factors.obstacle for factors, _ in drawn),
+        factor_social=column(factors.social for factors, _ in drawn),
+        behaviour=codes(CODES[agent.behaviour] for agent in agents),
+        duration=column(reaction.duration_s for _, reaction in drawn),
+        once=codes(int(reaction.once) for _, reaction in drawn),
+        react_speed=column(reaction.speed_m_s for _, reaction in drawn),
+        react_distance=column(reaction.distance_m for _, reaction in drawn),
+        react_force=column(reaction.force for _, reaction in drawn),
         reacted=np.full(n, -1.0),
-        expired=np.zeros(n, np.int64),
-        group=codes([-1 if agent.group is None else names[agent.group] for agent in agents]),
-        group_sum=np.zeros((max(1, len(names)), 3)),
-        old_x=np.zeros(n),
-        old_y=np.zeros(n),
-        old_vx=np.zeros(n),
-        old_vy=np.zeros(n),
-        push_x=np.zeros(n),
-        push_y=np.zeros(n),
-        near_x=np.zeros(n),
-        near_y=np.zeros(n),
-        reach=np.zeros(n),
+        group=codes(-1 if agent.group is None else groups.index(agent.group) for agent in agents),
+        group_sum=np.zeros((max(1, len(groups)), 3)),
         beyond=np.zeros(n, np.bool_),
-        slow=np.zeros(n, np.int64),
         slow_count=np.zeros(1, np.int64),
         pairs=np.zeros((n * (n - 1) // 2, 2), np.int64),
-        paired_x=np.zeros(n),
-        paired_y=np.zeros(n),
-        obstacle_x=np.zeros(n),
-        obstacle_y=np.zeros(n),
-        obstacle_near=np.zeros(n, np.int64),
         boxes=boxes,
         origins=origins,
         segments=surfaces.segments if surfaces else np.zeros((0, 4)),
@@ -293,17 +279,9 @@ def initial(
         outline=np.array(robot.outline, dtype=np.float64),
         outline_reach=reach(robot.outline),
         free=np.zeros(1),
-        start_pause=column([agent.start_pause_s if agent.start == agent.goals[0] else -1.0 for agent in agents]),
-        place_x=start[:, 0].copy(),
-        place_y=start[:, 1].copy(),
-        from_x=start[:, 0].copy(),
-        from_y=start[:, 1].copy(),
+        start_pause=column(agent.start_pause_s if agent.start == agent.goals[0] else -1.0 for agent in agents),
         best=np.full(n, np.inf),
-        idle=np.zeros(n),
-        squeeze=np.zeros(n),
         stands=np.ones(n, np.int64),
-        reacting=np.zeros(n, np.int64),
-        cap=np.zeros(n),
         reached=np.full((n, longest), np.nan),
         events=np.zeros((min(MOST_EVENTS, n * (2 * math.ceil(time_limit_s) + longest + 8)), COLUMNS)),
         event_count=np.zeros(2, np.int64),
@@ -311,6 +289,12 @@ def initial(
     )
 
 
+ZEROS = (
+    "vx", "vy", "logged_speed", "pause_left", "old_x", "old_y", "old_vx", "old_vy", "push_x", "push_y", "near_x",
+    "near_y", "reach", "paired_x", "paired_y", "obstacle_x", "obstacle_y", "idle", "squeeze", "cap",
+)  # fmt: skip
+INTEGER_ZEROS = ("goal_index", "expired", "slow", "obstacle_near", "reacting")
+"""Fields of `Crowd` that are zero for everybody at the start."""
 _HEIGHTS = (0.96, 0.97, 0.93, 0.93, 0.97)
 """Height of the actors of HuNavSim by skin (metres)."""
 
@@ -318,7 +302,7 @@ _SURFACES: dict[str, Surfaces] = {}
 
 
 def _surfaces(world: World) -> Surfaces:
-    """The surfaces of a world, worked out once per process."""
+    """Return the surfaces of a world, computed once per process."""
     if world.place_id not in _SURFACES:
         if len(_SURFACES) > 8:
             _SURFACES.clear()
@@ -401,18 +385,3 @@ def note_until(crowd: Crowd, kind: int, i: int, start: float, t: float, x: float
     crowd.events[row, Y] = y
     crowd.events[row, FIRST] = value
     return row
-
-
-@inner
-def note_once(crowd: Crowd, kind: int, i: int, t: float, x: float, y: float, goal: int) -> None:
-    """Note that a person reaches a goal, the first time in a run."""
-    if math.isnan(crowd.reached[i, goal]):
-        crowd.reached[i, goal] = t
-        crowd.open[i, kind] = -1
-        note_until(crowd, kind, i, t, t, x, y, float(goal))
-
-
-@inner
-def close(crowd: Crowd, kind: int, i: int) -> None:
-    """End the person's present event of this kind: what follows is another one."""
-    crowd.open[i, kind] = -1

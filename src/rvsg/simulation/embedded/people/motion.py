@@ -5,12 +5,19 @@ from __future__ import annotations
 import math
 
 from rvsg.core.kernels import inner
-from rvsg.simulation.embedded.people.crowd import PAUSED, REACHED, STUCK, Crowd, close, note_once, note_until
+from rvsg.simulation.embedded.people.crowd import (
+    IMPASSIVE,
+    PAUSED,
+    REACHED,
+    SCARED,
+    STUCK,
+    Crowd,
+    RobotState,
+    note_until,
+)
 from rvsg.simulation.embedded.people.obstacles import cell_of, on_outline, on_segment
 from rvsg.simulation.embedded.people.social_force import RELAXATION_S, body_force, social_forces, total_force, wrap
 
-IMPASSIVE = 2
-SCARED = 4
 GOAL_MARGIN_M = 0.1
 YAW_STEP_RAD = math.radians(10.0)
 
@@ -136,9 +143,7 @@ def off_walls(crowd: Crowd, x: float, y: float) -> tuple[float, float]:
 
 
 @inner
-def walk_published(
-    crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: float, robot_yaw: float, robot_vx: float, robot_vy: float
-) -> None:
+def walk_published(crowd: Crowd, i: int, dt: float, robot: RobotState) -> None:
     """Walk towards the present goal as HuNavSim does, or stand at the last one while its pause lasts."""
     g = crowd.goal_index[i]
     pausing = crowd.pause_left[i] > 0.0
@@ -154,21 +159,7 @@ def walk_published(
         crowd.vy[i] = 0.0
         return
     # HuNavSim never makes an impassive human treat the robot as an obstacle: it walks like a regular one.
-    fx, fy = total_force(
-        crowd,
-        i,
-        False,
-        goal_x,
-        goal_y,
-        crowd.goal_radius[i],
-        crowd.speed[i],
-        True,
-        robot_x,
-        robot_y,
-        robot_yaw,
-        robot_vx,
-        robot_vy,
-    )
+    fx, fy = total_force(crowd, i, False, goal_x, goal_y, crowd.goal_radius[i], crowd.speed[i], True, robot)
     step(crowd, i, dt, fx, fy, crowd.speed[i])
     if not pausing and distance_to(crowd, i, goal_x, goal_y) <= crowd.goal_radius[i]:
         next_goal(crowd, i)
@@ -193,54 +184,24 @@ def next_goal(crowd: Crowd, i: int) -> None:
 
 
 @inner
-def walk(
-    crowd: Crowd,
-    i: int,
-    t: float,
-    dt: float,
-    robot_x: float,
-    robot_y: float,
-    robot_yaw: float,
-    robot_vx: float,
-    robot_vy: float,
-) -> None:
+def walk(crowd: Crowd, i: int, t: float, dt: float, robot: RobotState) -> None:
     """Walk along the line to the present goal, or stand at the last one while its pause lasts."""
     crowd.stands[i] = 0
     # Somebody impassive does not make room for the robot, but does not walk through it.
     social = crowd.behaviour[i] != IMPASSIVE
-    if crowd.pause_left[i] > 0.0 or _is_at_only_goal(crowd, i):
+    g = crowd.goal_index[i]
+    there = distance_to(crowd, i, crowd.goals[i, g, 0], crowd.goals[i, g, 1]) <= crowd.goal_radius[i]
+    if crowd.pause_left[i] > 0.0 or (there and crowd.goal_count[i] == 1):
         if crowd.pause_left[i] > 0.0:
             g = (crowd.goal_index[i] - 1) % crowd.goal_count[i]
             note_until(crowd, PAUSED, i, t, t + dt, crowd.place_x[i], crowd.place_y[i], float(g))
             crowd.pause_left[i] -= dt
-        stand_at_place(crowd, i, dt, social, robot_x, robot_y, robot_yaw, robot_vx, robot_vy)
+        stand_at_place(crowd, i, dt, social, robot)
         return
     aim_x, aim_y = aim(crowd, i)
     aim_x, aim_y = around(crowd, i, aim_x, aim_y)
-    fx, fy = total_force(
-        crowd,
-        i,
-        False,
-        aim_x,
-        aim_y,
-        0.0,
-        crowd.speed[i],
-        social,
-        robot_x,
-        robot_y,
-        robot_yaw,
-        robot_vx,
-        robot_vy,
-    )
+    fx, fy = total_force(crowd, i, False, aim_x, aim_y, 0.0, crowd.speed[i], social, robot)
     step(crowd, i, dt, fx, fy, crowd.speed[i])
-
-
-@inner
-def _is_at_only_goal(crowd: Crowd, i: int) -> bool:
-    g = crowd.goal_index[i]
-    return crowd.goal_count[i] == 1 and (
-        distance_to(crowd, i, crowd.goals[i, g, 0], crowd.goals[i, g, 1]) <= crowd.goal_radius[i]
-    )
 
 
 @inner
@@ -312,23 +273,13 @@ def around(crowd: Crowd, i: int, aim_x: float, aim_y: float) -> tuple[float, flo
 
 
 @inner
-def stand_at_place(
-    crowd: Crowd,
-    i: int,
-    dt: float,
-    social: bool,
-    robot_x: float,
-    robot_y: float,
-    robot_yaw: float,
-    robot_vx: float,
-    robot_vy: float,
-) -> None:
+def stand_at_place(crowd: Crowd, i: int, dt: float, social: bool, robot: RobotState) -> None:
     """Stand at the waypoint; step aside for a strong push only, and come back."""
     dx = crowd.place_x[i] - crowd.x[i]
     dy = crowd.place_y[i] - crowd.y[i]
     away = math.sqrt(dx * dx + dy * dy)
-    push_x, push_y, _, _ = social_forces(crowd, i, False, social, robot_x, robot_y, robot_vx, robot_vy)
-    body_x, body_y = body_force(crowd, i, robot_x, robot_y, robot_yaw)
+    push_x, push_y, _, _ = social_forces(crowd, i, False, social, robot)
+    body_x, body_y = body_force(crowd, i, robot)
     push_x += body_x
     push_y += body_y
     push = math.sqrt(push_x * push_x + push_y * push_y)
@@ -347,7 +298,7 @@ def stand_at_place(
 
 
 @inner
-def arrive(crowd: Crowd, i: int, t: float, dt: float, robot_x: float, robot_y: float, robot_yaw: float) -> None:
+def arrive(crowd: Crowd, i: int, t: float, dt: float, robot: RobotState) -> None:
     """Head for the next goal where this one is reached; keep count of the time without progress."""
     g = crowd.goal_index[i]
     goal_x = crowd.goals[i, g, 0]
@@ -358,17 +309,15 @@ def arrive(crowd: Crowd, i: int, t: float, dt: float, robot_x: float, robot_y: f
         if crowd.behaviour[i] == SCARED and crowd.reacting[i] and away <= crowd.goal_radius[i]:
             next_goal(crowd, i)
         return
-    taken = (
-        crowd.idle[i] > PATIENCE_S
-        and away <= TAKEN_M
-        and _is_taken(crowd, i, goal_x, goal_y, robot_x, robot_y, robot_yaw)
-    )
+    taken = crowd.idle[i] > PATIENCE_S and away <= TAKEN_M and _is_taken(crowd, i, goal_x, goal_y, robot)
     if away <= crowd.goal_radius[i] or taken or (away <= PASSED_M and crowd.pauses[i, g] == 0.0 and _is_past(crowd, i)):
         x = crowd.x[i]
         y = crowd.y[i]
-        if crowd.start_pause[i] < 0.0:
-            note_once(crowd, REACHED, i, t, x, y, g)
-        close(crowd, STUCK, i)
+        if crowd.start_pause[i] < 0.0 and math.isnan(crowd.reached[i, g]):
+            crowd.reached[i, g] = t
+            crowd.open[i, REACHED] = -1
+            note_until(crowd, REACHED, i, t, t, x, y, float(g))
+        crowd.open[i, STUCK] = -1
         next_goal(crowd, i)
         if taken:
             crowd.place_x[i] = x
@@ -377,7 +326,7 @@ def arrive(crowd: Crowd, i: int, t: float, dt: float, robot_x: float, robot_y: f
     if away < crowd.best[i] - PROGRESS_M:
         crowd.best[i] = away
         crowd.idle[i] = 0.0
-        close(crowd, STUCK, i)
+        crowd.open[i, STUCK] = -1
     else:
         crowd.idle[i] += dt
     if crowd.idle[i] >= STUCK_S:
@@ -396,10 +345,10 @@ def _is_past(crowd: Crowd, i: int) -> bool:
 
 
 @inner
-def _is_taken(crowd: Crowd, i: int, x: float, y: float, robot_x: float, robot_y: float, robot_yaw: float) -> bool:
+def _is_taken(crowd: Crowd, i: int, x: float, y: float, robot: RobotState) -> bool:
     """Whether somebody else, or the robot, stands so near a point that a person cannot stand there."""
     for j in range(crowd.x.size):
         if j != i and distance_to(crowd, j, x, y) < crowd.radius[i] + crowd.radius[j] - crowd.goal_radius[i]:
             return True
-    px, py, inside = on_outline(crowd.outline, x, y, robot_x, robot_y, robot_yaw)
+    px, py, inside = on_outline(crowd.outline, x, y, robot.x, robot.y, robot.yaw)
     return inside or math.sqrt((px - x) ** 2 + (py - y) ** 2) < crowd.radius[i]

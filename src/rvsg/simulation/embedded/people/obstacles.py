@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.kernels import kernel
+from rvsg.simulation.embedded.walls import cell_borders, edges_of
 from rvsg.world.world import Polygon, SolidObject, World
 
 Floats = NDArray[np.float64]
@@ -78,25 +79,16 @@ def point_towards_origin(
         half_x = half_length * cos + half_width * sin
         half_y = half_length * sin + half_width * cos
         # The robot's box has its origin at its centre on the floor; written out to allocate nothing.
-        hx, hy, distance = _entry_into_robot(x - robot_x, y - robot_y, z, half_x, half_y, robot_height)
-        if 0.0 < distance <= best:
-            px, py, found = robot_x + hx, robot_y + hy, True
+        dx, dy, near = x - robot_x, y - robot_y, 0.0
+        if z > robot_height:
+            near = (z - robot_height) / z
+        if abs(dx) > half_x:
+            near = max(near, (abs(dx) - half_x) / abs(dx))
+        if abs(dy) > half_y:
+            near = max(near, (abs(dy) - half_y) / abs(dy))
+        if 0.0 < near * math.sqrt(dx * dx + dy * dy + z * z) <= best:
+            px, py, found = robot_x + (dx - near * dx), robot_y + (dy - near * dy), True
     return px, py, found
-
-
-@kernel
-def _entry_into_robot(
-    x: float, y: float, z: float, half_x: float, half_y: float, height: float
-) -> tuple[float, float, float]:
-    """`entry_point` into the box ±half_x, ±half_y, 0..height, towards its origin."""
-    near = 0.0
-    if z > height:
-        near = (z - height) / z
-    if abs(x) > half_x:
-        near = max(near, (abs(x) - half_x) / abs(x))
-    if abs(y) > half_y:
-        near = max(near, (abs(y) - half_y) / abs(y))
-    return x - near * x, y - near * y, near * math.sqrt(x * x + y * y + z * z)
 
 
 @kernel
@@ -207,14 +199,14 @@ class Surfaces:
         self.columns = math.ceil((cells.shape[1] * resolution + 2.0) / RASTER_M)
         self.rows = math.ceil((cells.shape[0] * resolution + 2.0) / RASTER_M)
         self.inside = np.zeros((self.rows, self.columns), np.uint8)
-        edges = [_edges(outline) for thing in world.solids for outline in outlines_of(thing)]
+        edges = [edges_of(outline) for thing in world.solids for outline in outlines_of(thing)]
         for thing in world.solids:
             body = np.zeros_like(self.inside)
             for outline in outlines_of(thing):
-                _flip_inside(body, _edges(outline), self.x, self.y)
+                _flip_inside(body, edges_of(outline), self.x, self.y)
             self.inside |= body
         if not world.objects:
-            edges.append(_cell_borders(cells == 100, resolution, offset_x, offset_y))
+            edges.append(cell_borders(cells == 100, resolution, offset_x, offset_y))
             rows = ((self.y + (np.arange(self.rows) + 0.5) * RASTER_M - offset_y) // resolution).astype(int)
             columns = ((self.x + (np.arange(self.columns) + 0.5) * RASTER_M - offset_x) // resolution).astype(int)
             within = np.ix_((rows >= 0) & (rows < cells.shape[0]), (columns >= 0) & (columns < cells.shape[1]))
@@ -227,26 +219,6 @@ class Surfaces:
 def outlines_of(thing: SolidObject) -> tuple[Polygon, ...]:
     """What a person cannot walk through, filled by the even-odd rule: the footprint with its holes."""
     return (thing.footprint, *thing.holes)
-
-
-def _edges(outline: Polygon) -> Floats:
-    points = np.asarray(outline, dtype=np.float64)
-    return np.hstack([points, np.roll(points, -1, axis=0)])
-
-
-def _cell_borders(occupied: NDArray[np.bool_], resolution: float, x: float, y: float) -> Floats:
-    """The borders between occupied and other cells, straight runs joined: (S, 4) metres."""
-    padded = np.pad(occupied, 1)
-    found: list[tuple[float, float, float, float]] = []
-    for rows, columns, flip in ((1, 0, False), (0, 1, True)):
-        border = padded[rows:, columns:] != padded[: padded.shape[0] - rows, : padded.shape[1] - columns]
-        lines = border.T if flip else border
-        for line in np.flatnonzero(lines.any(axis=1)):
-            edge = np.diff(np.concatenate([[0], lines[line].astype(np.int8), [0]]))
-            for first, last in zip(np.flatnonzero(edge == 1), np.flatnonzero(edge == -1), strict=True):
-                a, b, c = (first - 1) * resolution, (last - 1) * resolution, float(line) * resolution
-                found.append((x + c, y + a, x + c, y + b) if flip else (x + a, y + c, x + b, y + c))
-    return np.asarray(found, dtype=np.float64).reshape(-1, 4)
 
 
 def boxes_of(objects: tuple[SolidObject, ...]) -> tuple[Floats, Floats]:

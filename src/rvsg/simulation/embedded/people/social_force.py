@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from rvsg.core.kernels import inner, kernel
-from rvsg.simulation.embedded.people.crowd import Crowd
+from rvsg.simulation.embedded.people.crowd import Crowd, RobotState
 from rvsg.simulation.embedded.people.obstacles import cell_of, on_outline, on_segment, point_towards_origin
 
 LAMBDA = 2.0
@@ -21,7 +21,6 @@ SIGMA_OBSTACLE_M = 0.2
 RELAXATION_S = 0.5
 GAZE = 3.0
 COHERENCE = 2.0
-REPULSION = 1.0
 
 
 @kernel
@@ -56,55 +55,12 @@ def obstacle_force(dx: float, dy: float, radius: float, factor: float) -> tuple[
     return size * dx / distance, size * dy / distance
 
 
-@kernel
-def social_force(
-    dx: float, dy: float, dvx: float, dvy: float, factor: float, reach: float, aside: bool = False
-) -> tuple[float, float]:
-    """Return the push of another person at (dx, dy) from here; (dvx, dvy) is own velocity less the other's.
-
-    With ê the direction to the other, I = 2 (v - v_j) + ê, B = 0.35 |I| and θ the angle from I to ê:
-    -exp(-D/B - (3Bθ)²) along I and -sign(θ) exp(-D/B - (2Bθ)²) across it.
-    `reach` bounds the exponent (infinity: no bound): a pair beyond it is weaker than √2·factor·exp(-reach) and counts
-    as zero, because |θ| >= |sin θ|. `aside`: at θ = 0, where the model has no sideways push, push to the right; two
-    people who meet head-on would otherwise stop each other.
-    """
-    distance = math.sqrt(dx * dx + dy * dy)
-    ex = dx / distance
-    ey = dy / distance
-    ix = LAMBDA * dvx + ex
-    iy = LAMBDA * dvy + ey
-    square = ix * ix + iy * iy
-    # The test below, without roots and with some room for rounding: most pairs are beyond reach.
-    cross = N_ANGLE * GAMMA * (ix * ey - iy * ex)
-    rest = reach - cross * cross + 1e-6
-    if rest < 0.0 or distance * distance > 1.000001 * GAMMA * GAMMA * rest * rest * square:
-        return 0.0, 0.0
-    length = math.sqrt(square)
-    b = GAMMA * length
-    tx = ix / length
-    ty = iy / length
-    decay = distance / b
-    sine = N_ANGLE * b * (tx * ey - ty * ex)
-    if decay + sine * sine > reach:
-        return 0.0, 0.0
-    theta = math.atan2(tx * ey - ty * ex, tx * ex + ty * ey)
-    speed_angle = N_SPEED * b * theta
-    turn_angle = N_ANGLE * b * theta
-    along = -math.exp(-decay - speed_angle * speed_angle)
-    across = -math.exp(-decay - turn_angle * turn_angle)
-    if theta < 0.0:
-        across = -across
-    elif theta == 0.0 and not aside:
-        across = 0.0
-    return factor * (along * tx - across * ty), factor * (along * ty + across * tx)
-
-
 @inner
-def pair_force(dx: float, dy: float, dvx: float, dvy: float, reach: float) -> tuple[float, float, float]:
+def pair_force(dx: float, dy: float, dvx: float, dvy: float, reach: float, aside: bool) -> tuple[float, float, float]:
     """Return the push of `social_force` for a factor of 1, and the exponent that is compared with a person's reach.
 
-    It pushes to the right at θ = 0. The other person of the pair is pushed by the same, the other way: both see the
-    same angle and the same distance. `reach` is the larger one of both; beyond it the exponent is infinite.
+    The other person of the pair is pushed by the same, the other way: both see the same angle and the same distance.
+    `reach` is the larger one of both; beyond it the exponent is infinite.
     """
     distance = math.sqrt(dx * dx + dy * dy)
     ex = dx / distance
@@ -127,7 +83,25 @@ def pair_force(dx: float, dy: float, dvx: float, dvy: float, reach: float) -> tu
     across = -math.exp(-decay - turn_angle * turn_angle)
     if theta < 0.0:
         across = -across
+    elif theta == 0.0 and not aside:
+        across = 0.0
     return along * tx - across * ty, along * ty + across * tx, exponent
+
+
+@kernel
+def social_force(
+    dx: float, dy: float, dvx: float, dvy: float, factor: float, reach: float, aside: bool = False
+) -> tuple[float, float]:
+    """Return the push of another person at (dx, dy) from here; (dvx, dvy) is own velocity less the other's.
+
+    With ê the direction to the other, I = 2 (v - v_j) + ê, B = 0.35 |I| and θ the angle from I to ê:
+    -exp(-D/B - (3Bθ)²) along I and -sign(θ) exp(-D/B - (2Bθ)²) across it.
+    `reach` bounds the exponent (infinity: no bound): a pair beyond it is weaker than √2·factor·exp(-reach) and counts
+    as zero, because |θ| >= |sin θ|. `aside`: at θ = 0, where the model has no sideways push, push to the right; two
+    people who meet head-on would otherwise stop each other.
+    """
+    fx, fy, _ = pair_force(dx, dy, dvx, dvy, reach, aside)
+    return factor * fx, factor * fy
 
 
 @inner
@@ -198,15 +172,15 @@ def sum_groups(crowd: Crowd) -> None:
 
 
 @inner
-def find_obstacle(crowd: Crowd, i: int, robot_x: float, robot_y: float, robot_yaw: float) -> None:
+def find_obstacle(crowd: Crowd, i: int, robot: RobotState) -> None:
     """Find a person's obstacle point by the rule of the profile."""
     x = crowd.x[i]
     y = crowd.y[i]
     crowd.obstacle_near[i] = 0
     if crowd.published:
         ox, oy, found = point_towards_origin(
-            x, y, crowd.height[i], crowd.boxes, crowd.origins, robot_x, robot_y, robot_yaw, crowd.robot_box,
-            crowd.robot_height,
+            x, y, crowd.height[i], crowd.boxes, crowd.origins, robot.x, robot.y, robot.yaw, crowd.robot_box,
+            crowd.robot_height
         )  # fmt: skip
         if found:
             crowd.obstacle_x[i] = ox
@@ -251,7 +225,7 @@ def push_pairs(crowd: Crowd) -> None:
             if beyond[j]:
                 continue
             larger = reach if reach > reaches[j] else reaches[j]
-            fx, fy, exponent = pair_force(xs[j] - x, ys[j] - y, vx - vxs[j], vy - vys[j], larger)
+            fx, fy, exponent = pair_force(xs[j] - x, ys[j] - y, vx - vxs[j], vy - vys[j], larger, True)
             if not exponent > reach:
                 gx, gy = or_zero(factor * fx, factor * fy)
                 sum_x += gx
@@ -279,71 +253,46 @@ def push_members(crowd: Crowd, i: int) -> None:
 
 
 @inner
-def pushes_on(
-    crowd: Crowd, i: int, robot_in_social: bool, robot_x: float, robot_y: float, robot_vx: float, robot_vy: float
-) -> tuple[float, float, float, float]:
-    """Return what `social_forces` does, from what `push_pairs` has worked out."""
-    social_x = crowd.push_x[i]
-    social_y = crowd.push_y[i]
-    if robot_in_social:
-        fx, fy = social_force(
-            robot_x - crowd.old_x[i], robot_y - crowd.old_y[i], crowd.old_vx[i] - robot_vx, crowd.old_vy[i] - robot_vy,
-            crowd.factor_social[i], crowd.reach[i], True,
-        )  # fmt: skip
-        fx, fy = or_zero(fx, fy)
-        social_x += fx
-        social_y += fy
-    social_x, social_y = or_zero(social_x, social_y)
-    return social_x, social_y, crowd.near_x[i], crowd.near_y[i]
-
-
-@inner
 def social_forces(
-    crowd: Crowd,
-    i: int,
-    live: bool,
-    robot_in_social: bool,
-    robot_x: float,
-    robot_y: float,
-    robot_vx: float,
-    robot_vy: float,
+    crowd: Crowd, i: int, live: bool, robot_in_social: bool, robot: RobotState
 ) -> tuple[float, float, float, float]:
     """Return the push of all others, and the push of members of the own group who stand too near.
 
     `live`: take the others where they are now rather than at the beginning of the tick.
     """
-    if not crowd.published:
-        return pushes_on(crowd, i, robot_in_social, robot_x, robot_y, robot_vx, robot_vy)
-    x = crowd.old_x[i]
-    y = crowd.old_y[i]
-    vx = crowd.old_vx[i]
-    vy = crowd.old_vy[i]
+    x, y, vx, vy = crowd.old_x[i], crowd.old_y[i], crowd.old_vx[i], crowd.old_vy[i]
     factor = crowd.factor_social[i]
-    reach = reach_of(factor, crowd.neglect)
-    social_x = 0.0
-    social_y = 0.0
-    group = crowd.group[i]
-    near_x = 0.0
-    near_y = 0.0
-    xs, ys, vxs, vys = crowd.old_x, crowd.old_y, crowd.old_vx, crowd.old_vy
-    if live:
-        xs, ys, vxs, vys = crowd.x, crowd.y, crowd.vx, crowd.vy
-    groups = crowd.group
-    for j in range(xs.size):
-        if j == i:
-            continue
-        dx = xs[j] - x
-        dy = ys[j] - y
-        if group >= 0 and groups[j] == group and math.sqrt(dx * dx + dy * dy) < crowd.radius[i] + crowd.radius[j]:
-            near_x -= dx
-            near_y -= dy
-        if is_beyond(dx, dy, vx - vxs[j], vy - vys[j], reach):
-            continue
-        fx, fy = social_force(dx, dy, vx - vxs[j], vy - vys[j], factor, reach, False)
-        social_x += fx
-        social_y += fy
+    reach = crowd.reach[i]
+    social_x = crowd.push_x[i]
+    social_y = crowd.push_y[i]
+    near_x = crowd.near_x[i]
+    near_y = crowd.near_y[i]
+    if crowd.published:
+        reach = reach_of(factor, crowd.neglect)
+        social_x = social_y = near_x = near_y = 0.0
+        group, groups = crowd.group[i], crowd.group
+        xs, ys, vxs, vys = crowd.old_x, crowd.old_y, crowd.old_vx, crowd.old_vy
+        if live:
+            xs, ys, vxs, vys = crowd.x, crowd.y, crowd.vx, crowd.vy
+        for j in range(xs.size):
+            if j == i:
+                continue
+            dx = xs[j] - x
+            dy = ys[j] - y
+            if group >= 0 and groups[j] == group and math.sqrt(dx * dx + dy * dy) < crowd.radius[i] + crowd.radius[j]:
+                near_x -= dx
+                near_y -= dy
+            if is_beyond(dx, dy, vx - vxs[j], vy - vys[j], reach):
+                continue
+            fx, fy = social_force(dx, dy, vx - vxs[j], vy - vys[j], factor, reach, False)
+            social_x += fx
+            social_y += fy
     if robot_in_social:
-        fx, fy = social_force(robot_x - x, robot_y - y, vx - robot_vx, vy - robot_vy, factor, reach, False)
+        fx, fy = social_force(
+            robot.x - x, robot.y - y, vx - robot.vx, vy - robot.vy, factor, reach, not crowd.published
+        )
+        if not crowd.published:
+            fx, fy = or_zero(fx, fy)
         social_x += fx
         social_y += fy
     social_x, social_y = or_zero(social_x, social_y)
@@ -352,20 +301,9 @@ def social_forces(
 
 @inner
 def total_force(
-    crowd: Crowd,
-    i: int,
-    live: bool,
-    goal_x: float,
-    goal_y: float,
-    goal_radius: float,
-    speed: float,
-    robot_in_social: bool,
-    robot_x: float,
-    robot_y: float,
-    robot_yaw: float,
-    robot_vx: float,
-    robot_vy: float,
-) -> tuple[float, float]:
+    crowd: Crowd, i: int, live: bool, goal_x: float, goal_y: float, goal_radius: float, speed: float,
+    robot_in_social: bool, robot: RobotState,
+) -> tuple[float, float]:  # fmt: skip
     """Return the sum of desired, social, obstacle and group force on a person, each zero where it is undefined.
 
     `live`: take the others where they are now rather than at the beginning of the tick (HuNavSim recomputes the
@@ -374,17 +312,14 @@ def total_force(
     x = crowd.old_x[i]
     y = crowd.old_y[i]
     factor = crowd.factor_goal[i]
-    desired_x, desired_y = desired_force(
-        goal_x - x, goal_y - y, goal_radius, crowd.old_vx[i], crowd.old_vy[i], speed, factor
+    desired_x, desired_y = or_zero(
+        *desired_force(goal_x - x, goal_y - y, goal_radius, crowd.old_vx[i], crowd.old_vy[i], speed, factor)
     )
-    desired_x, desired_y = or_zero(desired_x, desired_y)
-    social_x, social_y, near_x, near_y = social_forces(
-        crowd, i, live, robot_in_social, robot_x, robot_y, robot_vx, robot_vy
-    )
+    social_x, social_y, near_x, near_y = social_forces(crowd, i, live, robot_in_social, robot)
     solid_x, solid_y = wall_force(crowd, i)
     if not crowd.published:
         solid_x, solid_y = within(solid_x, solid_y, goal_x - x, goal_y - y, factor * speed / RELAXATION_S)
-        px, py = body_force(crowd, i, robot_x, robot_y, robot_yaw)
+        px, py = body_force(crowd, i, robot)
         solid_x += px
         solid_y += py
     group_x, group_y = group_force(crowd, i, goal_x, goal_y, goal_radius, near_x, near_y)
@@ -399,21 +334,16 @@ def group_force(
     group = crowd.group[i]
     if group < 0 or crowd.group_sum[group, 2] < 2.0:
         return 0.0, 0.0
-    x = crowd.old_x[i]
-    y = crowd.old_y[i]
+    x, y = crowd.old_x[i], crowd.old_y[i]
+    gx, gy, members = crowd.group_sum[group, 0], crowd.group_sum[group, 1], crowd.group_sum[group, 2]
     group_x = 0.0
     group_y = 0.0
-    members = crowd.group_sum[group, 2]
-    gx = crowd.group_sum[group, 0]
-    gy = crowd.group_sum[group, 1]
     distance = math.sqrt((goal_x - x) ** 2 + (goal_y - y) ** 2)
     if distance > goal_radius:
         group_x, group_y = gaze_force(
-            (goal_x - x) / distance,
-            (goal_y - y) / distance,
-            (gx - x) / (members - 1.0) - x,
+            (goal_x - x) / distance, (goal_y - y) / distance, (gx - x) / (members - 1.0) - x,
             (gy - y) / (members - 1.0) - y,
-        )
+        )  # fmt: skip
     fx, fy = coherence_force(gx / members - x, gy / members - y, int(members))
     return or_zero(group_x + fx + near_x, group_y + fy + near_y)
 
@@ -431,11 +361,11 @@ def wall_force(crowd: Crowd, i: int) -> tuple[float, float]:
 
 
 @inner
-def body_force(crowd: Crowd, i: int, robot_x: float, robot_y: float, robot_yaw: float) -> tuple[float, float]:
+def body_force(crowd: Crowd, i: int, robot: RobotState) -> tuple[float, float]:
     """Return the push of the robot's body, as of an obstacle."""
     x = crowd.old_x[i]
     y = crowd.old_y[i]
-    sx, sy, _ = on_outline(crowd.outline, x, y, robot_x, robot_y, robot_yaw)
+    sx, sy, _ = on_outline(crowd.outline, x, y, robot.x, robot.y, robot.yaw)
     fx, fy = obstacle_force(x - sx, y - sy, crowd.radius[i], crowd.factor_obstacle[i])
     return or_zero(fx, fy)
 

@@ -1,9 +1,12 @@
-"""The kinematic simulator holds pauses by the same rules as the embedded one."""
+"""The kinematic simulator: pauses by the rules of the embedded one, and every robot at its own speed."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+import rvsg
+from rvsg.robots.robot import load_robot
 from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.kinematic import _walk
 
@@ -32,3 +35,12 @@ def test_a_pause_at_the_start_is_held_once() -> None:
     assert first[0] == 0.0
     assert 1.9 < first[1] < 2.6
     assert not later
+
+
+@pytest.mark.parametrize("name", ["tiago_omni", "turtlebot3_waffle", "industrial_amr"])
+def test_a_robot_drives_at_its_own_speed(name: str) -> None:
+    scenario = rvsg.scenario("warehouse", "route_1", robot=name)
+    run = rvsg.simulate(scenario, 1, simulator="kinematic")[0]
+    assert run.completed
+    assert run.trajectory.v.max() == pytest.approx(load_robot(name).driving_speed_m_s)
+    assert run.robot_radius_m == load_robot(name).radius_m
