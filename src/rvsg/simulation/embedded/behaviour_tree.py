@@ -51,12 +51,6 @@ def _note(state: State, kind: int, t: float, first: float, second: float) -> Non
 
 
 @inner
-def note_recovery(state: State, action: int, t: float) -> None:
-    """Note that a recovery begins."""
-    _note(state, RECOVERED, t, float(action), 0.0)
-
-
-@inner
 def go_on_recovery(state: State, t: float) -> None:
     """Note that the present recovery still goes on, or ends, at time t."""
     n = state.nav[st.NOTED]
@@ -65,24 +59,14 @@ def go_on_recovery(state: State, t: float) -> None:
 
 
 @inner
-def keep_path(state: State, count: int) -> None:
-    """Keep the present path, in the map, before the planner writes the next one."""
-    for i in range(count):
-        state.path[2, i, 0] = state.path[0, i, 0]
-        state.path[2, i, 1] = state.path[0, i, 1]
-
-
-@inner
 def note_path(state: State, before: int, count: int, t: float) -> None:
     """Note a new path of `count` poses to the same goal that leaves the one before, of `before` poses, clearly."""
     goal = state.nav[st.GOAL]
-    same = before > 0 and state.nav[st.PLANNED_GOAL] == goal
+    if before > 0 and state.nav[st.PLANNED_GOAL] == goal:
+        far = deviation(state.path[2], before, state.path[0], count)
+        if far > CLEARLY_M:
+            _note(state, REPLANNED, t, length(state.path[0], count), far)
     state.nav[st.PLANNED_GOAL] = goal
-    if not same:
-        return
-    far = deviation(state.path[2], before, state.path[0], count)
-    if far > CLEARLY_M:
-        _note(state, REPLANNED, t, length(state.path[0], count), far)
 
 
 @inner
@@ -155,7 +139,9 @@ def plan_route(scene: Scene, state: State, t: float) -> bool:
     x, y = to_map(state.own.present, state.body[base.X], state.body[base.Y])
     g = nav[st.GOAL]
     before = nav[dwb.PLAN_END]
-    keep_path(state, before)
+    for i in range(before):
+        state.path[2, i, 0] = state.path[0, i, 0]
+        state.path[2, i, 1] = state.path[0, i, 1]
     count = plan(
         state.path[0], 0, x, y, state.goals[g, 0], state.goals[g, 1], state.global_master, state.costs, scene.reach,
         state.rest, state.potential, state.waiting, state.buffers, state.cells, scene.origin_x, scene.origin_y,
@@ -312,7 +298,7 @@ def begin_action(state: State, settings: Settings, t: float) -> None:
     if action == 1 and state.stack.wheelbase > 0.0:
         action = 2  # no spin for a robot that cannot turn on the spot
     nav[st.NEXT_ACTION] = (action + 1) % ACTIONS
-    note_recovery(state, action, t)
+    _note(state, RECOVERED, t, float(action), 0.0)
     times = state.times
     times[st.ACTION_T] = t
     times[st.ACTION_DUE] = t

@@ -363,7 +363,12 @@ class MovingBodies:
         self._pose[i], self.placed[i] = pose, shape
         crowd.x[i], crowd.y[i], crowd.yaw[i] = pose
         crowd.vx[i], crowd.vy[i] = go * velocity[0], go * velocity[1]
-        self._keep_apart(i, shape, robot)
+        # The pusher keeps away from the robot, and others from what is pushed.
+        if i not in self._heedless:
+            self._nudge(i, shape, robot, 0.0)
+        for j in range(crowd.x.size):
+            if j != i and self._apart(i, j) < self._reach[i] + PUSH_REACH_M:
+                self._nudge(j, shapely.Point(crowd.x[j], crowd.y[j]), shape, float(crowd.radius[j]))
 
     def _retreats(self, i: int, robot: Any) -> bool:
         """Return whether a person who stands in front of the robot with what they push steps back, for a while."""
@@ -396,15 +401,6 @@ class MovingBodies:
         """Return the distance of a person's body from another's middle."""
         crowd = self.crowd
         return math.hypot(crowd.x[j] - crowd.x[i], crowd.y[j] - crowd.y[i]) - float(crowd.radius[j])
-
-    def _keep_apart(self, i: int, shape: Any, robot: Any) -> None:
-        """Let the pusher keep away from the robot, and others from what is pushed."""
-        crowd = self.crowd
-        if i not in self._heedless:
-            self._nudge(i, shape, robot, 0.0)
-        for j in range(crowd.x.size):
-            if j != i and self._apart(i, j) < self._reach[i] + PUSH_REACH_M:
-                self._nudge(j, shapely.Point(crowd.x[j], crowd.y[j]), shape, float(crowd.radius[j]))
 
     def _nudge(self, j: int, shape: Any, other: Any, radius: float) -> None:
         """Change the velocity of a person away from a body near `shape`, which is theirs; it acts in the next tick."""

@@ -91,11 +91,13 @@ def rays_of(state: State, side: int) -> int:
 
 
 @inner
-def move_window(state: State) -> None:
-    """Let the local window follow the robot by whole cells, truncated towards zero, as Nav2 does.
-
-    The wanted corner lies (60 - 0.5) cells / 2 below the robot.
-    """
+def update_local(scene: Scene, state: State, settings: Settings) -> None:
+    """Update of the local costmap: window, both voxel layers, footprint, inflation; first clear all if asked to."""
+    if state.nav[st.CLEAR_LOCAL] != 0:
+        state.nav[st.CLEAR_LOCAL] = 0
+        state.local[:] = FREE
+    # The window follows the robot by whole cells, truncated towards zero, as Nav2 does; the wanted corner lies half of
+    # the cells, less a quarter of one, below the robot.
     half = 0.5 * (state.stack.cells - 0.5)
     columns = int(state.body[base.X] / state.stack.resolution - half - state.nav[WINDOW_COLUMN])
     rows = int(state.body[base.Y] / state.stack.resolution - half - state.nav[WINDOW_ROW])
@@ -103,15 +105,6 @@ def move_window(state: State) -> None:
         shift(state.local[side], columns, rows)
     state.nav[WINDOW_COLUMN] += columns
     state.nav[WINDOW_ROW] += rows
-
-
-@inner
-def update_local(scene: Scene, state: State, settings: Settings) -> None:
-    """Update of the local costmap: window, both voxel layers, footprint, inflation; first clear all if asked to."""
-    if state.nav[st.CLEAR_LOCAL] != 0:
-        state.nav[st.CLEAR_LOCAL] = 0
-        state.local[:] = FREE
-    move_window(state)
     left = state.nav[WINDOW_COLUMN]
     low = state.nav[WINDOW_ROW]
     for side in range(state.stack.lidars.shape[0]):
@@ -202,13 +195,6 @@ def watch_zones(scene: Scene, state: State, settings: Settings, side: int, t: fl
             watched = speed >= zones[zone, FROM_SPEED] or t < state.zone_until[zone]
             if watched and is_inside(corners, px, py):
                 state.zone_until[zone] = t + zones[zone, RELEASE]
-    limit_speed(state, t)
-
-
-@inner
-def limit_speed(state: State, t: float) -> None:
-    """Set the speed limits of the base from the zones that hold now."""
-    zones = state.stack.zones
     ahead = base.NO_CAP
     behind = base.NO_CAP
     for zone in range(zones.shape[0]):

@@ -254,7 +254,9 @@ def simulate_agents(
     if start is not None:
         route = route.model_copy(update={"start": start})
     settings, scene, offset = draw_settings(world, route, options, around, seed)
-    goals = _goals(route, offset, options.goals_in_map_frame)
+    goals = np.array([[p.x, p.y, p.yaw] for p in (*route.through, route.goal)], np.float64)
+    if not options.goals_in_map_frame:
+        goals[:, :2] -= offset
     crowd = initial(
         agents, world, options=people_options(options), seed=seed, robot=robot,
         time_limit_s=route.time_limit_s * settings.clock,
@@ -392,14 +394,6 @@ def _check(route: Route, seed: int) -> None:
         )
     if seed < 0:
         raise InputError(f"the seed must be 0 or more, not {seed}")
-
-
-def _goals(route: Route, offset: tuple[float, float], in_map_frame: bool) -> Floats:
-    """Poses to drive through, the goal last, (G, 3) in the map frame."""
-    poses = np.array([[p.x, p.y, p.yaw] for p in (*route.through, route.goal)], np.float64)
-    if not in_map_frame:
-        poses[:, :2] -= offset
-    return poses
 
 
 def _outcome(state: State) -> Outcome:

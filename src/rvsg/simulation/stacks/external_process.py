@@ -72,11 +72,6 @@ class Wanted(NamedTuple):
     protocol: int = 1
 
 
-def hello_frame(options: dict[str, Any]) -> bytes:
-    """Return the first frame: the protocols that are spoken, and the options that are for the stack."""
-    return b"H" + json.dumps({"protocol": PROTOCOLS[0], "protocols": PROTOCOLS, "options": options}).encode()
-
-
 def task_frame(task: Task) -> bytes:
     """Return the frame that begins a run."""
     limits, occupancy = task.robot.limits, task.world.occupancy
@@ -403,7 +398,8 @@ class External:
         if self._connection is None:
             self._connection = Connection(self.command_line, self.start_timeout_s)
             self._started += 1
-            answer = self._exchange(hello_frame(self.parameters), self.start_timeout_s)
+            hello = {"protocol": PROTOCOLS[0], "protocols": PROTOCOLS, "options": self.parameters}
+            answer = self._exchange(b"H" + json.dumps(hello).encode(), self.start_timeout_s)
             try:
                 self._wanted = read_hello(answer)
             except StackError as error:

@@ -115,8 +115,12 @@ def _keep_pinned(crowd: Crowd, count: int) -> None:
             j = crowd.pairs[k, 1]
             left = _overlap(crowd, i, j, crowd.x, crowd.y)
             if left > LEFT_M and left > _overlap(crowd, i, j, crowd.old_x, crowd.old_y):
-                _step_back(crowd, i)
-                _step_back(crowd, j)
+                for who in (i, j):
+                    dx = crowd.x[who] - crowd.old_x[who]
+                    dy = crowd.y[who] - crowd.old_y[who]
+                    crowd.walked[who] -= math.sqrt(dx * dx + dy * dy)
+                    crowd.x[who], crowd.y[who] = crowd.old_x[who], crowd.old_y[who]
+                    crowd.vx[who] = crowd.vy[who] = 0.0
                 again = True
         count = -1
 
@@ -131,18 +135,6 @@ def _overlap(crowd: Crowd, i: int, j: int, xs: Floats, ys: Floats) -> float:
     if square >= reach * reach:
         return 0.0
     return reach * (1.0 - (1.0 - SQUEEZED) * max(crowd.squeeze[i], crowd.squeeze[j])) - math.sqrt(square)
-
-
-@inner
-def _step_back(crowd: Crowd, i: int) -> None:
-    """Undo the step of a person."""
-    dx = crowd.x[i] - crowd.old_x[i]
-    dy = crowd.y[i] - crowd.old_y[i]
-    crowd.walked[i] -= math.sqrt(dx * dx + dy * dy)
-    crowd.x[i] = crowd.old_x[i]
-    crowd.y[i] = crowd.old_y[i]
-    crowd.vx[i] = 0.0
-    crowd.vy[i] = 0.0
 
 
 @inner

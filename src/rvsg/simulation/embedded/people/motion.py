@@ -68,20 +68,13 @@ def step(crowd: Crowd, i: int, dt: float, fx: float, fy: float, cap: float) -> N
     crowd.x[i] += vx * dt
     crowd.y[i] += vy * dt
     crowd.walked[i] += math.sqrt(vx * vx + vy * vy) * dt
-    _turn_published(crowd, i, 0.0 if vx == 0.0 and vy == 0.0 else math.atan2(vy, vx))
+    # The plugin shows at most half of a turn of more than 10° per tick.
+    turn = wrap((0.0 if vx == 0.0 and vy == 0.0 else math.atan2(vy, vx)) - crowd.yaw[i])
+    crowd.yaw[i] = wrap(crowd.yaw[i] + (0.5 * turn if abs(turn) > YAW_STEP_RAD else turn))
     # The plugin estimates the velocity from positions and caps each axis.
     if math.sqrt(vx * vx + vy * vy) > crowd.speed[i]:
         crowd.vx[i] = max(-crowd.speed[i], min(crowd.speed[i], vx))
         crowd.vy[i] = max(-crowd.speed[i], min(crowd.speed[i], vy))
-
-
-@inner
-def _turn_published(crowd: Crowd, i: int, target: float) -> None:
-    """Turn as the plugin shows it: at most half of a turn of more than 10° per tick."""
-    turn = wrap(target - crowd.yaw[i])
-    if abs(turn) > YAW_STEP_RAD:
-        turn *= 0.5
-    crowd.yaw[i] = wrap(crowd.yaw[i] + turn)
 
 
 @inner
@@ -310,7 +303,9 @@ def arrive(crowd: Crowd, i: int, t: float, dt: float, robot: RobotState) -> None
             next_goal(crowd, i)
         return
     taken = crowd.idle[i] > PATIENCE_S and away <= TAKEN_M and _is_taken(crowd, i, goal_x, goal_y, robot)
-    if away <= crowd.goal_radius[i] or taken or (away <= PASSED_M and crowd.pauses[i, g] == 0.0 and _is_past(crowd, i)):
+    # Beyond the waypoint, which ends the present line.
+    past = (crowd.x[i] - goal_x) * (goal_x - crowd.from_x[i]) + (crowd.y[i] - goal_y) * (goal_y - crowd.from_y[i]) > 0.0
+    if away <= crowd.goal_radius[i] or taken or (away <= PASSED_M and crowd.pauses[i, g] == 0.0 and past):
         x = crowd.x[i]
         y = crowd.y[i]
         if crowd.start_pause[i] < 0.0 and math.isnan(crowd.reached[i, g]):
@@ -333,15 +328,6 @@ def arrive(crowd: Crowd, i: int, t: float, dt: float, robot: RobotState) -> None
         note_until(crowd, STUCK, i, t - crowd.idle[i], t, crowd.x[i], crowd.y[i], float(g))
     change = dt if crowd.idle[i] > STUCK_S else -dt / SQUEEZE_S
     crowd.squeeze[i] = min(1.0, max(0.0, crowd.squeeze[i] + change))
-
-
-@inner
-def _is_past(crowd: Crowd, i: int) -> bool:
-    """Whether a person is beyond the waypoint at the end of the present line."""
-    g = crowd.goal_index[i]
-    dx = crowd.goals[i, g, 0] - crowd.from_x[i]
-    dy = crowd.goals[i, g, 1] - crowd.from_y[i]
-    return (crowd.x[i] - crowd.goals[i, g, 0]) * dx + (crowd.y[i] - crowd.goals[i, g, 1]) * dy > 0.0
 
 
 @inner
