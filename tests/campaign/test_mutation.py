@@ -1,3 +1,5 @@
+"""Mutation: changes of configurations, and the kinds of failure that guide them."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -5,12 +7,14 @@ import pytest
 from tests.campaign.parts import WalkGenerator, plan, warehouse
 
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.mutation import Operators
+from rvsg.campaign.mutation import Kinds, Operators, _closest, foreseen
+from rvsg.campaign.observation import FailureMode
 from rvsg.campaign.race import Candidate
 from rvsg.generation.descriptions import TUNED, describe_new, tells_of
+from rvsg.generation.forecast import forecaster_of
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Aim
-from rvsg.scenario.scenario import Scenario
+from rvsg.scenario.scenario import HumanConfiguration, Scenario
 
 TOLD = "Ann brings boxes to the shelf and waits there for 5 s."
 
@@ -78,3 +82,82 @@ def test_tuned_numbers_are_told_in_either_text(operators: Operators) -> None:
     described = operators.describe(ours.scenario, tuned)
     after = ours.scenario.replace(people=tuned.people, description=described.description, idea=described.idea)
     assert tells_of(after, goods=True)
+
+
+CROSSED = FailureMode(place="Area 3", person="crosses its way ahead of it", robot="stops")
+STOOD = FailureMode(place="Area 4", person="stands beside it", robot="drives on")
+
+
+def raced(index: int, *badness: float) -> Candidate:
+    made = Candidate(Attempt.model_construct(index=index))
+    made.badness = dict(enumerate(badness))
+    made.estimate = float(np.mean(badness)) if badness else -np.inf
+    return made
+
+
+@pytest.fixture
+def shown() -> tuple[Kinds, list[Candidate]]:
+    kinds = Kinds(limit=1.0)
+    known = [raced(0, 2.0), raced(1, 1.5, 1.6), raced(2, 3.0), raced(3, 0.5)]
+    shown = [(CROSSED,), (CROSSED, CROSSED), (STOOD,), ()]
+    for each, modes in zip(known, shown, strict=True):
+        kinds.place(each, modes)
+    return kinds, known
+
+
+def test_who_violates_surely_stands_for_a_kind(shown: tuple[Kinds, list[Candidate]]) -> None:
+    kinds, known = shown
+    assert {mode: c.index for mode, c in kinds.champions(known).items()} == {CROSSED: 1, STOOD: 2}
+    assert kinds.met() == {("Area 3", CROSSED.person), ("Area 4", STOOD.person)}
+
+
+def test_a_kind_that_one_run_shows_is_run_again(shown: tuple[Kinds, list[Candidate]]) -> None:
+    kinds, known = shown
+    assert [c.index for c in kinds.doubtful(known)] == [2]
+    for again in ((STOOD,), (STOOD, STOOD)):
+        known[2].badness[1] = 3.0
+        kinds.place(known[2], again)
+        assert kinds.doubtful(known) == []
+
+
+def test_a_kind_that_surely_violates_needs_no_second_run(shown: tuple[Kinds, list[Candidate]]) -> None:
+    kinds, known = shown
+    known[2].deviation = 0.1
+    assert kinds.doubtful(known) == []
+
+
+def test_kinds_take_turns_to_be_changed(shown: tuple[Kinds, list[Candidate]]) -> None:
+    kinds, known = shown
+    changes: dict[int, int] = {}
+    turns = []
+    for _ in range(4):
+        chosen = kinds.least_changed(known, changes)
+        assert chosen is not None
+        turns.append(chosen.index)
+        changes[chosen.index] = changes.get(chosen.index, 0) + 1
+    assert turns == [1, 2, 1, 2]
+    assert Kinds(limit=1.0).least_changed(known, {}) is None
+
+
+def test_the_closest_approach_of_a_forecast_has_a_place_and_a_person() -> None:
+    """The robot drives along x at 0.5 m/s; somebody crosses from its left and is nearest 1 m ahead of it at 5 s."""
+    time = np.arange(0.0, 10.0, 0.1)
+    robot = 0.5 * time + 0j
+    crossing = 3.5 + 1j * 0.8 * (5.0 - time)
+    met = _closest(np.stack([robot, crossing], axis=1), warehouse())
+    assert met is not None and met[1] == "crosses its way ahead of it"
+    standing = np.full_like(robot, 2.5 + 0.9j)
+    met = _closest(np.stack([robot, standing], axis=1), warehouse())
+    assert met is not None and met[1] == "stands beside it"
+
+
+def test_every_configuration_is_foreseen_in_its_place_and_people_are_needed() -> None:
+    mission, world = plan().mission, warehouse()
+    proposals = [WalkGenerator().propose(Brief(mission=mission, requirement=None, seed=k), world) for k in (1, 2)]
+    people = [p.scenario.people for p in proposals if p.scenario is not None]
+    forecaster = forecaster_of(mission, world)
+    both = foreseen(forecaster, [people[0], HumanConfiguration(humans=()), people[1]], world)
+    assert both[1] is None
+    assert both[0] == foreseen(forecaster, people[:1], world)[0]
+    assert both[2] == foreseen(forecaster, people[1:], world)[0]
+    assert all(each is not None for each in (both[0], both[2]))
