@@ -60,8 +60,17 @@ def test_a_wrong_token_is_refused(token: str) -> None:
     assert ask(query=f"token={token}")["status"] == 403
 
 
-def test_the_token_does_not_lead_to_another_site() -> None:
-    assert dict(ask("//evil.example", query="token=secret")["headers"])[b"location"] == b"/evil.example"
+@pytest.mark.parametrize(
+    ("path", "location"),
+    [
+        ("//evil.example", b"/evil.example"),
+        ("///evil.example/", b"/evil.example/"),
+        ("/\\evil.example", b"/evil.example"),
+        ("/a\r\nX: y", b"/a%0D%0AX%3A%20y"),
+    ],
+)
+def test_the_token_does_not_lead_to_another_site(path: str, location: bytes) -> None:
+    assert dict(ask(path, query="token=secret")["headers"])[b"location"] == location
 
 
 def test_a_change_needs_the_cookie() -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,10 +14,12 @@ from rvsg.app.settings import CampaignConfig
 from rvsg.campaign.suite import Change
 from rvsg.core.errors import InputError
 from rvsg.evaluation.verdict import load_requirement
+from rvsg_studio.answers import _answered, scenario_try
 from rvsg_studio.listing import FoundCampaign
 from rvsg_studio.model_questions import conversations_of, named_in
 from rvsg_studio.pages.new_campaign import estimate
-from rvsg_studio.scenario_editor import empty_scenario, scenario_of, try_out, with_person
+from rvsg_studio.scenario_editor import empty_scenario, scenario_of, simulated, try_out, with_person
+from rvsg_studio.workspace import Workspace
 
 
 def test_a_scenario_is_built_repaired_and_tried_as_simulate_does() -> None:
@@ -35,6 +39,22 @@ def test_a_scenario_is_built_repaired_and_tried_as_simulate_does() -> None:
     assert tried.objectives == tuple(m.objective for m in judged.measurements)
     assert tried.violations == judged.verdict.violations == sum(tried.violated)
     assert set(tried.people) == {"Human 1", "Human 2"} and len(tried.robot) > 5
+
+
+@pytest.mark.timeout(120)
+def test_the_runs_of_a_replay_are_simulated_one_request_at_a_time() -> None:
+    world = rvsg.load_world("warehouse")
+    runs = simulated(empty_scenario(world, "route_1"), world, range(2), "kinematic")
+    assert len(runs.runs) == 2
+
+
+@pytest.mark.parametrize("asked", [{"stops": 5}, {"world": "x" * 5000}, {"campaign": "x" * 5000, "attempt": 1}])
+def test_a_request_that_makes_no_sense_gets_one_message(tmp_path: Path, asked: dict[str, Any]) -> None:
+    world = rvsg.load_world("warehouse")
+    scenario = empty_scenario(world, "route_1").model_dump(mode="json")
+    given = {"scenario": scenario, "seeds": 1} | asked
+    answer = asyncio.run(_answered(Workspace(tmp_path), scenario_try, given))
+    assert answer.status_code == 400 and b"error" in answer.body
 
 
 def test_what_cannot_be_simulated_says_why() -> None:

@@ -5,6 +5,7 @@ The JavaScript components fetch and send it.
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import shlex
@@ -188,6 +189,8 @@ def scenario_try(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     """Simulate the scenario as it stands in the editor."""
     wanted, place, simulator, requirement = _asked(workspace, given)
     if given.get("stops"):
+        if not isinstance(given["stops"], list):
+            raise InputError("stops: expected a list of waypoints.")
         wanted = with_person(wanted, place, [str(stop) for stop in given["stops"]])
     seeds = range(min(MOST_SEEDS, max(1, number_of(given, "seeds"))))
     tried = try_out(wanted, place, requirement, seeds=seeds, simulator=simulator)
@@ -474,4 +477,8 @@ async def _answered(workspace: Workspace, answer: Answer, given: dict[str, Any])
         made = await run.io_bound(work)
     except RvsgError as error:
         return JSONResponse({"error": str(error)}, status_code=400)
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        return JSONResponse({"error": "A name is too long. Give a shorter one."}, status_code=400)
     return made if isinstance(made, Response) else JSONResponse(made)

@@ -38,7 +38,7 @@ BEHAVIOURS = tuple(each.value for each in Behaviour)
 PERIOD_S = 0.2
 """Seconds between the points of the lines that are drawn."""
 _made: dict[str, Simulator] = {}
-_making = threading.Lock()
+_making = threading.RLock()
 
 
 class Tried(Record):

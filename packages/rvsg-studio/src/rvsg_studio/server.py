@@ -15,7 +15,7 @@ from http.cookies import CookieError, SimpleCookie
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import parse_qsl, urlencode
+from urllib.parse import parse_qsl, quote, urlencode
 
 from rvsg.core.errors import FileError, InputError, how_to_install
 
@@ -194,7 +194,8 @@ class Guard:
 
     async def _let_in(self, scope: Scope, query: dict[str, str], send: Send) -> None:
         """Set the cookie and send the browser to the address without the token, so that no bookmark holds it."""
-        address = scope["path"].replace("//", "/") + (f"?{urlencode(query)}" if query else "")
+        # A path may hold line breaks, or begin like the name of another host.
+        address = "/" + quote(scope["path"].lstrip("/\\")) + (f"?{urlencode(query)}" if query else "")
         cookie = f"{self.cookie}={self.token}; Path=/; HttpOnly; SameSite=Strict"
         await send(
             {

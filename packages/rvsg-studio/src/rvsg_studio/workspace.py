@@ -216,6 +216,7 @@ class Workspace:
         self.folder = folder.resolve()
         self.own = self.folder / OWN
         self.own.mkdir(exist_ok=True)
+        self.own.chmod(0o700)  # drafts and logs are the user's own
         ignore = self.own / ".gitignore"
         if not ignore.exists():
             ignore.write_text("*\n", encoding="utf-8")
