@@ -205,15 +205,6 @@ class TestRuns:
         run = simulate_agents(world, route, people, seed=0)
         assert overlaps(run)[0] < 0.01
 
-    def test_a_person_who_starts_on_the_robot_is_an_outcome(self) -> None:
-        world = load_world("warehouse")
-        route = world.route("route_1")
-        at = (route.start.x + 0.3, route.start.y)
-        person = HumanAgent(name="a", start=at, goals=(at, (at[0], at[1] + 1.0)), pauses_s=(0.0, 0.0))
-        run = simulate_agents(world, route, [person])
-        assert run.outcome is Outcome.BLOCKED_START
-        assert len(run.trajectory) == 1
-
     def test_the_published_profile_has_no_bodies(self) -> None:
         world = load_world("warehouse")
         route = world.route("route_1")
@@ -224,9 +215,6 @@ class TestRuns:
         assert not [event for event in run.events if event.kind == "robot_contact"]
 
     def test_a_hundred_people_in_a_small_room_stay_finite(self) -> None:
-        from rvsg.simulation.embedded.simulator import empty_room
-
-        room = empty_room()
         rng = np.random.default_rng(1)
         points = [(float(x), float(y)) for x, y in rng.uniform(-2.5, 2.5, (100, 2))]
         people = [
@@ -234,7 +222,7 @@ class TestRuns:
             for i, p in enumerate(points)
         ]
         route = Route(name="r", start=Pose(x=-2.0, y=0.0), goal=Pose(x=2.0, y=0.0), time_limit_s=3.0)
-        run = simulate_agents(room, route, people, seed=1)
+        run = simulate_agents(empty_room(), route, people, seed=1)
         assert run.outcome in (Outcome.BLOCKED_START, Outcome.TIMED_OUT)
 
     def test_a_corridor_with_a_standing_person_stops_the_robot_without_overlap(self) -> None:

@@ -57,9 +57,12 @@ def deepest(run: Run, walls: Walls) -> float:
     return max(overlap(walls, *pose) for pose in zip(path.x, path.y, path.yaw, strict=True))
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_a_door_too_narrow_is_not_passed(seed: int) -> None:
-    run, walls = through(TIAGO, 0.45, seed)
+WIDE = TIAGO.replace(footprint=((0.4, 0.6), (-0.4, 0.6), (-0.4, -0.6), (0.4, -0.6)), body=None)
+
+
+@pytest.mark.parametrize(("robot", "width_m", "seed"), [(TIAGO, 0.45, 0), (TIAGO, 0.45, 1), (WIDE, 0.60, 0)])
+def test_a_door_too_narrow_is_not_passed(robot: Robot, width_m: float, seed: int) -> None:
+    run, walls = through(robot, width_m, seed)
     assert run.outcome in (Outcome.NO_PATH, Outcome.ABORTED, Outcome.STUCK, Outcome.TIMED_OUT)
     assert run.trajectory.x.max() < 0.0
     assert deepest(run, walls) <= 2 * SLACK_M
@@ -71,12 +74,6 @@ def test_a_door_wide_enough_is_passed_without_contact(seed: int) -> None:
     assert run.outcome is Outcome.REACHED
     assert deepest(run, walls) == 0.0
     assert not run.events
-
-
-def test_a_robot_wider_than_every_way_finds_no_path() -> None:
-    wide = TIAGO.replace(footprint=((0.4, 0.6), (-0.4, 0.6), (-0.4, -0.6), (0.4, -0.6)), body=None)
-    run, _ = through(wide, 0.60)
-    assert run.outcome in (Outcome.NO_PATH, Outcome.ABORTED)
 
 
 def ahead(_: Episode) -> tuple[float, float]:
