@@ -203,6 +203,14 @@ def test_what_others_write_as_our_facts_is_refused(said: list[Said], tmp_path: P
         read_recording(recorded([("/rvsg/run", BEGIN_S, message), *said], tmp_path), world=world)
 
 
+def test_a_goal_of_another_type_is_no_goal(said: list[Said], tmp_path: Path, world: World) -> None:
+    def change(topic: str, t: float, message: Any) -> Iterator[Said]:
+        yield topic, t, message.pose if topic == "/goal_pose" else message
+
+    with pytest.raises(FileError):
+        read_recording(recorded(said, tmp_path, change), world=world)
+
+
 @pytest.mark.exhaustive
 def test_memory_does_not_grow_with_topics_that_are_not_needed(said: list[Said], tmp_path: Path, world: World) -> None:
     messages = Messages(rosbags_types())

@@ -9,8 +9,9 @@ import yaml
 from tests.exchange.agents_files import BLOCK, FLAT, V2
 
 from rvsg.core.documents import DocumentError
-from rvsg.core.errors import FileError
+from rvsg.core.errors import FileError, InputError
 from rvsg.scenario.scenario import FOREVER_S, Behaviour, ForceFactors, HumanAgent, Reaction
+from rvsg_exchange.formats import import_agents
 from rvsg_exchange.hunav_agents import agents_yaml, read_agents
 
 
@@ -79,6 +80,12 @@ def test_every_mistake_is_reported_with_its_line(tmp_path: Path) -> None:
     with pytest.raises(DocumentError) as raised:
         read_agents(written(tmp_path, broken))
     assert [problem.line for problem in raised.value.problems] == [13, 26]
+
+
+def test_a_value_out_of_range_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path, FLAT.replace("radius: 0.4", "radius: -3.0"))
+    with pytest.raises(InputError):
+        import_agents(path, "warehouse", "route_1")
 
 
 @pytest.mark.parametrize(

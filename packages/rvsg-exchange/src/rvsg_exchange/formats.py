@@ -15,6 +15,7 @@ import shapely
 import yaml
 from jinja2 import Environment, PackageLoader
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from rvsg.app.playback import trace as traced_run
 from rvsg.app.runs import RunSet, simulate
@@ -424,11 +425,16 @@ def import_agents(
 
     Raises:
         FileError: the file is no agents file; every mistake with its line.
+        InputError: a value of an agent is out of range.
         InvalidScenario: somebody starts or walks in an obstacle of this world.
     """
     place = as_world(world)
     agents, notes = hunav_agents.read_agents(Path(path))
-    humans = tuple(_human(agent) for agent in agents)
+    try:
+        humans = tuple(_human(agent) for agent in agents)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InputError(f"{path}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
     text = description or f"People of {Path(path).name}"
     return scenario_of(place, route, humans, description=text), notes
 

@@ -196,8 +196,9 @@ class Contents:
             self.notes.append(said)
         if "/clock" not in kinds:
             self.notes.append("The recording has no /clock; the stamps of its messages are used.")
-        wanted = {topic for topic, kind in kinds.items() if kind in (TRANSFORMS, IMU, ACCELERATION)}
-        wanted |= {odometry, people, "/goal_pose", "/rvsg/run"} & kinds.keys()
+        named = {odometry: ODOMETRY, "/goal_pose": GOAL, "/rvsg/run": TEXT}
+        wanted = {topic for topic, kind in kinds.items() if kind in (TRANSFORMS, IMU, ACCELERATION, named.get(topic))}
+        wanted |= {people} & kinds.keys()
         latest: dict[str, float] = {}
         for connection, received, message in bag_messages(reader, self.path, wanted):
             topic, kind = connection.topic, connection.msgtype
