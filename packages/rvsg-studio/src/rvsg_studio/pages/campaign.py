@@ -168,15 +168,15 @@ class Live:
     def _status(self, job: Job | None) -> None:
         self._last = job.state if job is not None else ""
         plan, account = self.state.campaign.plan, self.state.summary.accounting
-        running = job is not None and job.running
-        words = job.state if job is not None else ("finished" if self.state.summary.complete else "not finished")
-        if self.state.summary.complete and not running:
+        words = job.state if job is not None else "not finished"
+        if self.state.summary.complete and not (job is not None and job.running):
             words = "finished"
-        failed = job is not None and job.state == "failed"
         self.chip.set_text(words)
-        self.chip.classes(replace=f"chip{' bad' if failed else ' good' if words == 'finished' else ''}")
-        if failed and job is not None:
+        if job is not None and job.state == "failed":
+            self.chip.classes(replace="chip bad")
             self.page.say(job.result.get("reason", ""), wrong=True)
+        else:
+            self.chip.classes(replace=f"chip{' good' if words == 'finished' else ''}")
         made = account.search_runs
         tried = tried_of(account.search_attempts, plan.attempts)
         self.progress.set_text(f"{tried} configurations tried, {made} of {plan.search_runs} search runs, "
@@ -233,13 +233,11 @@ class Live:
             scenario = f"Scenario {worst.brief.scenario_index + 1}"
             self.about.set_text(f"{scenario}: {interval(verdict, requirement.unit)}, {verdict.violations} of "
                                 f"{counted(verdict.runs, 'run')} violate it.")  # fmt: skip
-        if worst.index == self._shown_worst:
-            return
-        self._shown_worst = worst.index
-        where = address("/data/replay", campaign=self.folder, name=self.state.campaign.name, attempt=worst.index,
-                        alone=1)  # fmt: skip
-        self.replay._props["data-url"] = where
-        self.replay.update()
+        if worst.index != self._shown_worst:
+            self._shown_worst = worst.index
+            shown = {"campaign": self.folder, "name": self.state.campaign.name, "attempt": worst.index}
+            self.replay._props["data-url"] = address("/data/replay", **shown, alone=1)
+            self.replay.update()
 
     def _lists(self) -> None:
         state = self.state
@@ -292,14 +290,12 @@ class Live:
         if scenario is None:
             raise InputError(f"Attempt {attempt.index} has no scenario.")
         file = f"{self.folder}/attempt-{attempt.index}.json"
-        out = file.replace(".json", "-runs.jsonl")
         save_scenario(scenario, self.workspace.path(file))
-        command = runs_command(file, campaign.config, seed=FRESH_SEED, repeats=MORE, out=out)
-        self.workspace.jobs.start("runs", title=f"{MORE} fresh runs", command=command, target=file, scenario=file,
-                                  seed=FRESH_SEED, repeats=MORE, out=out, **told)  # fmt: skip
+        seeds: dict[str, Any] = {"seed": FRESH_SEED, "repeats": MORE, "out": file.replace(".json", "-runs.jsonl")}
+        command, title = runs_command(file, campaign.config, **seeds), f"{MORE} fresh runs"
+        self.workspace.jobs.start("runs", title=title, command=command, target=file, scenario=file, **seeds, **told)
         self.page.command("Confirm beside the search", command)
-        where = address("/finding", campaign=self.folder, name=campaign.name, attempt=attempt.index)
-        ui.navigate.to(where)
+        ui.navigate.to(address("/finding", campaign=self.folder, name=campaign.name, attempt=attempt.index))
 
 
 class Cells:

@@ -1,4 +1,4 @@
-"""`rvsg export`: a scenario or its runs in the format of another tool."""
+"""`rvsg export` and `rvsg import agents`: scenarios and runs for other tools, and people of HuNavSim."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from rvsg.cli.console import say
 from rvsg.cli.frame import verb
 from rvsg.cli.options import OtherWorld, setting_options
 
-app = verb()
+export_app = verb()
+import_app = verb(no_args_is_help=True, help="Read people of HuNavSim, or results of the published study.")
 
 
-@app.command()
+@export_app.command()
 @setting_options("simulator", "simulator_options")
 def export(
     settings: dict[str, Any],
@@ -53,3 +54,31 @@ def export(
     )
     for note in notes:
         say(note)
+
+
+@import_app.callback()
+def _several() -> None:
+    """Read people of HuNavSim, or results of the published study."""
+
+
+@import_app.command("agents")
+def import_agents(
+    agents: Annotated[Path, typer.Argument(help="An agents file of HuNavSim 1.x or 2.0.")],
+    world: Annotated[str, typer.Option(help="A shipped world or a world folder.")],
+    route: Annotated[str, typer.Option(help="The route of the robot.")],
+    out: Annotated[Path, typer.Option(help="Write the scenario here; - is standard output.")] = Path("-"),
+    description: Annotated[str, typer.Option(help="What the scenario is about.")] = "",
+) -> None:
+    """Make a scenario from a HuNavSim agents file. People keep their coordinates, speeds, behaviours and reactions.
+
+    RVSG prints each setting that it does not reproduce.
+    """
+    from rvsg.core.outputs import check_writable, write_text
+    from rvsg.scenario.builder import scenario_json
+    from rvsg_exchange import formats as exchange
+
+    check_writable(out)
+    scenario, notes = exchange.import_agents(agents, world, route, description=description)
+    for note in notes:
+        say(note)
+    write_text(out, scenario_json(scenario))
