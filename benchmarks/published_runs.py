@@ -15,7 +15,7 @@ from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
 from rvsg.scenario.scenario import HumanAgent
 from rvsg.world.grid import Grid
-from rvsg_study.study_format import read_study_configuration
+from rvsg_study.study_folder import read_people
 
 METHODS = ("distance", "jerk", "reach", "no_req", "random")
 COLUMNS = {
@@ -108,7 +108,7 @@ def _configuration(
     if len(files) != 1:
         return LeftOut(key, f"expected one configuration file *_{k}.json, found {len(files)}")
     try:
-        agents = read_study_configuration(files[0], grid).agents(grid)
+        agents = study_agents(files[0], grid)
     except InputError as error:
         return LeftOut(key, str(error).split(": ", 1)[-1])
     found = _rows(place / "log.csv")[rows]
@@ -125,6 +125,28 @@ def _configuration(
         clocks=clocks,
         repeated=rows.start == 1,
     )
+
+
+def study_agents(path: Path, grid: Grid) -> tuple[HumanAgent, ...]:
+    """The people of a configuration file as the study gave them to HuNavSim.
+
+    Its decoder dropped unknown waypoints and kept the doubled ones between two tasks, where a person stands still for a
+    tick. Human 2 draws its force factors at every launch. InputError where nothing is left of a person.
+    """
+    read = read_people(path, grid.valid)
+    if read.people is None:
+        raise InputError("; ".join(message for _, message in read.odd))
+    found = []
+    for human in read.people.humans:
+        goals = tuple(grid.position(name) for task in human.tasks for name in task.path if name in grid.valid)
+        if not goals:
+            raise InputError(
+                f"{human.name} has no waypoint that the grid knows; the study ran a stale file instead",
+                code="no-waypoint",
+            )
+        pauses = (0.0,) * len(goals)
+        found.append(HumanAgent(name=human.name, start=goals[0], goals=goals, pauses_s=pauses, factors=human.factors))
+    return tuple(found)
 
 
 @lru_cache(maxsize=64)

@@ -44,7 +44,7 @@ PUBLIC = {
         *("check_strategy", "check_ledger"),
     ],
     "rvsg.store.sqlite": ["SqliteLedger"],
-    "rvsg.report.page": ["render_page", "write_page"],
+    "rvsg.report.page": ["render_page"],
     "rvsg.cli": ["main", "VERBS"],
 }
 

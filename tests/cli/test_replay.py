@@ -22,7 +22,7 @@ def scenario(tmp_path: Path) -> Path:
 
 def test_an_unknown_format_is_an_input_error(scenario: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["replay", str(scenario), "--out", "film.avi"]) == 2
-    assert ".mp4" in capsys.readouterr().err
+    assert ".webp" in capsys.readouterr().err
 
 
 @pytest.mark.exhaustive

@@ -38,7 +38,4 @@ def test_someone_far_away_is_not_met_and_a_second_approach_is_a_second_encounter
     met = encounters_of(twice)
     assert [round(each.gap_m, 2) for each in met[:2]] == [0.75, 0.75]
     assert met[0].time_s < 2.0 <= 10.0 <= met[1].time_s
-
-
-def test_without_people_nobody_is_met() -> None:
-    assert encounters_of(run_of(trajectory(T, ROBOT_X, v=0.5))) == ()
+    assert encounters_of(run_of(trajectory(T, ROBOT_X, v=0.5))) == (), "without people"

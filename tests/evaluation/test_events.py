@@ -81,11 +81,8 @@ def test_a_near_miss_is_told_at_its_closest_and_a_contact_is_none() -> None:
     assert miss.time_s == 8.0 and miss.gap_m == pytest.approx(0.1)
     assert of(NearMiss, passing(dip(8, -0.1), robot_speed=0.5)) == []
     assert of(NearMiss, passing(dip(8, 0.3), robot_speed=0.5)) == []
+    assert of(NearMiss, passing(np.full(len(T), 0.1))) == [], "two bodies that stand beside each other"
     assert len(of(NearMiss, passing(np.minimum(dip(5, 0.1), dip(12, 0.1)), robot_speed=0.5))) == 2
-
-
-def test_two_bodies_that_stand_beside_each_other_are_no_near_miss() -> None:
-    assert of(NearMiss, passing(np.full(len(T), 0.1))) == []
 
 
 def test_a_hard_brake_is_found_on_the_way_and_not_at_the_goal() -> None:
@@ -149,10 +146,7 @@ def test_the_last_event_is_how_the_run_ended(outcome, kind) -> None:
     events = events_of(run_of(trajectory(T, 0.0), outcome=outcome, goal=(3.0, 4.0, 0.0)))
     assert isinstance(events[-1], kind) and events[-1].time_s == 20.0
     assert kind is Arrival or events[-1].remaining_m == 5.0
-
-
-def test_a_run_without_samples_has_no_events() -> None:
-    assert events_of(run_of(trajectory(np.empty(0), np.empty(0)))) == ()
+    assert events_of(run_of(trajectory(np.empty(0), np.empty(0)), outcome=outcome)) == ()
 
 
 @cache

@@ -41,30 +41,23 @@ SERIES = st.lists(st.tuples(st.integers(-3, 3), st.integers(-3, 3)), min_size=1,
 
 def by_definition(node, k, time, signals):
     """Robustness straight from the definition, one sample at a time."""
-    kind = type(node).__name__
-    if kind == "Comparison":
+
+    def part(number, at):
+        return by_definition(node.parts[number], at, time, signals)
+
+    if node.kind == "room":
         return float(node.values(time, signals)[k])
-    if kind == "Not":
-        return -by_definition(node.part, k, time, signals)
-    if kind == "Joined":
-        pair = (by_definition(part, k, time, signals) for part in (node.left, node.right))
-        return min(pair) if node.kind == "and" else max(pair)
-    low, high = node.interval.low, node.interval.high
-    inside = [j for j in range(k, len(time)) if low <= time[j] - time[k] <= high]
-    if kind == "Always":
-        return min((by_definition(node.part, j, time, signals) for j in inside), default=math.inf)
-    if kind == "Eventually":
-        return max((by_definition(node.part, j, time, signals) for j in inside), default=-math.inf)
-    return max(
-        (
-            min(
-                by_definition(node.right, j, time, signals),
-                min((by_definition(node.left, i, time, signals) for i in range(k, j)), default=math.inf),
-            )
-            for j in inside
-        ),
-        default=-math.inf,
-    )
+    if node.kind == "not":
+        return -part(0, k)
+    if node.kind in ("and", "or"):
+        return (min if node.kind == "and" else max)(part(0, k), part(1, k))
+    inside = [j for j in range(k, len(time)) if node.interval.low <= time[j] - time[k] <= node.interval.high]
+    if node.kind == "always":
+        return min((part(0, j) for j in inside), default=math.inf)
+    if node.kind == "eventually":
+        return max((part(0, j) for j in inside), default=-math.inf)
+    taken = (min(part(1, j), min((part(0, i) for i in range(k, j)), default=math.inf)) for j in inside)
+    return max(taken, default=-math.inf)
 
 
 @settings(max_examples=150, deadline=None)

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 from tests.campaign.parts import REQUIREMENT, MemoryLedger, WalkGenerator, parts, plan, warehouse
-from tests.report.test_conversation import call
+from tests.report.test_page_parts import call
 
 from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.feedback import StoredFeedback
@@ -24,8 +24,9 @@ from rvsg.cli.tables import ranked_table
 from rvsg.evaluation.verdict import Status, how_sure, judge, number
 from rvsg.generation.generator import Proposal
 from rvsg.generation.vlm.recording import Recording
-from rvsg.report.answer import CAUSE_WORDS, answer, unbroken
+from rvsg.report.answer import CAUSE_WORDS, answer
 from rvsg.report.page import _curse, render_page
+from rvsg.report.renderer import unbroken
 from rvsg.report.run_facts import facts_of
 from rvsg.report.summary import Ranked, junit_xml, summarise
 from rvsg.report.terminal import describe_finding

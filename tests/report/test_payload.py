@@ -13,6 +13,7 @@ from tests.campaign.parts import REQUIREMENT, MemoryLedger, warehouse
 from tests.evaluation.runs import run_of, trajectory
 from tests.report.test_page import campaign, default_campaign, default_page, page
 
+from rvsg.campaign.runner import Measuring
 from rvsg.evaluation.metrics.registry import METRICS
 from rvsg.evaluation.sampled import Sampled
 from rvsg.evaluation.verdict import objective
@@ -20,13 +21,12 @@ from rvsg.report.replay_data import (
     FAR_STEP,
     INVOLVED_M,
     ReplayGroup,
-    ReplayRun,
     distinct_colours,
     people_colours,
     replay_payload,
     varints,
 )
-from rvsg.report.run_facts import decisive, judged_curve, prefix
+from rvsg.report.run_facts import decisive, judged_curve, prefix, run_facts
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Outcome, Run
 
@@ -51,16 +51,13 @@ def unpacked(data: bytes) -> list[int]:
 
 
 def payload(run: Run) -> dict[str, object]:
-    curve = judged_curve(run, REQUIREMENT, warehouse())
-    shown = ReplayRun(run=run, objective=1.0, violated=False, curve=curve, opens_s=2.0)
+    facts = run_facts(run, Measuring(REQUIREMENT, warehouse()).measure(run), REQUIREMENT, warehouse())
     return replay_payload(
-        [ReplayGroup(id="0", label="runs", purpose="search", runs=(shown,))],
+        [ReplayGroup(id="0", label="runs", purpose="search", runs=(facts,))],
         mission=campaign(MemoryLedger())[0].mission,
         requirement=REQUIREMENT,
-        waypoints=[],
+        world=warehouse(),
         matrix="matrix(1 0 0 1 0 0)",
-        quantity="distance",
-        footprint=lambda _: [(0.3, 0.2)],
     )
 
 

@@ -23,10 +23,10 @@ from rvsg.evaluation.verdict import (
     next_repeats,
     number,
     status_in_words,
+    value_in_words,
     violated,
 )
 from rvsg.generation.generator import Proposal
-from rvsg.report.summary import interval
 from rvsg.scenario.brief import Brief, Feedback
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission, Scenario
@@ -75,7 +75,7 @@ class Judgement:
     def __str__(self) -> str:
         unit = self.requirement.unit
         head = f"{self.requirement.name} {self.requirement.title}: {status_in_words(self.verdict)}"
-        return f"{head}; {interval(self.verdict, unit)}. {self.verdict.reason}."
+        return f"{head}; {value_in_words(self.verdict, unit)}. {self.verdict.reason}."
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain data."""

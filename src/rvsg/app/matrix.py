@@ -43,7 +43,7 @@ from rvsg.core.errors import FileError, InputError, RvsgError
 from rvsg.core.files import write_whole
 from rvsg.core.inputs import exists, parse_json, read_text
 from rvsg.core.outputs import make_folder
-from rvsg.core.plugins import ignore
+from rvsg.core.plugins import find_format, ignore
 from rvsg.report.overview import Pin, pins_of, write_overview
 from rvsg.report.summary import junit_of
 from rvsg.scenario.requirement import shipped_requirements
@@ -409,8 +409,7 @@ def write_junit(path: Path, campaigns: Sequence[Campaign]) -> None:
 
 def write_study_tables(stores: Sequence[Path], out: Path) -> list[str]:
     """Write the tables of the published study from stores; return notes on what could not be computed."""
-    from rvsg_study.table_files import write_tables
-
+    write_tables = find_format("tables", "study", "study")
     make_folder(out, option="--tables")
     with ExitStack() as stack:
         ledgers = [stack.enter_context(reading(store)) for store in stores]

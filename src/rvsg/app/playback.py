@@ -18,8 +18,6 @@ from rvsg.core.inputs import parse_json, read_text
 from rvsg.core.outputs import check_writable
 from rvsg.core.plugins import Spec, find_format, ignore
 from rvsg.report.film import Shot, shot_of_run
-from rvsg.report.film import check_film as check_film
-from rvsg.report.film import write_film as write_film
 from rvsg.report.replay_data import FORMAT, VERSION, trace_file_beside, trace_json
 from rvsg.report.run_facts import closest_approach
 from rvsg.robots.robot import Robot

@@ -172,7 +172,7 @@ def replay(
     out: Annotated[
         list[Path] | None,
         typer.Option(
-            help="The file to write: .mp4, .webm, .gif, .webp or .png. With --trace: .mcap or .json, repeatable. "
+            help="The file to write: .webp or .png. With --trace: .mcap or .json, repeatable. "
             "[--trace: traces/RUN.trace.json in the folder]"
         ),
     ] = None,
@@ -190,7 +190,7 @@ def replay(
 ) -> None:
     """Write a run as a film, as a PNG strip of its decisive moments, or as a trace of everything.
 
-    A run of a campaign is shown with the judged quantity and its limit. MP4 and WebM need the extra `video`.
+    A run of a campaign is shown with the judged quantity and its limit.
 
     A trace repeats the stored run exactly; a run that cannot be repeated is refused. The report shows a .json trace: in
     the folder of a campaign, RVSG writes the page again with it.

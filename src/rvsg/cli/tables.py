@@ -13,8 +13,8 @@ from rich.text import Text
 from rvsg.app.commands import confirm_command
 from rvsg.campaign.attempt import Plan
 from rvsg.cli.console import as_started, say
-from rvsg.evaluation.verdict import OPEN, Status, Verdict, counted, number, still_open
-from rvsg.report.summary import Ranked, Summary, interval
+from rvsg.evaluation.verdict import OPEN, Status, Verdict, counted, number, still_open, value_in_words
+from rvsg.report.summary import Ranked, Summary
 from rvsg.report.terminal import describe_failure, describe_finding
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def _style(verdict: Verdict) -> str:
 def _objective(verdict: Verdict, unit: str) -> str:
     """Return the mean with its interval; where runs did not arrive in time the median and their number, in lines."""
     if not verdict.censored:
-        return interval(verdict, unit)
+        return value_in_words(verdict, unit)
     late = f"{verdict.censored}/{verdict.runs} did not arrive"
     return f"median {number(verdict.median, unit)}\n{late}" if verdict.median is not None else late
 

@@ -33,6 +33,7 @@ KINDS = {
     "exporter": "rvsg.exporters",
     "recording": "rvsg.recordings",
     "robot": "rvsg.robots",
+    "tables": "rvsg.tables",
 }
 """Every kind of plug-in, with its entry point group."""
 

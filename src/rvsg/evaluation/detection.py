@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from enum import Enum
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import shapely
@@ -36,7 +36,7 @@ from rvsg.evaluation.run_events import (
     TimeOut,
     WaypointNames,
 )
-from rvsg.evaluation.sampled import Flags, Floats, Sampled, Touch, joined, sampled, stretches, wrap
+from rvsg.evaluation.sampled import Flags, Floats, Sampled, joined, sampled, stretches, wrap
 from rvsg.scenario.scenario import Behaviour, Human, HumanAgent, Scenario, decode, task_ends
 from rvsg.simulation import run as recorded
 from rvsg.simulation.run import Outcome, RobotContact, Run
@@ -55,6 +55,7 @@ STUCK_M = 0.3
 BESIDE_PERSON_M = 0.6
 REACTING_M = 1.0
 """A person whose behaviour stops it near the robot is not stuck within its distance of reaction plus this."""
+E = TypeVar("E", bound=Record)
 OfPeople = recorded.PersonStuck | recorded.PersonPaused | recorded.PersonReacted | recorded.PersonReached
 STOPPING = (Behaviour.SURPRISED, Behaviour.CURIOUS, Behaviour.THREATENING)
 
@@ -81,21 +82,26 @@ def _recorded(s: Sampled, ends: dict[str, dict[int, str]], at: PlaceAt) -> Itera
     for event in s.run.events:
         if not isinstance(event, OfPeople) or event.time_s > t[-1] + 1e-9:
             continue
-        start: dict[str, Any] = {"time_s": event.time_s, "place": at(event.x, event.y), "person": event.person}
         if isinstance(event, recorded.PersonReached):
             task = ends.get(event.person, {}).get(event.goal)
             if task is not None:
-                yield PersonReached(**start, task=task)
-            continue
-        until = min(event.until_s, float(t[-1]))
-        if isinstance(event, recorded.PersonPaused):
-            yield PersonPaused(**start, until_s=until)
+                yield _converted(PersonReached, event, s, at, task=task)
+        elif isinstance(event, recorded.PersonPaused):
+            yield _converted(PersonPaused, event, s, at)
         elif isinstance(event, recorded.PersonReacted):
-            yield PersonReacted(**start, until_s=until, behaviour=event.behaviour.value)
+            yield _converted(PersonReacted, event, s, at, behaviour=event.behaviour.value)
         else:
             index = min(int(np.searchsorted(t, event.time_s - 1e-9)), len(t) - 1)
             reason = _beside(s, index, s.run.human_names.index(event.person))
-            yield PersonStuck(**start, until_s=until, reason=reason)
+            yield _converted(PersonStuck, event, s, at, reason=reason)
+
+
+def _converted(kind: type[E], event: recorded.RecordedEvent, s: Sampled, at: PlaceAt, **more: Any) -> E:
+    """Return the event of a run for a recorded one: its place has a name, and it ends with the series."""
+    known = {name: value for name, value in vars(event).items() if name in kind.model_fields and name != "kind"}
+    if "until_s" in known:
+        known["until_s"] = min(known["until_s"], float(s.series.t[-1]))
+    return kind(**known | {"place": at(event.x, event.y)} | more)
 
 
 def _of_one(s: Sampled, person: int, human: Human, agent: HumanAgent, at: PlaceAt) -> Iterator[Event]:
@@ -228,13 +234,16 @@ def obstacle_contacts(s: Sampled, at: PlaceAt) -> Iterator[ObstacleContact]:
     """Yield the recorded contacts of the robot's body with walls, objects and doors."""
     for event in s.run.events:
         if isinstance(event, recorded.ObstacleContact):
-            yield ObstacleContact(
-                time_s=event.time_s,
-                place=at(event.x, event.y),
-                until_s=event.until_s,
-                speed_m_s=event.speed_m_s,
-                door=_door_at(s, event),
-            )
+            yield _converted(ObstacleContact, event, s, at, until_s=event.until_s, door=_door_at(s, event))
+
+
+def navigation(s: Sampled, at: PlaceAt) -> Iterator[Replan | Recovery]:
+    """Yield the recorded recoveries, and the paths that differ clearly from those before."""
+    for event in s.run.events:
+        if isinstance(event, recorded.Replan):
+            yield _converted(Replan, event, s, at)
+        elif isinstance(event, recorded.Recovery):
+            yield _converted(Recovery, event, s, at)
 
 
 def _door_at(s: Sampled, touch: recorded.ObstacleContact) -> str:
@@ -266,63 +275,26 @@ def _leaves(door: Door, run: Run, t: float) -> list[tuple[tuple[float, float], .
     return [door.leaf(each) for each in (share, *held)]
 
 
-def navigation(s: Sampled, at: PlaceAt) -> Iterator[Replan | Recovery]:
-    """Yield the recorded recoveries, and the paths that differ clearly from those before."""
-    for event in s.run.events:
-        if isinstance(event, recorded.Replan):
-            yield Replan(
-                time_s=event.time_s,
-                place=at(event.x, event.y),
-                length_m=event.length_m,
-                deviation_m=event.deviation_m,
-            )
-        elif isinstance(event, recorded.Recovery):
-            yield Recovery(
-                time_s=event.time_s,
-                place=at(event.x, event.y),
-                until_s=min(event.until_s, float(s.series.t[-1])),
-                action=event.action,
-            )
-
-
 def contacts(s: Sampled, at: PlaceAt) -> Iterator[Contact]:
     """Yield one event for each contact of the robot with a person, as the metric `contacts` counts them."""
     for touch in s.contacts:
+        fastest = round(float(s.series.speed[max(0, touch.first - 1) : touch.last + 1].max()), 3)
         if touch.recorded is not None:
-            yield _recorded_contact(s, touch, touch.recorded, at)
+            moved_by = touch.recorded.moved_by
+            yield _converted(Contact, touch.recorded, s, at, robot_speed_m_s=fastest, moved_by=moved_by)
             continue
         first, last, person = touch.first, touch.last, touch.person
         before = max(0, first - 1)
         towards = max(0.0, *(float(s.closing_speed[k, person]) for k in (before, first)))
         yield Contact(
-            **_start(s, first, at),
-            until_s=_time(s, last),
+            **_span(s, first, last, at),
             person=s.run.human_names[person],
             closing_speed_m_s=round(towards, 3),
-            robot_speed_m_s=_fastest(s, touch),
+            robot_speed_m_s=fastest,
             bearing_rad=_bearing(s, first, person),
             overlap_m=round(float(-s.gap[first : last + 1, person].min()), 3),
             moved_by=_mover(s, before, person),
         )
-
-
-def _recorded_contact(s: Sampled, touch: Touch, recorded: RobotContact, at: PlaceAt) -> Contact:
-    return Contact(
-        time_s=recorded.time_s,
-        place=at(recorded.x, recorded.y),
-        until_s=min(recorded.until_s, float(s.series.t[-1])),
-        person=recorded.person,
-        closing_speed_m_s=recorded.closing_speed_m_s,
-        robot_speed_m_s=_fastest(s, touch),
-        bearing_rad=recorded.bearing_rad,
-        overlap_m=recorded.overlap_m,
-        moved_by=recorded.moved_by,
-    )
-
-
-def _fastest(s: Sampled, touch: Touch) -> float:
-    """Return the robot's largest speed during a contact, from the sample before it on."""
-    return round(float(s.series.speed[max(0, touch.first - 1) : touch.last + 1].max()), 3)
 
 
 def _mover(s: Sampled, index: int, person: int) -> Literal["robot", "person", "both", "neither"]:
@@ -373,10 +345,8 @@ def hard_brakes(s: Sampled, at: PlaceAt) -> Iterator[HardBrake]:
     drop = np.where(usable, (speed - speed[window]) / np.where(span > 0, span, 1.0), 0.0)
     for first, last in stretches(drop >= HARD_BRAKE_M_S2 - 1e-9):
         hardest = first + int(drop[first : last + 1].argmax())
-        end = int(window[last])
         yield HardBrake(
-            **_start(s, hardest, at),
-            until_s=_time(s, end),
+            **_span(s, hardest, int(window[last]), at),
             deceleration_m_s2=round(float(drop[hardest]), 2),
             from_speed_m_s=round(float(speed[hardest]), 3),
             to_speed_m_s=round(float(speed[window[hardest]]), 3),
@@ -408,7 +378,7 @@ def standstills(s: Sampled, at: PlaceAt) -> Iterator[StandStill]:
         if _time(s, last) - _time(s, first) < STANDSTILL_S - 1e-9 or at_the_goal:
             continue
         reason, person = _reason(s, first)
-        yield StandStill(**_start(s, first, at), until_s=_time(s, last), reason=reason, person=person)
+        yield StandStill(**_span(s, first, last, at), reason=reason, person=person)
 
 
 def _reason(s: Sampled, index: int) -> tuple[Reason, str]:
@@ -461,6 +431,10 @@ def ending(s: Sampled, at: PlaceAt) -> Event:
 
 def _start(s: Sampled, index: int, at: PlaceAt) -> dict[str, Any]:
     return {"time_s": _time(s, index), "place": at(s.series.x[index], s.series.y[index])}
+
+
+def _span(s: Sampled, first: int, last: int, at: PlaceAt) -> dict[str, Any]:
+    return _start(s, first, at) | {"until_s": _time(s, last)}
 
 
 def _time(s: Sampled, index: int) -> float:

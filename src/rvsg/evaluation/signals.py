@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 
 import numpy as np
 
@@ -22,95 +22,27 @@ class NotKnown(Exception):
     """The run does not have this signal: it needs a person or the world."""
 
 
-def _time(s: Sampled) -> Floats:
-    """Seconds since the start of the run."""
-    elapsed: Floats = s.series.t - s.series.t[0]
-    return elapsed
-
-
-def _distance_to_person(s: Sampled) -> Floats:
-    """Metres between the bodies of robot and closest person; negative where they overlap."""
-    return s.closest_gap
-
-
-def _clearance(s: Sampled) -> Floats:
-    """Metres between the robot's disc and the nearest person or obstacle; needs the world."""
-    if s.obstacle_distance is None:
-        raise NotKnown
-    clear = s.obstacle_distance - s.run.robot_radius_m
-    return np.minimum(clear, s.closest_gap) if s.people else clear
-
-
 def _obstacle_distance(s: Sampled) -> Floats:
-    """Metres from the robot's centre to the nearest obstacle; needs the world."""
     if s.obstacle_distance is None:
         raise NotKnown
     return s.obstacle_distance
 
 
-def _centre_distance(s: Sampled) -> Floats:
-    """Metres between the centres of robot and closest person."""
-    distance: Floats = s.distance.min(axis=1)
-    return distance
-
-
-def _closing_speed(s: Sampled) -> Floats:
-    """m/s at which robot and closest person approach each other; negative apart."""
-    return s.closing_speed[np.arange(len(s)), s.closest]
-
-
-def _person_speed(s: Sampled) -> Floats:
-    """m/s of the closest person."""
-    return s.series.human_speed[np.arange(len(s)), s.closest]
-
-
-def _person_bearing(s: Sampled) -> Floats:
-    """Radians off the robot's heading at which it has the closest person: 0 ahead, pi behind."""
-    return s.bearing_of_human[np.arange(len(s)), s.closest]
-
-
-def _speed(s: Sampled) -> Floats:
-    """m/s, the magnitude of the robot's speed."""
-    return s.series.speed
-
-
-def _forward_speed(s: Sampled) -> Floats:
-    """m/s along the robot's heading; negative in reverse."""
-    return s.series.v
-
-
-def _turn_rate(s: Sampled) -> Floats:
-    """rad/s, the magnitude of the robot's turn rate."""
-    rate: Floats = np.abs(s.series.omega)
-    return rate
-
-
-def _acceleration(s: Sampled) -> Floats:
-    """m/s^2 along the heading over the interval before the sample; braking is negative, the first sample 0."""
-    return np.concatenate([[0.0], s.acceleration[0]])
-
-
-def _distance_to_goal(s: Sampled) -> Floats:
-    """Metres from the robot's centre to its goal."""
-    return s.goal_distance
-
-
-def _x(s: Sampled) -> Floats:
-    """Metres, the robot's x in the world frame."""
-    return s.series.x
-
-
-def _y(s: Sampled) -> Floats:
-    """Metres, the robot's y in the world frame."""
-    return s.series.y
+def _clearance(s: Sampled) -> Floats:
+    clear = _obstacle_distance(s) - s.run.robot_radius_m
+    return np.minimum(clear, s.closest_gap) if s.people else clear
 
 
 def _jerk(s: Sampled) -> Floats:
-    """m/s^3, the magnitude of the change of acceleration over the interval before the sample; 0 for the first two."""
     if len(s) < 3:
         return np.zeros(len(s))
     along, across = s.acceleration
     return np.concatenate([[0.0, 0.0], np.hypot(np.diff(along), np.diff(across)) / s.dt[1:]])
+
+
+def _of_closest(values: Floats, s: Sampled) -> Floats:
+    """Return (N,) the values of the person whose centre is nearest, from (N, H)."""
+    return values[np.arange(len(s)), s.closest]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,31 +76,33 @@ class RunSignal:
         return np.asarray(self.of(s), dtype=np.float64)
 
 
-_person = partial(RunSignal, aim=Aim.MEET, of_people=True)
+def _signal(id: str, title: str, unit: str, aim: Aim | None, of: Callable[[Sampled], Floats]) -> RunSignal:
+    return RunSignal(id=id, title=title, unit=unit, aim=aim, of=of)
+
+
+def _person(id: str, title: str, unit: str, of: Callable[[Sampled], Floats]) -> RunSignal:
+    return RunSignal(id=id, title=title, unit=unit, aim=Aim.MEET, of=of, of_people=True)
+
 
 BUILT_IN = (
-    RunSignal(id="time", title="time since the start", unit="s", of=_time),
-    _person(id="distance_to_person", title="gap to the nearest human", unit="m", of=_distance_to_person),
-    RunSignal(id="clearance", title="gap to what is nearest", unit="m", of=_clearance, aim=Aim.MEET),
-    RunSignal(
-        id="obstacle_distance",
-        title="distance to the nearest obstacle",
-        unit="m",
-        of=_obstacle_distance,
-        aim=Aim.DISTURB,
-    ),
-    _person(id="centre_distance", title="distance to the nearest human, centres", unit="m", of=_centre_distance),
-    _person(id="closing_speed", title="closing speed of the nearest human", unit="m/s", of=_closing_speed),
-    _person(id="person_speed", title="speed of the nearest human", unit="m/s", of=_person_speed),
-    _person(id="person_bearing", title="bearing of the nearest human", unit="rad", of=_person_bearing),
-    RunSignal(id="speed", title="speed", unit="m/s", of=_speed, aim=Aim.DELAY),
-    RunSignal(id="forward_speed", title="forward speed", unit="m/s", of=_forward_speed, aim=Aim.DELAY),
-    RunSignal(id="turn_rate", title="turn rate", unit="rad/s", of=_turn_rate, aim=Aim.DISTURB),
-    RunSignal(id="acceleration", title="acceleration", unit="m/s2", of=_acceleration, aim=Aim.DISTURB),
-    RunSignal(id="jerk", title="jerk", unit="m/s3", of=_jerk, aim=Aim.DISTURB),
-    RunSignal(id="distance_to_goal", title="distance to the goal", unit="m", of=_distance_to_goal, aim=Aim.DELAY),
-    RunSignal(id="x", title="x of the robot", unit="m", of=_x, aim=Aim.DELAY),
-    RunSignal(id="y", title="y of the robot", unit="m", of=_y, aim=Aim.DELAY),
+    _signal("time", "time since the start", "s", None, lambda s: s.series.t - s.series.t[0]),
+    _person("distance_to_person", "gap to the nearest human", "m", lambda s: s.closest_gap),
+    _signal("clearance", "gap to what is nearest", "m", Aim.MEET, _clearance),
+    _signal("obstacle_distance", "distance to the nearest obstacle", "m", Aim.DISTURB, _obstacle_distance),
+    _person("centre_distance", "distance to the nearest human, centres", "m", lambda s: s.distance.min(axis=1)),
+    _person("closing_speed", "closing speed of the nearest human", "m/s", lambda s: _of_closest(s.closing_speed, s)),
+    _person("person_speed", "speed of the nearest human", "m/s", lambda s: _of_closest(s.series.human_speed, s)),
+    _person("person_bearing", "bearing of the nearest human", "rad", lambda s: _of_closest(s.bearing_of_human, s)),
+    _signal("speed", "speed", "m/s", Aim.DELAY, lambda s: s.series.speed),
+    _signal("forward_speed", "forward speed", "m/s", Aim.DELAY, lambda s: s.series.v),
+    _signal("turn_rate", "turn rate", "rad/s", Aim.DISTURB, lambda s: np.abs(s.series.omega)),
+    # Along the heading over the interval before the sample; braking is negative, the first sample 0.
+    _signal("acceleration", "acceleration", "m/s2", Aim.DISTURB, lambda s: np.append(0.0, s.acceleration[0])),
+    # The magnitude over the interval before the sample; 0 for the first two.
+    _signal("jerk", "jerk", "m/s3", Aim.DISTURB, _jerk),
+    _signal("distance_to_goal", "distance to the goal", "m", Aim.DELAY, lambda s: s.goal_distance),
+    _signal("x", "x of the robot", "m", Aim.DELAY, lambda s: s.series.x),
+    _signal("y", "y of the robot", "m", Aim.DELAY, lambda s: s.series.y),
 )
 
 SIGNALS: Registry[RunSignal] = Registry("signal", RunSignal, {signal.id: signal for signal in BUILT_IN})
@@ -179,11 +113,6 @@ SIGNALS: Registry[RunSignal] = Registry("signal", RunSignal, {signal.id: signal 
 def formula(text: str) -> Node:
     """Return a parsed formula over the signals; FormulaError, with the position, where it cannot be parsed."""
     return parse(text, tuple(SIGNALS))
-
-
-def known_signals(s: Sampled) -> Mapping[str, Floats]:
-    """Return the signals of a sampled run, each computed when it is read; reading one raises NotKnown."""
-    return _Lazily(s)
 
 
 class _Lazily(Mapping[str, Floats]):
@@ -260,12 +189,9 @@ def series_of(run: Run, requirement: Requirement, *, world: World | None = None)
         return np.empty(0)
     try:
         if requirement.formula is not None:
-            return _finite(body_of(formula(requirement.formula)).values(run.trajectory.t, known_signals(s)))
+            values = body_of(formula(requirement.formula)).values(run.trajectory.t, _Lazily(s))
+            return np.where(np.isfinite(values), values, np.nan)
         known = find_metric(requirement.metric)
         return SIGNALS[known.shown if known is not None else NEARNESS].values(s)
     except NotKnown:
         return np.full(len(s), np.nan)
-
-
-def _finite(values: Floats) -> Floats:
-    return np.where(np.isfinite(values), values, np.nan)

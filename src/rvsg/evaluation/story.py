@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +31,7 @@ from rvsg.evaluation.run_events import (
     place_name,
 )
 from rvsg.evaluation.sampled import joined, sampled, stretches
-from rvsg.evaluation.verdict import outcome_in_words
+from rvsg.evaluation.verdict import metres, outcome_in_words
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
@@ -65,14 +66,19 @@ def story_of(
     found = list(events if events is not None else events_of(run, world=world, scenario=scenario))
     ends = (Arrival, TimeOut, Abort)
     middle = [event for event in found if not isinstance(event, ends)]
-    chosen = sorted(middle, key=weight, reverse=True)[: MOST - 2]
+    chosen = sorted(middle, key=lambda event: WEIGHTS[type(event)](event), reverse=True)[: MOST - 2]
     sentences = [Sentence(text=in_words(_at(event, at)), time_s=event.time_s) for event in chosen]
     if len(sentences) < MOST - 2:
         sentences += _company(run, world, at)
     if len(sentences) < FEWEST - 2 and not any(isinstance(event, Contact | NearMiss) for event in chosen):
         sentences += _closest(run, world, at)
     sentences.sort(key=lambda sentence: sentence.time_s)
-    last = [Sentence(text=_end_in_words(event, run), time_s=event.time_s) for event in found if isinstance(event, ends)]
+    limit = f"the time limit of {run.time_limit_s:.0f} s passes"
+    last = [
+        Sentence(text=in_words(event).replace("the time limit passes", limit), time_s=event.time_s)
+        for event in found
+        if isinstance(event, ends)
+    ]
     return (_opening(run, at), *sentences, *last)
 
 
@@ -97,35 +103,21 @@ def _at(event: Event, at: PlaceAt) -> Event:
     return event.replace(place=at(event.place.x, event.place.y))
 
 
-def weight(event: Event) -> float:
-    """Return how much an event matters for a story; larger matters more."""
-    match event:
-        case Contact():
-            return 100.0 + event.duration_s + 10.0 * event.closing_speed_m_s
-        case ObstacleContact():
-            return 90.0 + event.duration_s
-        case StandStill():
-            return 50.0 + event.duration_s
-        case BlockedGoal():
-            return 45.0 + event.duration_s
-        case HardBrake():
-            return 40.0 + event.deceleration_m_s2
-        case Recovery():
-            return 35.0
-        case NearMiss():
-            return 30.0 + 40.0 * (0.25 - event.gap_m)
-        case PersonStuck():
-            return 28.0 if event.reason == "robot" else 5.0
-        case PersonReacted():
-            return 20.0
-        case Replan():
-            return 15.0
-        case PersonPaused():
-            return 4.0
-        case PersonReached():
-            return 3.0
-        case _:
-            return 0.0
+WEIGHTS: dict[type[Event], Callable[[Any], float]] = {
+    Contact: lambda event: 100.0 + event.duration_s + 10.0 * event.closing_speed_m_s,
+    ObstacleContact: lambda event: 90.0 + event.duration_s,
+    StandStill: lambda event: 50.0 + event.duration_s,
+    BlockedGoal: lambda event: 45.0 + event.duration_s,
+    HardBrake: lambda event: 40.0 + event.deceleration_m_s2,
+    Recovery: lambda _: 35.0,
+    NearMiss: lambda event: 30.0 + 40.0 * (0.25 - event.gap_m),
+    PersonStuck: lambda event: 28.0 if event.reason == "robot" else 5.0,
+    PersonReacted: lambda _: 20.0,
+    Replan: lambda _: 15.0,
+    PersonPaused: lambda _: 4.0,
+    PersonReached: lambda _: 3.0,
+}
+"""How much an event matters for a story; larger matters more."""
 
 
 def in_words(event: Event) -> str:
@@ -142,7 +134,7 @@ def _what(event: Event) -> str:
             return f"the robot hits {what_is_hit(event)} {where} at {event.speed_m_s:.1f} m/s"
         case NearMiss():
             speed = f"a relative speed of {event.relative_speed_m_s:.1f} m/s"
-            return f"the robot passes {event.person} {where} with a gap of {in_metres(event.gap_m)} and {speed}"
+            return f"the robot passes {event.person} {where} with a gap of {metres(event.gap_m)} and {speed}"
         case HardBrake():
             near = f"; {event.person} is near" if event.person else ""
             change = f"from {event.from_speed_m_s:.1f} to {event.to_speed_m_s:.1f} m/s"
@@ -166,9 +158,9 @@ def _what(event: Event) -> str:
         case PersonReacted():
             return f"{event.person} reacts to the robot ({event.behaviour}) {where} until {event.until_s:.1f} s"
         case TimeOut():
-            return f"the time limit passes; the robot is {in_metres(event.remaining_m)} from its goal"
+            return f"the time limit passes; the robot is {metres(event.remaining_m)} from its goal"
         case Abort():
-            return f"{outcome_in_words(event.outcome)}; the robot is {in_metres(event.remaining_m)} from its goal"
+            return f"{outcome_in_words(event.outcome)}; the robot is {metres(event.remaining_m)} from its goal"
         case Arrival():
             return "the robot reaches its goal"
 
@@ -210,13 +202,6 @@ def at_place(place: Place) -> str:
     return f"at {place}"
 
 
-def in_metres(value: float) -> str:
-    """Return a length as people say it: centimetres below 1 m; a gap is never rounded to a contact."""
-    if abs(value) >= 1.0:
-        return f"{value:.1f} m"
-    return f"{max(1, round(100 * value)) if value > 0.0 else round(100 * value)} cm"
-
-
 def _opening(run: Run, at: PlaceAt) -> Sentence:
     path = run.trajectory
     start, goal = at(float(path.x[0]), float(path.y[0])), at(run.goal[0], run.goal[1])
@@ -255,15 +240,6 @@ def _closest(run: Run, world: World | None, at: PlaceAt) -> list[Sentence]:
     who = run.human_names[int(s.gap[index].argmin())]
     where = at_place(at(float(s.series.x[index]), float(s.series.y[index])))
     time_s = round(float(s.series.t[index]), 3)
-    gap = in_metres(float(s.closest_gap[index]))
+    gap = metres(float(s.closest_gap[index]))
     text = f"At {time_s:.1f} s {who} comes nearest to the robot {where}, with a gap of {gap}."
     return [Sentence(text=text, time_s=time_s)]
-
-
-def _end_in_words(event: Event, run: Run) -> str:
-    match event:
-        case TimeOut():
-            late = f"the time limit of {run.time_limit_s:.0f} s passes"
-            return f"At {event.time_s:.1f} s {late}; the robot is {in_metres(event.remaining_m)} from its goal."
-        case _:
-            return in_words(event)

@@ -27,9 +27,8 @@ Intervals are in seconds: always[0, 5], eventually[1, inf]. A formula is data: n
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,14 +37,6 @@ from rvsg.core.errors import InputError
 
 Floats = NDArray[np.float64]
 TOLERANCE_S = 1e-9
-
-
-class Node(Protocol):
-    """A part of a formula: its value at every sample."""
-
-    def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
-        """Return (N,) the value at each of the N samples."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -68,138 +59,72 @@ class Interval:
 
 
 @dataclass(frozen=True)
-class Number:
-    """A constant."""
+class Node:
+    """A part of a formula: a number, a signal, or an operation on other parts."""
 
-    value: float
-
-    def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
-        """Return the constant at every sample."""
-        return np.full(len(time), self.value)
-
-
-@dataclass(frozen=True)
-class Signal:
-    """A named signal."""
-
-    name: str
-
-    def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
-        """Return the signal."""
-        return np.asarray(signals[self.name], dtype=np.float64)
-
-
-@dataclass(frozen=True)
-class Arithmetic:
-    """Two numbers joined: + - * / min max; or the negative or absolute value of one (`right` None)."""
-
-    kind: Literal["+", "-", "*", "/", "min", "max", "negative", "abs"]
-    left: Node
-    right: Node | None = None
-
-    def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
-        """Return the result at every sample; division by zero gives an infinity of the dividend's sign, 0 / 0 zero."""
-        a = self.left.values(time, signals)
-        if self.right is None:
-            return np.abs(a) if self.kind == "abs" else -a
-        b = self.right.values(time, signals)
-        if self.kind == "/":
-            with np.errstate(divide="ignore", invalid="ignore"):
-                return np.nan_to_num(a / b, nan=0.0, posinf=np.inf, neginf=-np.inf)
-        joined: Floats = {"+": np.add, "-": np.subtract, "*": np.multiply, "min": np.minimum, "max": np.maximum}[
-            self.kind
-        ](a, b)
-        return joined
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """`greater` minus `smaller`: how much room is left."""
-
-    greater: Node
-    smaller: Node
-
-    def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
-        """Return the room at every sample."""
-        return self.greater.values(time, signals) - self.smaller.values(time, signals)
-
-
-@dataclass(frozen=True)
-class Not:
-    """Holds where the formula does not."""
-
-    part: Node
-
-    def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
-        """Return the negative."""
-        return -self.part.values(time, signals)
-
-
-@dataclass(frozen=True)
-class Joined:
-    """`and` or `or`."""
-
-    kind: Literal["and", "or"]
-    left: Node
-    right: Node
-
-    def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
-        """Return the smaller, or the larger."""
-        a, b = self.left.values(time, signals), self.right.values(time, signals)
-        return np.minimum(a, b) if self.kind == "and" else np.maximum(a, b)
-
-
-@dataclass(frozen=True)
-class Always:
-    """Holds at every sample of the interval."""
-
-    part: Node
+    kind: str
+    """`number`, `signal`, `always`, `eventually`, `until`, or a key of `POINTWISE`."""
+    parts: tuple[Node, ...] = ()
     interval: Interval = Interval()
+    value: float = 0.0
+    """Of a number."""
+    name: str = ""
+    """Of a signal."""
 
     def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
-        """Return the smallest value over the interval from each sample on."""
-        return _smallest(self.part.values(time, signals), self.interval, time)
+        """Return (N,) the value at each of the N samples."""
+        parts = [part.values(time, signals) for part in self.parts]
+        match self.kind:
+            case "number":
+                return np.full(len(time), self.value)
+            case "signal":
+                return np.asarray(signals[self.name], dtype=np.float64)
+            case "always":
+                return _smallest(parts[0], self.interval, time)
+            case "eventually":
+                return -_smallest(-parts[0], self.interval, time)
+            case "until":
+                return _until(parts[0], parts[1], self.interval, time)
+            case kind:
+                return POINTWISE[kind](*parts)
 
 
-@dataclass(frozen=True)
-class Eventually:
-    """Holds at some sample of the interval."""
-
-    part: Node
-    interval: Interval = Interval()
-
-    def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
-        """Return the largest value over the interval from each sample on."""
-        return -_smallest(-self.part.values(time, signals), self.interval, time)
+def _quotient(a: Floats, b: Floats) -> Floats:
+    """Divide; by zero it is an infinity of the dividend's sign, and 0 / 0 is zero."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.nan_to_num(a / b, nan=0.0, posinf=np.inf, neginf=-np.inf)
 
 
-@dataclass(frozen=True)
-class Until:
-    """`left` holds until `right` does, which is within the interval."""
+POINTWISE: dict[str, Callable[..., Floats]] = {
+    "+": np.add,
+    "-": np.subtract,
+    "*": np.multiply,
+    "/": _quotient,
+    "min": np.minimum,
+    "max": np.maximum,
+    "negative": np.negative,
+    "abs": np.abs,
+    "room": np.subtract,
+    "not": np.negative,
+    "and": np.minimum,
+    "or": np.maximum,
+}
+"""What an operation computes at each sample; `room` is the greater side of a comparison minus the smaller one."""
 
-    left: Node
-    right: Node
-    interval: Interval = Interval()
 
-    def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
-        """Return the value at the best moment for `right` to take over."""
-        holds, takes = self.left.values(time, signals), self.right.values(time, signals)
-        if self.interval.is_everything:
-            return _until_the_end(holds, takes)
-        result = np.full(len(time), -np.inf)
-        first, after = self.interval.samples(time)
-        for k in range(len(time)):
-            if first[k] >= after[k]:
-                continue
+def _until(holds: Floats, takes: Floats, interval: Interval, time: Floats) -> Floats:
+    """Return the value at the best moment for the right side to take over."""
+    if interval.is_everything:
+        result = takes.copy()
+        for k in range(len(result) - 2, -1, -1):
+            result[k] = max(takes[k], min(holds[k], result[k + 1]))
+        return result
+    result = np.full(len(time), -np.inf)
+    first, after = interval.samples(time)
+    for k in range(len(time)):
+        if first[k] < after[k]:
             so_far = np.concatenate([[np.inf], np.minimum.accumulate(holds[k : after[k] - 1])])
             result[k] = np.minimum(takes[first[k] : after[k]], so_far[first[k] - k :]).max()
-        return result
-
-
-def _until_the_end(holds: Floats, takes: Floats) -> Floats:
-    result = takes.copy()
-    for k in range(len(result) - 2, -1, -1):
-        result[k] = max(takes[k], min(holds[k], result[k + 1]))
     return result
 
 
@@ -209,14 +134,9 @@ def _smallest(values: Floats, interval: Interval, time: Floats) -> Floats:
         running: Floats = np.minimum.accumulate(values[::-1])[::-1]
         return running
     first, after = interval.samples(time)
-    return _range_minimum(values, first, after)
-
-
-def _range_minimum(values: Floats, first: NDArray[np.intp], after: NDArray[np.intp]) -> Floats:
-    """Return min(values[first:after]) for each pair, by a table of minima over 1, 2, 4, ... samples."""
     result = np.full(len(first), np.inf)
     width = after - first
-    table, stretch = values, 1
+    table, stretch = values, 1  # of minima over 1, 2, 4, ... samples
     while stretch <= len(values):
         here = (width >= stretch) & (width < 2 * stretch)
         if here.any():
@@ -230,15 +150,13 @@ def _range_minimum(values: Floats, first: NDArray[np.intp], after: NDArray[np.in
 
 def signals_of(node: Node) -> frozenset[str]:
     """Return the names of the signals in a formula."""
-    if isinstance(node, Signal):
-        return frozenset({node.name})
-    parts = [getattr(node, name, None) for name in ("part", "left", "right", "greater", "smaller")]
-    return frozenset[str]().union(*(signals_of(part) for part in parts if part is not None))
+    own = {node.name} if node.kind == "signal" else set()
+    return frozenset(own).union(*(signals_of(part) for part in node.parts))
 
 
 def body_of(node: Node) -> Node:
     """Return what a formula asks for at every moment: the part under an outermost `always` without bounds."""
-    return node.part if isinstance(node, Always) and node.interval.is_everything else node
+    return node.parts[0] if node.kind == "always" and node.interval.is_everything else node
 
 
 LONGEST = 2000

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import functools
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,32 +13,20 @@ from lark import Lark, Token
 from lark.exceptions import UnexpectedCharacters, UnexpectedInput, VisitError
 from lark.visitors import Transformer_NonRecursive, v_args
 
-from rvsg.evaluation.temporal import (
-    Always,
-    Arithmetic,
-    Comparison,
-    Eventually,
-    Interval,
-    Joined,
-    Node,
-    Not,
-    Number,
-    Signal,
-    Until,
-)
+from rvsg.evaluation.temporal import Interval, Node
 
 DEEPEST, MOST_NODES_DEEP = 40, 200
+WHOLE = Interval()
 KEYWORDS = ("always", "eventually", "until", "and", "or", "not", "implies")
 FUNCTIONS = {"abs": 1, "min": 2, "max": 2}
 
 # Numbers and formulas share one grammar, since both may stand in parentheses; _Builder tells them apart.
 GRAMMAR = r"""
     ?start: disjunction | disjunction IMPLIES start -> implies
-    ?disjunction: conjunction | disjunction OR conjunction -> joined
-    ?conjunction: timed | conjunction AND timed -> joined
-    ?timed: prefixed | timed UNTIL interval? prefixed -> until
-    ?prefixed: comparison | NOT prefixed -> negation | ALWAYS interval? prefixed -> always
-        | EVENTUALLY interval? prefixed -> eventually
+    ?disjunction: conjunction | disjunction OR conjunction -> infix
+    ?conjunction: timed | conjunction AND timed -> infix
+    ?timed: prefixed | timed UNTIL interval? prefixed -> infix
+    ?prefixed: comparison | NOT prefixed -> prefixed | (ALWAYS | EVENTUALLY) interval? prefixed -> prefixed
     ?comparison: sum | sum COMPARE sum -> compared
     ?sum: product | sum (PLUS | MINUS) product -> arithmetic
     ?product: operand | product TIMES operand -> arithmetic
@@ -98,7 +86,11 @@ def read(text: str, signals: Collection[str]) -> Node:
     Raises:
         Mistake: it cannot be read.
     """
-    _refuse_nested(text)
+    depth = 0
+    for at, sign in enumerate(text):
+        depth += (sign == "(") - (sign == ")")
+        if depth > DEEPEST + 1:
+            raise Mistake(at, "formula-deep", f"nested deeper than {DEEPEST}")
     try:
         part: Part = _Builder(signals).transform(_parser().parse(text))
     except UnexpectedInput as error:
@@ -113,14 +105,6 @@ def read(text: str, signals: Collection[str]) -> Node:
 @functools.cache
 def _parser() -> Lark:
     return Lark(GRAMMAR, parser="lalr")
-
-
-def _refuse_nested(text: str) -> None:
-    depth = 0
-    for at, sign in enumerate(text):
-        depth += (sign == "(") - (sign == ")")
-        if depth > DEEPEST + 1:
-            raise Mistake(at, "formula-deep", f"nested deeper than {DEEPEST}")
 
 
 def _mistake_of(error: UnexpectedInput, text: str, signals: Collection[str]) -> Mistake:
@@ -176,31 +160,16 @@ class _Builder(Transformer_NonRecursive[Token, Part]):
         self.signals = signals
 
     def implies(self, left: Part, word: Token, right: Part) -> Part:
-        _formulas(word, left, right)
-        return _deeper(Joined("or", Not(left.node), right.node), True, left.at, left, right)
+        _same(word, True, left, right)
+        return _operation("or", word, True, left._replace(node=Node("not", (left.node,))), right)
 
-    def joined(self, left: Part, word: Token, right: Part) -> Part:
-        _formulas(word, left, right)
-        return _deeper(Joined("or" if word.type == "OR" else "and", left.node, right.node), True, left.at, left, right)
+    def infix(self, left: Part, word: Token, *rest: Part | Interval) -> Part:
+        *bounds, right = rest
+        return _of_formulas(word, bounds, left, right)
 
-    def until(self, left: Part, word: Token, *rest: Part | Interval) -> Part:
-        interval, right = _interval_and_part(rest)
-        _formulas(word, left, right)
-        return _deeper(Until(left.node, right.node, interval), True, left.at, left, right)
-
-    def negation(self, word: Token, part: Part) -> Part:
-        _formulas(word, part)
-        return _deeper(Not(part.node), True, _start(word), part)
-
-    def always(self, word: Token, *rest: Part | Interval) -> Part:
-        interval, part = _interval_and_part(rest)
-        _formulas(word, part)
-        return _deeper(Always(part.node, interval), True, _start(word), part)
-
-    def eventually(self, word: Token, *rest: Part | Interval) -> Part:
-        interval, part = _interval_and_part(rest)
-        _formulas(word, part)
-        return _deeper(Eventually(part.node, interval), True, _start(word), part)
+    def prefixed(self, word: Token, *rest: Part | Interval) -> Part:
+        *bounds, part = rest
+        return _of_formulas(word, bounds, part)
 
     def compared(self, left: Part, sign: Token, right: Part) -> Part:
         for part in (left, right):
@@ -211,17 +180,17 @@ class _Builder(Transformer_NonRecursive[Token, Part]):
             same = "this compares numbers alone and is the same in every run"
             raise Mistake(left.at, "formula-constant", f"{same}; name a signal, one of {known}")
         greater, smaller = (left, right) if sign in (">", ">=") else (right, left)
-        return _deeper(Comparison(greater.node, smaller.node), True, left.at, left, right)
+        return _operation("room", sign, True, greater, smaller)
 
     def arithmetic(self, left: Part, sign: Token, right: Part) -> Part:
-        _numbers(sign, left, right)
+        _same(sign, False, left, right)
         if sign == "/" and not right.measured and not right.node.values(np.zeros(1), {})[0]:
             raise Mistake(right.at, "formula-division", "this divides by zero: the formula would never have a value")
-        return _deeper(Arithmetic(str(sign), left.node, right.node), False, left.at, left, right)  # type: ignore[arg-type]
+        return _operation(str(sign), sign, False, left, right)
 
     def negative(self, sign: Token, part: Part) -> Part:
-        _numbers(sign, part)
-        return _deeper(Arithmetic("negative", part.node), False, _start(sign), part)
+        _same(sign, False, part)
+        return _operation("negative", sign, False, part)
 
     def group(self, sign: Token, part: Part) -> Part:
         return part._replace(at=_start(sign))
@@ -229,19 +198,18 @@ class _Builder(Transformer_NonRecursive[Token, Part]):
     def function(self, name: Token, *parts: Part) -> Part:
         if len(parts) != FUNCTIONS[name]:
             raise Mistake(_start(name), "formula-values", f"{name} takes {FUNCTIONS[name]} values, got {len(parts)}")
-        _numbers(name, *parts)
-        second = parts[1].node if len(parts) > 1 else None
-        return _deeper(Arithmetic(str(name), parts[0].node, second), False, _start(name), *parts)  # type: ignore[arg-type]
+        _same(name, False, *parts)
+        return _operation(str(name), name, False, *parts)
 
     def number(self, token: Token) -> Part:
         if float(token) == float("inf"):
             raise Mistake(_start(token), "formula-large", "this number is too large")
-        return Part(Number(float(token)), False, _start(token))
+        return Part(Node("number", value=float(token)), False, _start(token))
 
     def signal(self, token: Token) -> Part:
         if token not in self.signals:
             raise _unknown(str(token), _start(token), self.signals)
-        return Part(Signal(str(token)), False, _start(token), True)
+        return Part(Node("signal", name=str(token)), False, _start(token), True)
 
     def seconds(self, token: Token) -> float:
         return float(token)
@@ -260,29 +228,27 @@ def _start(token: Token) -> int:
     return int(token.start_pos or 0)
 
 
-def _deeper(node: Node, formula: bool, at: int, *parts: Part) -> Part:
+def _of_formulas(word: Token, bounds: Sequence[Part | Interval], *parts: Part | Interval) -> Part:
+    """Return a logical operation, within bounds in seconds where they are given."""
+    formulas = [part for part in parts if isinstance(part, Part)]
+    _same(word, True, *formulas)
+    interval = next((each for each in bounds if isinstance(each, Interval)), WHOLE)
+    return _operation(word.type.lower(), word, True, *formulas, interval=interval)
+
+
+def _operation(kind: str, word: Token, formula: bool, *parts: Part, interval: Interval = WHOLE) -> Part:
+    at = min(_start(word), *(part.at for part in parts))
     depth = 1 + max(part.depth for part in parts)
     if depth > MOST_NODES_DEEP:
         raise Mistake(at, "formula-deep", f"more than {MOST_NODES_DEEP} operations depend on each other")
+    node = Node(kind, tuple(part.node for part in parts), interval)
     return Part(node, formula, at, any(part.measured for part in parts), depth)
 
 
-def _interval_and_part(rest: tuple[Part | Interval, ...]) -> tuple[Interval, Part]:
-    part = rest[-1]
-    interval = rest[0] if isinstance(rest[0], Interval) else Interval()
-    assert isinstance(part, Part)
-    return interval, part
-
-
-def _formulas(word: Token, *parts: Part) -> None:
+def _same(word: Token, formula: bool, *parts: Part) -> None:
+    """Refuse a number where a formula is needed, or the reverse."""
     for part in parts:
-        if not part.formula:
-            raise Mistake(
-                part.at, "formula-operand", f'"{word}" joins formulas, and this is a number: compare it with something'
-            )
-
-
-def _numbers(sign: Token, *parts: Part) -> None:
-    for part in parts:
-        if part.formula:
-            raise Mistake(part.at, "formula-operand", f'"{sign}" works on numbers, and this is a formula')
+        if part.formula != formula:
+            wrong = "joins formulas, and this is a number: compare it with something"
+            wrong = wrong if formula else "works on numbers, and this is a formula"
+            raise Mistake(part.at, "formula-operand", f'"{word}" {wrong}')

@@ -59,10 +59,6 @@ class Status(str, Enum):
     UNJUDGED = "no limit is set"
 
 
-_SHOWN = (Status.PASS, Status.FAIL, Status.FLAKY, Status.INCONCLUSIVE)
-"""What the counts of runs can show."""
-
-
 class Procedure(Record):
     """How runs are judged: the violation probabilities to tell apart, the error rate, the budget of runs.
 
@@ -111,15 +107,7 @@ class Procedure(Record):
 
     def fewest_for(self, violations: int, runs: int) -> dict[Status, int]:
         """Return for each status within the budget the smallest number of further runs; the fewest first."""
-        return dict(_fewest_for(self, violations, runs))
-
-    def fewest_more(self, violations: int, runs: int) -> int:
-        """Return the smallest number of further runs that can decide the status; 0 if it is decided."""
-        for more in range(self.max_runs - runs + 1):
-            for bad in range(more + 1):
-                if self.status(violations + bad, runs + more) is not Status.INCONCLUSIVE:
-                    return more
-        return max(0, self.max_runs - runs)
+        return _fewest_for(self, violations, runs)
 
 
 @lru_cache(maxsize=1024)
@@ -128,7 +116,7 @@ def _fewest_for(procedure: Procedure, violations: int, runs: int) -> dict[Status
     for more in range(procedure.max_runs - runs + 1):
         for bad in range(more + 1):
             found.setdefault(procedure.status(violations + bad, runs + more), more)
-        if len(found) == len(_SHOWN):
+        if len(found) == len(Status) - 1:  # all but UNJUDGED
             break
     return {status: more for status, more in found.items() if status is not Status.INCONCLUSIVE}
 
@@ -232,10 +220,7 @@ def _with_interval(verdict: Verdict, unit: str) -> str:
 
 def status_in_words(verdict: Verdict) -> str:
     """Return the status, and where it is open between FAIL and FLAKY that it is violated."""
-    procedure = verdict.judged_by
-    if verdict.status is Status.INCONCLUSIVE and procedure.violated(verdict.violations, verdict.runs):
-        return f"{verdict.status.value} (violated; {OPEN})"
-    return verdict.status.value
+    return verdict.status.value + (f" (violated; {OPEN})" if still_open(verdict) else "")
 
 
 def share_in_words(verdict: Verdict) -> str:
@@ -293,7 +278,7 @@ def _decision(verdict: Verdict) -> str:
             )
     spent = verdict.runs + verdict.undefined >= procedure.max_runs
     open_ = f"the budget of {counted(procedure.max_runs, 'run')} is spent" if spent else "too few runs for a verdict"
-    if procedure.violated(verdict.violations, verdict.runs):
+    if still_open(verdict):
         ruled = f"a one-sided test rules out that {percent(rare)} of runs or fewer violate it ({sure})"
         return f"INCONCLUSIVE: {ruled}; {OPEN}, {open_}"
     return f"INCONCLUSIVE: no test has decided; {open_}"
@@ -305,19 +290,6 @@ def why_ended(verdict: Verdict) -> str:
         return ""
     made, most = verdict.runs + verdict.undefined, verdict.judged_by.max_runs
     return f"The runs ended after {made} of at most {most} because the verdict was decided."
-
-
-__all__ = [
-    "DEFAULT",
-    "OPEN",
-    "Procedure",
-    "check_requirement",
-    "judge",
-    "next_repeats",
-    "objective",
-    "still_open",
-    "violated",
-]
 
 
 def objective(run: Run, requirement: Requirement, *, world: World | None = None) -> float | None:
@@ -464,7 +436,8 @@ def next_repeats(
         return 0
     known = [value for value in objectives if value is not None]
     violations = sum(requirement.violated_by(value) for value in known)
-    return min(procedure.fewest_more(violations, len(known)), procedure.max_runs - len(objectives))
+    left = procedure.max_runs - len(objectives)
+    return min([*procedure.fewest_for(violations, len(known)).values(), left])
 
 
 def load_requirement(

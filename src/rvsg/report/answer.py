@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from string import Formatter
 from typing import Any, NamedTuple
 
 from rvsg.campaign.attempt import Plan
 from rvsg.evaluation.metrics.registry import find_metric
-from rvsg.evaluation.run_events import place_name
+from rvsg.evaluation.run_events import Contact, place_name
 from rvsg.evaluation.story import Sentence, what_is_hit
 from rvsg.evaluation.verdict import (
     OPEN,
@@ -23,10 +23,11 @@ from rvsg.evaluation.verdict import (
     number,
     share_in_words,
     still_open,
+    value_in_words,
     violated,
 )
 from rvsg.report.run_facts import INVOLVED_M, AttemptFacts, Cause, Pair, RunFacts, Why
-from rvsg.report.summary import Summary, interval
+from rvsg.report.summary import Summary
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.run import Run
@@ -46,15 +47,6 @@ def quantity(requirement: Requirement) -> str:
 def direction(requirement: Requirement) -> str:
     """Return which values are worse, e.g. `lower is worse`."""
     return "lower is worse" if requirement.worse == "smaller" else "higher is worse"
-
-
-UNITS = "s|m|cm|m/s|m/s²|m/s³|rad|rad/s|Hz|%|USD|kB|MB|points"
-_VALUE = re.compile(rf"(?<=\d) (?=(?:{UNITS})(?![\w/]))")
-
-
-def unbroken(text: str) -> str:
-    """Return a text in which no line breaks between a number and its unit."""
-    return _VALUE.sub("\N{NO-BREAK SPACE}", text)
 
 
 def shown_at(t_s: float) -> str:
@@ -175,6 +167,26 @@ class Piece(NamedTuple):
 Pieces = list[Piece]
 
 
+def of_runs(text: str, runs: Iterable[RunFacts]) -> Piece:
+    """Return a text that opens runs."""
+    return Piece(text, ids_of(runs))
+
+
+def said(text: str, **values: Piece | str) -> Pieces:
+    """Return a sentence: a text in which each `{name}` stands for a value."""
+    pieces: Pieces = []
+    plain = ""
+    for literal, name, _, _ in Formatter().parse(text):
+        value = values[name] if name else ""
+        plain += literal
+        if isinstance(value, str):
+            plain += value
+        else:
+            pieces += [*([Piece(plain)] if plain else []), value]
+            plain = ""
+    return [*pieces, Piece(plain)] if plain else pieces
+
+
 @dataclass(frozen=True, kw_only=True)
 class Badge:
     """A fact in two or three words beside the verdict. `tone` is bad, good, warn or quiet."""
@@ -207,11 +219,11 @@ def seen_beside(
     badges, sentences = [], []
     total = counted(len(runs), kind)
     touched = [run for run in runs if run.contacts]
-    people = any(run.closest_m is not None for run in runs)
+    near = [(run.closest_m, run) for run in runs if run.closest_m is not None]
     if touched:
         badges.append(Badge(tone="bad", text=f"contact in {len(touched)} of {len(runs)} runs", runs=ids_of(touched)))
         sentences.append(_contacts(touched, total))
-    elif people:
+    elif near:
         badges.append(Badge(tone="good", text=f"no contact in {counted(len(runs), 'run')}"))
     struck = [run for run in runs if run.obstacle_contacts]
     if struck:
@@ -221,48 +233,56 @@ def seen_beside(
     late = [run for run in runs if not run.arrived]
     if late:
         badges.append(Badge(tone="bad", text=f"{len(late)} of {len(runs)} did not arrive", runs=ids_of(late)))
-        limit = number(plan.mission.route.time_limit_s, "s")
         sentences.append(
-            [
-                Piece("The robot does not reach its goal in "),
-                Piece(f"{len(late)} of {total}", ids_of(late)),
-                Piece(f" (time limit {limit})."),
-            ]
+            said(
+                "The robot does not reach its goal in {often} (time limit {limit}).",
+                often=of_runs(f"{len(late)} of {total}", late),
+                limit=number(plan.mission.route.time_limit_s, "s"),
+            )
         )
     else:
         badges.append(Badge(tone="good", text="all arrived"))
-    met = [run for run in runs if run.closest_m is not None]
-    nearest = min(met, key=lambda run: run.closest_m if run.closest_m is not None else 0.0, default=None)
-    if nearest is not None and not touched:
+    if near and not touched:
+        gap, run = min(near, key=lambda each: each[0])
         sentences.append(
-            [
-                Piece("The robot touches nobody; the smallest gap is "),
-                Piece(metres(nearest.closest_m or 0.0), (nearest.id,), nearest.closest_s),
-                Piece(f", to {nearest.closest_to} near {nearest.closest_near}, {span_of([nearest.closest_s])}."),
-            ]
+            said(
+                "The robot touches nobody; the smallest gap is {gap}, to {who} near {place}, {when}.",
+                gap=Piece(metres(gap), (run.id,), run.closest_s),
+                who=run.closest_to,
+                place=run.closest_near,
+                when=span_of([run.closest_s]),
+            )
         )
     return badges, sentences
 
 
 def _contacts(touched: Sequence[RunFacts], total: str) -> Pieces:
-    """Return in which runs robot and person touch, for how long at most, and how fast."""
-    longest, in_longest = max(
-        ((_measured(run, "contact_longest", c.duration_s), run) for run in touched for c in run.contacts),
-        key=lambda pair: pair[0],
+    """Return in which runs robot and person touch, whom most often, where, for how long at most, and how fast."""
+
+    def worst(metric: str, unit: str, otherwise: Callable[[Contact], float]) -> Piece:
+        """Return the largest value, by the metric that the terminal reports, too."""
+        pairs = [
+            (otherwise(each) if (value := run.measurement.values.get(metric)) is None else value, run)
+            for run in touched
+            for each in run.contacts
+        ]
+        value, run = max(pairs, key=lambda pair: pair[0])
+        return Piece(number(value, unit), (run.id,), run.contacts[0].time_s)
+
+    first = [(run, run.contacts[0]) for run in touched]
+    who, count = Counter(contact.person for _, contact in first).most_common(1)[0]
+    theirs = [(run, contact) for run, contact in first if contact.person == who]
+    near = Counter(place_name(run.world, contact.place.x, contact.place.y) for run, contact in theirs)
+    return said(
+        "Robot and person touch in {often} ({who}, near {place}, {when}); the longest contact lasts {longest}, and the "
+        "largest relative speed is {fastest}.",
+        often=of_runs(f"{len(touched)} of {total}", touched),
+        who=who if count == len(touched) else f"{who} in {count}",
+        place=near.most_common(1)[0][0],
+        when=span_of([contact.time_s for _, contact in theirs]),
+        longest=worst("contact_longest", "s", lambda each: each.duration_s),
+        fastest=worst("contact_speed", "m/s", lambda each: each.closing_speed_m_s),
     )
-    fastest, in_fastest = max(
-        ((_measured(run, "contact_speed", c.closing_speed_m_s), run) for run in touched for c in run.contacts),
-        key=lambda pair: pair[0],
-    )
-    return [
-        Piece("Robot and person touch in "),
-        Piece(f"{len(touched)} of {total}", ids_of(touched)),
-        Piece(f" ({_touched(touched)}); the longest contact lasts "),
-        Piece(number(longest, "s"), (in_longest.id,), in_longest.contacts[0].time_s),
-        Piece(", and the largest relative speed is "),
-        Piece(number(fastest, "m/s"), (in_fastest.id,), in_fastest.contacts[0].time_s),
-        Piece("."),
-    ]
 
 
 def _struck(runs: Sequence[RunFacts], total: str, nobody: Pair | None) -> Pieces:
@@ -271,33 +291,23 @@ def _struck(runs: Sequence[RunFacts], total: str, nobody: Pair | None) -> Pieces
     near = Counter(place_name(run.world, e.place.x, e.place.y) for run, e in zip(runs, first, strict=True))
     hits = ((event, run) for run in runs for event in run.obstacle_contacts)
     hardest, in_hardest = max(hits, key=lambda pair: pair[0].speed_m_s)
-    sentence = [
-        Piece(f"The robot hits {_what_is_hit(runs)} in "),
-        Piece(f"{len(runs)} of {total}", ids_of(runs)),
-        Piece(f", first near {near.most_common(1)[0][0]}, {span_of([event.time_s for event in first])}; at most at "),
-        Piece(number(hardest.speed_m_s, "m/s"), (in_hardest.id,), hardest.time_s),
-    ]
-    if nobody is not None:
-        alone = [run for run in nobody.runs if run.obstacle_contacts]
-        said = f"{len(alone)} of {counted(len(nobody.runs), 'run')}"
-        sentence += [Piece("; on the same seeds without people in "), Piece(said, ids_of(alone or nobody.runs))]
-    return [*sentence, Piece(".")]
+    alone = [run for run in nobody.runs if run.obstacle_contacts] if nobody is not None else []
+    without = "" if nobody is None else "; on the same seeds without people in {alone}"
+    return said(
+        f"The robot hits {{what}} in {{often}}, first near {{place}}, {{when}}; at most at {{speed}}{without}.",
+        what=_what_is_hit(runs),
+        often=of_runs(f"{len(runs)} of {total}", runs),
+        place=near.most_common(1)[0][0],
+        when=span_of([event.time_s for event in first]),
+        speed=Piece(number(hardest.speed_m_s, "m/s"), (in_hardest.id,), hardest.time_s),
+        alone=of_runs(f"{len(alone)} of {counted(len(nobody.runs), 'run')}", alone or nobody.runs) if nobody else "",
+    )
 
 
 def _what_is_hit(runs: Sequence[RunFacts]) -> str:
     """Return what the robot hits in any of the runs: a door by its name where it is that alone."""
     hit = {what_is_hit(event) for run in runs for event in run.obstacle_contacts}
     return hit.pop() if len(hit) == 1 else "an obstacle"
-
-
-def _touched(runs: Sequence[RunFacts]) -> str:
-    """Return whom the robot touches most often, where, and when, in words."""
-    first = [run.contacts[0] for run in runs]
-    who, count = Counter(contact.person for contact in first).most_common(1)[0]
-    theirs = [(run, contact) for run, contact in zip(runs, first, strict=True) if contact.person == who]
-    near = Counter(place_name(run.world, contact.place.x, contact.place.y) for run, contact in theirs)
-    often = "" if count == len(runs) else f" in {count}"
-    return f"{who}{often}, near {near.most_common(1)[0][0]}, {span_of([contact.time_s for _, contact in theirs])}"
 
 
 def elsewhere(others: Sequence[AttemptFacts], searched: Sequence[AttemptFacts]) -> list[Pieces]:
@@ -310,18 +320,10 @@ def elsewhere(others: Sequence[AttemptFacts], searched: Sequence[AttemptFacts]) 
         runs = distinct_runs(attempts)
         touched = [run for run in runs if run.contacts]
         if touched:
-            sentence += [
-                Piece(" and in " if sentence else "Elsewhere in the campaign, robot and person touch in "),
-                Piece(f"{len(touched)} of {counted(len(runs), kind)}", ids_of(touched)),
-                Piece(which),
-            ]
+            begins = " and in " if sentence else "Elsewhere in the campaign, robot and person touch in "
+            often = of_runs(f"{len(touched)} of {counted(len(runs), kind)}", touched)
+            sentence += said(f"{begins}{{often}}{which}", often=often)
     return [[*sentence, Piece(".")]] if sentence else []
-
-
-def _measured(run: RunFacts, metric: str, otherwise: float) -> float:
-    """Return the metric of a run, which the terminal and the JSON report, too."""
-    value = run.measurement.values.get(metric)
-    return otherwise if value is None else value
 
 
 def distinct_runs(attempts: Iterable[AttemptFacts]) -> list[RunFacts]:
@@ -351,18 +353,16 @@ def headline(plan: Plan, summary: Summary) -> dict[str, str]:
         text = f"The search is {state}. No candidate is confirmed yet."
         return {"tone": "quiet", "chip": "not confirmed", "text": text}
     if confirmed.status is Status.UNJUDGED:
-        text = f"{name} has no limit. The worst scenario measures {interval(confirmed, plan.requirement.unit)}."
+        text = f"{name} has no limit. The worst scenario measures {value_in_words(confirmed, plan.requirement.unit)}."
         return {"tone": "quiet", "chip": "no limit", "text": text}
     runs = counted(confirmed.runs, "confirmation run")
-    text = (
-        f"The worst scenario violates {name} in {confirmed.violations} of {runs}."
-        if confirmed.violations
-        else f"The worst scenario violates {name} in none of {runs}."
-    )
-    if still_open(confirmed):
-        text = f"{text.removesuffix('.')}; {OPEN} (INCONCLUSIVE)."
-    chip = "violated" if still_open(confirmed) else confirmed.status.value
-    return {"tone": tone_of(confirmed), "chip": chip, "text": text}
+    text = f"The worst scenario violates {name} in {confirmed.violations or 'none'} of {runs}"
+    text += f"; {OPEN} (INCONCLUSIVE)." if still_open(confirmed) else "."
+    return {"tone": tone_of(confirmed), "chip": _chip(confirmed), "text": text}
+
+
+def _chip(verdict: Verdict) -> str:
+    return "violated" if still_open(verdict) else verdict.status.value
 
 
 def tone_of(verdict: Verdict) -> str:
@@ -393,12 +393,11 @@ def answer(
         return Answer(**top, badges=badges, sentences=sentences)
     badges, seen = seen_beside(confirmed.runs, plan, "confirmation run", cause.nobody if cause is not None else None)
     why, because = _why(plan, cause) if cause is not None else ([], [])
-    badges = [*why, *badges]
     where = _where(confirmed)
     recurs = cause is not None and cause.finding.about_people == "no"
     told = [*because, *where] if recurs else [*where, *because]  # who is near matters less where nobody is needed
-    sentences = [*_judged(plan, confirmed), *told, *seen]
-    return Answer(**top, badges=badges, sentences=[*sentences, *elsewhere(others, searched)])
+    sentences = [*_judged(plan, confirmed, "confirmation run"), *told, *seen, *elsewhere(others, searched)]
+    return Answer(**top, badges=[*why, *badges], sentences=sentences)
 
 
 def answer_of_runs(plan: Plan, facts: AttemptFacts) -> Answer:
@@ -408,7 +407,7 @@ def answer_of_runs(plan: Plan, facts: AttemptFacts) -> Answer:
     badges, seen = seen_beside(facts.runs, plan, "run")
     sentences = [*_judged(plan, facts, "run"), *_where(facts), *seen]
     if verdict.status is Status.UNJUDGED:
-        text = f"{requirement.name} has no limit. The runs measure {interval(verdict, requirement.unit)}."
+        text = f"{requirement.name} has no limit. The runs measure {value_in_words(verdict, requirement.unit)}."
         return Answer(tone="quiet", chip="no limit", text=text, badges=badges, sentences=sentences)
     if verdict.runs == 1:
         text = f"The run {'violates' if verdict.violations else 'does not violate'} {requirement.name}"
@@ -416,49 +415,40 @@ def answer_of_runs(plan: Plan, facts: AttemptFacts) -> Answer:
         verb = "violates" if verdict.violations == 1 else "violate"
         text = f"{verdict.violations or 'None'} of {counted(verdict.runs, 'run')} {verb} {requirement.name}"
     text += f"; {OPEN} ({verdict.status.value})." if still_open(verdict) else "."
-    chip = "violated" if still_open(verdict) else verdict.status.value
-    return Answer(tone=tone_of(verdict), chip=chip, text=text, badges=badges, sentences=sentences)
+    return Answer(tone=tone_of(verdict), chip=_chip(verdict), text=text, badges=badges, sentences=sentences)
 
 
-def _judged(plan: Plan, confirmed: AttemptFacts, kind: str = "confirmation run") -> list[Pieces]:
+def _judged(plan: Plan, facts: AttemptFacts, kind: str) -> list[Pieces]:
     """Return how often the limit is violated, and by how much."""
-    verdict, requirement = confirmed.attempt.verdict, plan.requirement
+    verdict, requirement = facts.attempt.verdict, plan.requirement
     if verdict is None or verdict.mean is None:
         return []
-    limit = requirement.threshold
-    if verdict.censored:
-        late = f"{verdict.censored} of {counted(verdict.runs, 'run')}"
-        middle = f"the median is {number(verdict.median, requirement.unit)}" if verdict.median is not None else ""
-        measured = [
-            Piece(f"{_quantity(requirement)}: beyond the time limit in "),
-            Piece(late, ids_of(confirmed.not_arrived)),
-            Piece(f"; {middle or 'so is the median'} ({direction(requirement)}"),
-        ]
-    else:
-        measured = [
-            Piece(f"{_quantity(requirement)}: "),
-            Piece(number(verdict.mean, requirement.unit), ids_of(confirmed.runs)),
-            Piece(f" on average over the runs ({direction(requirement)}"),
-        ]
-    measured.append(Piece(f"; the limit is {number(limit, requirement.unit)})." if limit is not None else ")."))
-    worst = confirmed.worst(requirement)
-    if worst is not None and worst.arrived and worst.measurement.objective is not None:
-        value = number(worst.measurement.objective, requirement.unit)
-        measured += [Piece(" The worst run measures "), Piece(value, (worst.id,), worst.decisive_s), Piece(".")]
-    if not share_in_words(verdict):
-        return [measured]
-    bad = confirmed.violating
-    often = [
-        Piece(f"{requirement.name} is violated in "),
-        Piece(f"{len(bad)} of {counted(len(confirmed.runs), kind)}", ids_of(bad or confirmed.runs)),
-        Piece(f": {share_in_words(verdict)}."),
-    ]
-    return [often, measured]
-
-
-def _quantity(requirement: Requirement) -> str:
+    limit, unit = requirement.threshold, requirement.unit
     name = quantity(requirement)
-    return name[:1].upper() + name[1:]
+    worst = facts.worst(requirement)
+    single = worst is not None and worst.arrived and worst.measurement.objective is not None
+    text = (
+        "{quantity}: beyond the time limit in {late}; {median}"
+        if verdict.censored
+        else "{quantity}: {mean} on average over the runs"
+    )
+    text += " ({direction}{limit})." + (" The worst run measures {worst}." if single else "")
+    measured = said(
+        text,
+        quantity=name[:1].upper() + name[1:],
+        late=of_runs(f"{verdict.censored} of {counted(verdict.runs, 'run')}", facts.not_arrived),
+        median=f"the median is {number(verdict.median, unit)}" if verdict.median is not None else "so is the median",
+        mean=of_runs(number(verdict.mean, unit), facts.runs),
+        direction=direction(requirement),
+        limit=f"; the limit is {number(limit, unit)}" if limit is not None else "",
+        worst=Piece(number(worst.measurement.objective, unit), (worst.id,), worst.decisive_s) if worst else "",
+    )
+    share = share_in_words(verdict)
+    if not share:
+        return [measured]
+    bad = facts.violating
+    often = of_runs(f"{len(bad)} of {counted(len(facts.runs), kind)}", bad or facts.runs)
+    return [said("{name} is violated in {often}: {share}.", name=requirement.name, often=often, share=share), measured]
 
 
 DECIDES: dict[Why, str] = {
@@ -480,26 +470,29 @@ def _where(facts: AttemptFacts) -> list[Pieces]:
         return []
     told = [run for run in runs if run.decisive_why == why]
     many = "" if len(told) == len(runs) else f" in {len(told)} of {counted(len(runs), 'run')}"
-    sentence = [Piece(f"{DECIDES[why]}{many} near {_near(told)}, {span_of([run.decisive_s for run in told])}")]
-    return [[*sentence, *_who(told)]]
-
-
-def _who(runs: Sequence[RunFacts]) -> Pieces:
-    """Return who is nearest at the decisive moments, as the end of a sentence."""
-    who = Counter(run.decisive_with for run in runs if run.decisive_with).most_common(1)
-    if not who:
-        people = any(run.run.human_names for run in runs)
-        return [Piece(f"; nobody is within {INVOLVED_M:g} m of the robot then." if people else ".")]
-    name, count = who[0]
-    with_them = [run for run in runs if run.decisive_with == name]
-    far = [run for run in runs if not run.decisive_with]
-    sentence = [
-        Piece("; the nearest person then is "),
-        Piece(f"{name} in {count} of {counted(len(runs), 'run')}", ids_of(with_them)),
+    when = span_of([run.decisive_s for run in told])
+    who = Counter(run.decisive_with for run in told if run.decisive_with).most_common(1)
+    far = [run for run in told if not run.decisive_with]
+    text = "{decides}{many} near {places}, {when}"
+    if who:
+        text += "; the nearest person then is {who}" + ("; in {far} nobody is within {reach}" if far else "")
+    elif any(run.run.human_names for run in told):
+        text += "; nobody is within {reach} of the robot then"
+    name, count = who[0] if who else ("", 0)
+    return [
+        said(
+            text + ".",
+            decides=DECIDES[why],
+            many=many,
+            places=_near(told),
+            when=when,
+            who=of_runs(
+                f"{name} in {count} of {counted(len(told), 'run')}", [r for r in told if r.decisive_with == name]
+            ),
+            far=of_runs(str(len(far)), far),
+            reach=f"{INVOLVED_M:g} m",
+        )
     ]
-    if far:
-        sentence += [Piece("; in "), Piece(str(len(far)), ids_of(far)), Piece(f" nobody is within {INVOLVED_M:g} m")]
-    return [*sentence, Piece(".")]
 
 
 def _near(runs: Sequence[RunFacts]) -> str:
@@ -516,8 +509,6 @@ CAUSED = {
     "no": ("warn", "recurs without people", "It recurs without people, so this is not a finding about people."),
     "open": ("quiet", "cause open", "These runs do not show whether the people cause it."),
 }
-
-
 CAUSE_WORDS = {"yes": "yes", "no": "no, recurs without", "open": "open", "not violated": "–"}
 """Whether the people cause a violation, in the tables of findings."""
 
@@ -525,34 +516,32 @@ CAUSE_WORDS = {"yes": "yes", "no": "no, recurs without", "open": "open", "not vi
 def _why(plan: Plan, cause: Cause) -> tuple[list[Badge], list[Pieces]]:
     """Return whether it was the people: the same seeds without them, and without each of them."""
     finding, nobody = cause.finding, cause.nobody
+    difference, interval = finding.difference, finding.difference_interval
     if finding.about_people == "not violated":
         return [], []
-    tone, badge, said = CAUSED[finding.about_people]
+    tone, badge, caused = CAUSED[finding.about_people]
     if finding.also_alone:
-        said = "It also happens without people, and these runs do not show whether people make it happen more often."
-    difference, interval = finding.difference, finding.difference_interval
+        caused = "It also happens without people, and these runs do not show whether people make it happen more often."
     if nobody is None or difference is None or interval is None:
-        return [Badge(tone=tone, text=badge)], [[Piece(said)]]
-    badges = [Badge(tone=tone, text=badge, runs=ids_of(nobody.runs))]
-    confidence = finding.verdict.confidence
-    sentence = _alone(plan, nobody, said, difference_in_words(difference, interval, confidence))
-    for pair in cause.each:
-        with_all = sum(run.violated for run in pair.before)
-        sentence += [
-            Piece(f" Without {pair.without} it is violated in "),
-            Piece(f"{len(pair.violating)} of {counted(len(pair.runs), 'run')}", ids_of(pair.runs)),
-            Piece(f" (with everybody in {with_all})."),
-        ]
-    return badges, [sentence]
-
-
-def _alone(plan: Plan, nobody: Pair, said: str, difference: str) -> Pieces:
-    """Return what the mission without people shows on the same seeds."""
+        return [Badge(tone=tone, text=badge)], [said("{caused}", caused=caused)]
     if all(run.measurement.objective is None for run in nobody.runs):
-        return [Piece(f"Without people, {plan.requirement.name} measures nothing: it is about the people themselves.")]
-    violating = f"{len(nobody.violating)} of {counted(len(nobody.runs), 'run')}"
-    return [
-        Piece(f"{said} On the same seeds without people, the robot violates {plan.requirement.name} in "),
-        Piece(violating, ids_of(nobody.violating or nobody.runs)),
-        Piece(f" ({difference})."),
-    ]
+        text = "Without people, {name} measures nothing: it is about the people themselves."
+    else:
+        text = "{caused} On the same seeds without people, the robot violates {name} in {alone} ({difference})."
+    sentence = said(
+        text,
+        caused=caused,
+        name=plan.requirement.name,
+        alone=of_runs(
+            f"{len(nobody.violating)} of {counted(len(nobody.runs), 'run')}", nobody.violating or nobody.runs
+        ),
+        difference=difference_in_words(difference, interval, finding.verdict.confidence),
+    )
+    for pair in cause.each:
+        sentence += said(
+            " Without {who} it is violated in {often} (with everybody in {before}).",
+            who=pair.without,
+            often=of_runs(f"{len(pair.violating)} of {counted(len(pair.runs), 'run')}", pair.runs),
+            before=str(sum(run.violated for run in pair.before)),
+        )
+    return [Badge(tone=tone, text=badge, runs=ids_of(nobody.runs))], [sentence]

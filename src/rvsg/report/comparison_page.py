@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations, count, pairwise
+from itertools import combinations, count, cycle, pairwise
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-import rvsg
 from rvsg.campaign.exploration import Exploration
 from rvsg.campaign.suite import CaseChange, Change, Comparison, VariantPair, counts
-from rvsg.evaluation.statistics import Surface
-from rvsg.evaluation.verdict import counted, number
-from rvsg.report.answer import quantity, untimed
+from rvsg.evaluation.verdict import counted, number, percent
 from rvsg.report.charts import COLOURS, Scale, ticks
-from rvsg.report.page import component, environment, script_safe, styles
 from rvsg.report.page_contents import manner
-from rvsg.report.replay_data import ReplayGroup, ReplayRun, replay_payload
-from rvsg.report.run_facts import RunFacts, footprint_of
-from rvsg.report.stills import Turn, area_colours, floor_svg, narrow_names
+from rvsg.report.renderer import component, render, script_safe
+from rvsg.report.replay_data import ReplayGroup, replay_payload
+from rvsg.report.run_facts import RunFacts
+from rvsg.report.stills import Turn, floor_svg, plan_markup
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.variation import Range
@@ -75,27 +71,22 @@ def comparison_page(
         for key, world in by_world.items()
     ]
     two = len(found.variants) == 2
-    return (
-        environment()
-        .get_template("comparison.html")
-        .render(
-            title=f"{names[1]} against {names[0]}" if two else _title(found),
-            found=found,
-            names=names,
-            summary=_counted(found.changes) if two else "",
-            ranking=RANKING,
-            rows=ranking_rows(found),
-            figure=Markup(shares_figure(found)),  # noqa: S704  (made here)
-            labels=[_short(variant.version) for variant in found.variants],
-            cells=_cells(found),
-            sentences=[pair_sentence(pair) for pair in found.pairs],
-            changes=change_rows(found.changes) if two else [],
-            maps=maps,
-            shown=shown,
-            replay_styles=Markup(styles()),  # noqa: S704  (our own files)
-            component=Markup(component()),  # noqa: S704  (our own files)
-            version=rvsg.__version__,
-        )
+    return render(
+        "comparison.html",
+        title=f"{names[1]} against {names[0]}" if two else _title(found),
+        found=found,
+        names=names,
+        summary=_counted(found.changes) if two else "",
+        ranking=RANKING,
+        rows=ranking_rows(found),
+        figure=shares_figure(found),
+        labels=[_short(variant.version) for variant in found.variants],
+        cells=_cells(found),
+        sentences=[pair_sentence(pair) for pair in found.pairs],
+        changes=change_rows(found.changes) if two else [],
+        maps=maps,
+        shown=shown,
+        component=Markup(component()),  # noqa: S704  (our own files)
     )
 
 
@@ -155,11 +146,6 @@ def ranking_rows(found: Comparison) -> list[tuple[str, ...]]:
     ]  # fmt: skip
 
 
-def percent(share: float) -> str:
-    """Return a share in per cent."""
-    return f"{100.0 * share:.0f} %"
-
-
 def pair_sentence(pair: VariantPair) -> str:
     """Return the difference of two variants as a sentence."""
     if pair.difference is None:
@@ -207,28 +193,19 @@ def _cells(found: Comparison) -> list[dict[str, Any]]:
     return rows
 
 
-def shares_figure(found: Comparison) -> str:
+def shares_figure(found: Comparison) -> Markup:
     """Return an SVG with the share of violating runs of each variant and its interval."""
-    width, height = LABEL_W + BAR_W + 60, 40 + ROW_H * len(found.variants)
-    x = Scale(0.0, 1.0, LABEL_W, LABEL_W + BAR_W)
-    parts = [
-        f'<svg class="figure" xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" '
-        f'font-family="sans-serif" font-size="12" role="img" aria-label="Share of violating runs of each stack">'
-        f'<rect width="{width}" height="{height}" fill="white"/>'
-    ]
-    for tick in (0.0, 0.25, 0.5, 0.75, 1.0):
-        parts.append(f'<line x1="{x(tick):.1f}" x2="{x(tick):.1f}" y1="8" y2="{height - 24}" stroke="#ddd"/>')
-        parts.append(f'<text x="{x(tick):.1f}" y="{height - 8}" text-anchor="middle">{percent(tick)}</text>')
-    for k, variant in enumerate(found.variants):
-        y, colour = 8 + ROW_H * (k + 0.5), COLOURS[k % len(COLOURS)]
-        low, high = variant.interval
-        label = html.escape(_short(variant.version))
-        parts.append(f'<text x="{LABEL_W - 8}" y="{y + 4:.1f}" text-anchor="end">{label}</text>')
-        parts.append(
-            f'<line x1="{x(low):.1f}" x2="{x(high):.1f}" y1="{y}" y2="{y}" stroke="{colour}" stroke-width="3"/>'
-        )
-        parts.append(f'<circle cx="{x(variant.share):.1f}" cy="{y}" r="6" fill="{colour}"/>')
-    return "".join([*parts, "</svg>\n"])
+    return render(
+        "shares.svg",
+        width=LABEL_W + BAR_W + 60,
+        height=40 + ROW_H * len(found.variants),
+        row=ROW_H,
+        x=Scale(0.0, 1.0, LABEL_W, LABEL_W + BAR_W),
+        variants=[
+            {"label": _short(each.version), "interval": each.interval, "share": each.share, "colour": colour}
+            for each, colour in zip(found.variants, cycle(COLOURS))
+        ],
+    )
 
 
 def _short(label: str) -> str:
@@ -244,18 +221,8 @@ def _map(world: World, found: Comparison, cases: set[str]) -> dict[str, object]:
         for place in (place for case in variant.cases if case.case in cases for place in case.places):
             x, y = turn.point(*place)
             dots.append({"x": f"{x:.2f}", "y": f"{y:.2f}", "colour": COLOURS[k % len(COLOURS)]})
-    legend = [
-        {"label": _short(each.version), "colour": COLOURS[k % len(COLOURS)]} for k, each in enumerate(found.variants)
-    ]
-    return {
-        "title": world.title,
-        "box": plan.view_box,
-        "look": Markup(area_colours(world, plan)),  # noqa: S704
-        "floor": Markup(plan.shapes),  # noqa: S704 - made by us, its names escaped
-        "names": Markup(narrow_names(plan)),  # noqa: S704
-        "dots": dots,
-        "legend": legend,
-    }
+    labels = [{"label": _short(each.version), "colour": colour} for each, colour in zip(found.variants, cycle(COLOURS))]
+    return {"title": world.title, **plan_markup(world, plan), "dots": dots, "legend": labels}
 
 
 def change_replay(each: ReplayedChange, names: Sequence[str]) -> dict[str, object]:
@@ -265,65 +232,39 @@ def change_replay(each: ReplayedChange, names: Sequence[str]) -> dict[str, objec
         label=f"seed {each.seed}, {names[0]} and {names[1]}",
         purpose="versions",
         manners={human.name: manner(human) for human in each.scenario.people.humans},
-        runs=tuple(_replay_run(run, name) for run, name in zip(each.runs, names, strict=True)),
+        runs=each.runs,
+        notes=tuple(names),
     )
     mission, world = each.scenario.mission, each.world
-    replay = replay_payload(
-        [group],
-        mission=mission,
-        requirement=each.requirement,
-        waypoints=[(w.name, w.x, w.y) for w in world.grid.waypoints if w.human],
-        matrix=floor_plan(world, tooltips=False).matrix,
-        quantity=f"{quantity(each.requirement)} so far",
-        footprint=lambda run: footprint_of(run, mission.robot_record),
-        doors=world.moving_doors,
-    )
+    matrix = floor_plan(world, tooltips=False).matrix
+    replay = replay_payload([group], mission=mission, requirement=each.requirement, world=world, matrix=matrix)
     return replay | {"floor": floor_svg(world)}
 
 
-def _replay_run(facts: RunFacts, name: str) -> ReplayRun:
-    return ReplayRun(
-        run=facts.run,
-        objective=facts.measurement.objective,
-        violated=facts.violated,
-        curve=facts.curve,
-        opens_s=0.0,
-        note=name,
-        lanes=facts.lanes,
-        moments=[(sentence.time_s, untimed(sentence)) for sentence in facts.story],
-    )
-
-
 Floats = NDArray[np.float64]
-WIDTH, HEIGHT = 460, 380
 LEFT, RIGHT, TOP, BOTTOM = 62, 442, 30, 326
 CELLS = 48
-MOST_PAIRS = 6
 BOUNDARY = 0.5
-STYLE = (
-    "text{font:12px system-ui,sans-serif;fill:#5a6675}.bad{fill:#b3261e;stroke:#fff}.good{fill:#1b7a3d;stroke:#fff}"
-    ".boundary{fill:none;stroke:#1b2430;stroke-width:2}.curve{fill:none;stroke:#1559c9;stroke-width:2}"
-    ".spread{fill:#1559c9;opacity:.18}.grid{stroke:#dfe4ea}"
-)
 
 
-def response_svg(found: Exploration, *, alone: bool = False) -> str:
+def response_svg(found: Exploration, *, alone: bool = False) -> Markup:
     """Return the picture of an exploration: a curve for one range, a map for each pair of the ranges that matter most.
 
     Args:
         alone: whether the picture is a file of its own rather than a part of a page.
     """
-    panels = _panels(found)
+    ranges = range(len(found.ranges))
+    if len(ranges) == 1:
+        panels = [_curve(found)]
+    else:
+        share = [each.share for each in found.sensitivities] or [0.0] * len(ranges)
+        order = sorted(ranges, key=lambda k: (-share[k], k))[:4]
+        panels = [_probability_map(found, a, b) for a, b in combinations(order, 2)]
     across = min(2, len(panels))
+    size: dict[str, float] = {"left": LEFT, "right": RIGHT, "top": TOP, "bottom": BOTTOM}
+    size |= {"wide": (RIGHT - LEFT) / CELLS + 0.4, "high": (BOTTOM - TOP) / CELLS + 0.4}
     rows = -(-len(panels) // across)
-    parts = [
-        f'<g transform="translate({k % across * WIDTH} {k // across * HEIGHT})">{panel}</g>'
-        for k, panel in enumerate(panels)
-    ]
-    size = f'viewBox="0 0 {across * WIDTH} {rows * HEIGHT}"'
-    opening = f'<svg xmlns="http://www.w3.org/2000/svg" {size}' if alone else f'<svg class="response" {size}'
-    ground = f"<style>{STYLE}</style>" + ('<rect width="100%" height="100%" fill="#fff"/>' if alone else "")
-    return f'{opening} role="img" aria-label="Violation probability over the ranges">{ground}{"".join(parts)}</svg>'
+    return render("response.svg", panels=panels, alone=alone, across=across, rows=rows, **size)
 
 
 def response_page(found: Exploration) -> str:
@@ -333,72 +274,70 @@ def response_page(found: Exploration) -> str:
     degree = None if found.surface is None else found.surface.degree
     values = {
         "found": found,
-        "picture": Markup(response_svg(found)),  # noqa: S704  (made above; every name in it is escaped)
+        "picture": response_svg(found),
         "probability": f"{found.violations / found.runs:.0%}",
         "interval": f"{low:.0%} to {high:.0%}",
         "limit": number(found.requirement.threshold or 0.0, found.requirement.unit),
         "rows": [(next(r for r in found.ranges if r.name == each.name), each) for each in ordered],
         "degree": degree,
         "invalid": sum(bool(point.problems) for point in found.points),
-        "version": rvsg.__version__,
     }
-    return environment().get_template("response.html").render(**values)
+    return render("response.html", **values)
 
 
-def _panels(found: Exploration) -> list[str]:
-    surface = found.surface
-    if len(found.ranges) == 1:
-        return [_curve(found, surface)]
-    order = sorted(range(len(found.ranges)), key=lambda k: (-_share(found, k), k))[:4]
-    return [_probability_map(found, surface, a, b) for a, b in list(combinations(order, 2))[:MOST_PAIRS]]
-
-
-def _share(found: Exploration, index: int) -> float:
-    return found.sensitivities[index].share if found.sensitivities else 0.0
-
-
-def _probability_map(found: Exploration, surface: Surface | None, a: int, b: int) -> str:
-    """Draw the probability over two ranges, the others at their middles, with the boundary and the runs."""
+def _probability_map(found: Exploration, a: int, b: int) -> dict[str, Any]:
+    """Return the probability over two ranges, the others at their middles, with the boundary and the runs."""
     first, second = found.ranges[a], found.ranges[b]
-    parts = [_response_title(f"{first.name} and {second.name}")]
-    if surface is not None:
+    x, y = Scale(first.low, first.high, LEFT, RIGHT), Scale(second.low, second.high, BOTTOM, TOP)
+    panel = _panel(first, x, ticks(second.low, second.high), y, second.name)
+    panel["title"] = f"{first.name} and {second.name}"
+    panel["dots"] = [(x(p.values[a]), y(p.values[b]), p.violated, _said(found, p.values)) for p in found.judged]
+    if found.surface is not None:
         edges = np.linspace(0.0, 1.0, CELLS + 1)
         centres = (edges[1:] + edges[:-1]) / 2
-        cells = surface.probability(_plane(len(found.ranges), a, b, centres)).reshape(CELLS, CELLS)
+        cells = found.surface.probability(_plane(len(found.ranges), a, b, centres)).reshape(CELLS, CELLS)
         wide, high = (RIGHT - LEFT) / CELLS, (BOTTOM - TOP) / CELLS
-        parts += [
-            f'<rect x="{LEFT + i * wide:.2f}" y="{BOTTOM - (j + 1) * high:.2f}" width="{wide + 0.4:.2f}" '
-            f'height="{high + 0.4:.2f}" fill="{_colour(float(cells[j, i]))}"/>'
-            for j in range(CELLS)
-            for i in range(CELLS)
+        panel["cells"] = [
+            (LEFT + i * wide, BOTTOM - (j + 1) * high, _colour(float(value))) for (j, i), value in np.ndenumerate(cells)
         ]
-        corners = surface.probability(_plane(len(found.ranges), a, b, edges)).reshape(CELLS + 1, CELLS + 1)
-        parts.append(_boundary(corners))
-    x, y = Scale(first.low, first.high, LEFT, RIGHT), Scale(second.low, second.high, BOTTOM, TOP)
-    for point in found.judged:
-        parts.append(_dot(x(point.values[a]), y(point.values[b]), point.violated, _said(found, point.values)))
-    return "".join([*parts, *_axes(first, second.name, x, y, ticks(second.low, second.high))])
+        corners = found.surface.probability(_plane(len(found.ranges), a, b, edges)).reshape(CELLS + 1, CELLS + 1)
+        panel["boundary"] = _boundary(corners)
+    return panel
 
 
-def _curve(found: Exploration, surface: Surface | None) -> str:
-    """Draw the probability over one range with its 95 % interval; runs lie at 1 where they violate, else at 0."""
+def _curve(found: Exploration) -> dict[str, Any]:
+    """Return the probability over one range with its 95 % interval; runs lie at 1 where they violate, else at 0."""
     (only,) = found.ranges
     x, y = Scale(only.low, only.high, LEFT, RIGHT), Scale(0.0, 1.0, BOTTOM, TOP)
-    parts = [_response_title(only.name)]
-    if surface is not None:
-        shares = np.linspace(0.0, 1.0, 101)[:, None]
-        low, high = surface.interval(shares)
-        middle = surface.probability(shares)
-        along = [x(only.at(float(s))) for s in shares[:, 0]]
-        ring = [*zip(along, (y(float(v)) for v in high), strict=True)]
-        ring += reversed([*zip(along, (y(float(v)) for v in low), strict=True)])
-        parts.append(f'<polygon class="spread" points="{_path_points(ring)}"/>')
-        curve = _path_points([*zip(along, (y(float(v)) for v in middle), strict=True)])
-        parts.append(f'<polyline class="curve" points="{curve}"/>')
-    parts += [
-        _dot(x(p.values[0]), y(float(bool(p.violated))), p.violated, _said(found, p.values)) for p in found.judged
+    panel = _panel(only, x, [0.0, 0.25, 0.5, 0.75, 1.0], y, "violation probability")
+    panel["dots"] = [
+        (x(p.values[0]), y(float(bool(p.violated))), p.violated, _said(found, p.values)) for p in found.judged
     ]
-    return "".join([*parts, *_axes(only, "violation probability", x, y, [0.0, 0.25, 0.5, 0.75, 1.0])])
+    if found.surface is not None:
+        shares = np.linspace(0.0, 1.0, 101)[:, None]
+        low, high = found.surface.interval(shares)
+        along = [x(only.at(float(share))) for share in shares[:, 0]]
+
+        def points(values: Floats) -> list[str]:
+            return [f"{a:.1f},{y(float(value)):.1f}" for a, value in zip(along, values, strict=True)]
+
+        panel["curve"] = " ".join(points(found.surface.probability(shares)))
+        panel["spread"] = " ".join([*points(high), *reversed(points(low))])
+    return panel
+
+
+def _panel(across: Range, x: Scale, up_ticks: Sequence[float], y: Scale, up: str) -> dict[str, Any]:
+    return {
+        "title": across.name,
+        "across": across.name,
+        "up": up,
+        "across_ticks": [(x(tick), tick) for tick in ticks(across.low, across.high)],
+        "up_ticks": [(y(tick), tick) for tick in up_ticks],
+        "cells": (),
+        "boundary": "",
+        "curve": "",
+        "spread": "",
+    }
 
 
 def _boundary(values: Floats) -> str:
@@ -419,7 +358,7 @@ def _boundary(values: Floats) -> str:
                 path.append(
                     f"M{LEFT + ax * wide:.1f} {BOTTOM - ay * high:.1f}L{LEFT + bx * wide:.1f} {BOTTOM - by * high:.1f}"
                 )
-    return f'<path class="boundary" d="{"".join(path)}"><title>probability 0.5</title></path>' if path else ""
+    return "".join(path)
 
 
 def _plane(dimensions: int, a: int, b: int, shares: Floats) -> Floats:
@@ -430,46 +369,11 @@ def _plane(dimensions: int, a: int, b: int, shares: Floats) -> Floats:
     return points
 
 
-def _axes(across: Range, up_name: str, x: Scale, y: Scale, up_ticks: Sequence[float]) -> list[str]:
-    parts = [
-        f'<text x="{x(tick):.1f}" y="{BOTTOM + 17}" text-anchor="middle">{number(tick)}</text>'
-        for tick in ticks(across.low, across.high)
-    ]
-    parts += [
-        f'<text x="{LEFT - 7}" y="{y(tick) + 4:.1f}" text-anchor="end">{number(tick)}</text>' for tick in up_ticks
-    ]
-    middle = (TOP + BOTTOM) / 2
-    parts.append(f'<text x="{(LEFT + RIGHT) / 2}" y="{BOTTOM + 38}" text-anchor="middle">{_e(across.name)}</text>')
-    parts.append(
-        f'<text transform="translate(14 {middle}) rotate(-90)" text-anchor="middle">{_e(up_name)}</text>'
-        f'<rect x="{LEFT}" y="{TOP}" width="{RIGHT - LEFT}" height="{BOTTOM - TOP}" fill="none" stroke="#5a6675"/>'
-    )
-    return parts
-
-
-def _dot(x: float, y: float, violated: bool | None, said: str) -> str:
-    kind = "bad" if violated else "good"
-    words = f"{said}: {'violated' if violated else 'not violated'}"
-    return f'<circle class="{kind}" cx="{x:.1f}" cy="{y:.1f}" r="4"><title>{_e(words)}</title></circle>'
-
-
 def _said(found: Exploration, values: Sequence[float]) -> str:
     return ", ".join(f"{each.name} {value:.3g}" for each, value in zip(found.ranges, values, strict=True))
-
-
-def _response_title(text: str) -> str:
-    return f'<text x="{LEFT}" y="18">{_e(text)}</text>'
 
 
 def _colour(probability: float) -> str:
     """Return a colour from white for 0 to red for 1."""
     red, green, blue = (round(255 + probability * (end - 255)) for end in (222, 92, 80))
     return f"#{red:02x}{green:02x}{blue:02x}"
-
-
-def _path_points(points: Sequence[tuple[float, float]]) -> str:
-    return " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
-
-
-def _e(text: str) -> str:
-    return html.escape(text, quote=True)

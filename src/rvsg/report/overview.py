@@ -14,21 +14,20 @@ from typing import Any
 from urllib.parse import quote
 
 import numpy as np
-from markupsafe import Markup, escape
+from markupsafe import escape
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-import rvsg
 from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.exploration import Coverage
 from rvsg.campaign.findings import Finding
 from rvsg.core.files import write_whole
-from rvsg.evaluation.verdict import Status, counted, number, still_open, violated
+from rvsg.evaluation.verdict import Status, counted, number, still_open, value_in_words, violated
 from rvsg.report.answer import CAUSE_WORDS, headline, robot_words
-from rvsg.report.page import environment
+from rvsg.report.renderer import render
 from rvsg.report.run_facts import run_facts
-from rvsg.report.stills import Turn, area_colours, narrow_names, pin_radius, spread
-from rvsg.report.summary import Summary, in_short, interval
+from rvsg.report.stills import Turn, pin_radius, plan_markup, spread
+from rvsg.report.summary import Summary, in_short
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Run
 from rvsg.world.drawing import png_bytes
@@ -115,10 +114,9 @@ def render_overview(
         missing: How many more have not begun.
         pins: Where the findings happen; the page has a map for each of their worlds.
     """
-    template = environment().get_template("overview.html")
     missions = [plan.mission for _, plan, _ in reported]
-    return template.render(
-        version=rvsg.__version__,
+    return render(
+        "overview.html",
         title=f"{counted(len(reported), 'campaign')} in {' and '.join(_worlds(reported))}",
         robot="; ".join(dict.fromkeys(robot_words(mission) for mission in missions)),
         missing=missing,
@@ -201,10 +199,7 @@ def _map(id_: str, world: World, pins: Sequence[tuple[int, Pin]]) -> dict[str, A
     return {
         "id": id_,
         "title": world.title,
-        "box": plan.view_box,
-        "floor": Markup(plan.shapes),  # noqa: S704 - made by us, its names escaped
-        "names": Markup(narrow_names(plan)),  # noqa: S704
-        "look": Markup(area_colours(world, plan, within=f"#{id_}")),  # noqa: S704
+        **plan_markup(world, plan, within=f"#{id_}"),
         "pins": marks,
         "radius": f"{radius:.2f}",
         "letter": f"{1.35 * radius:.2f}",
@@ -265,7 +260,7 @@ def _row(link: str, plan: Plan, summary: Summary) -> dict[str, str]:
         "title": requirement.title,
         "description": _described(summary),
         "violated": violated,
-        "value": interval(verdict, requirement.unit) if verdict else "–",
+        "value": value_in_words(verdict, requirement.unit) if verdict else "–",
         "limit": _limit(requirement),
         "runs": f"{account.search_runs} + {account.confirmation_runs}",
         **headline(plan, summary),
@@ -355,7 +350,7 @@ def coverage_page(coverages: Sequence[tuple[Coverage, World]]) -> str:
         }
         for coverage, world in coverages
     ]
-    return environment().get_template("coverage.html").render(worlds=worlds, version=rvsg.__version__)
+    return render("coverage.html", worlds=worlds)
 
 
 def coverage_text(coverage: Coverage) -> str:

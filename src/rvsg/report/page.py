@@ -7,25 +7,19 @@ campaigns give equal pages.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import jinja2
-import numpy as np
 from markupsafe import Markup, escape
 
-import rvsg
 from rvsg.campaign.attempt import Attempt, Measurement, Plan
 from rvsg.campaign.feedback import MapCell, failure_map, separable
 from rvsg.campaign.findings import distinct_failures, findings
 from rvsg.campaign.observation import met
 from rvsg.campaign.ranking import rule
 from rvsg.core.files import write_whole
-from rvsg.core.records import Record
 from rvsg.evaluation.verdict import Verdict, counted, how_sure, number, outcome_in_words, why_ended
 from rvsg.generation.generator import Proposal
 from rvsg.generation.people_sampler import added
@@ -34,17 +28,14 @@ from rvsg.report.answer import (
     answer,
     answer_of_runs,
     direction,
-    headline,
     quantity,
     robot_words,
     shown_at,
-    unbroken,
     under_test,
     untimed,
 )
 from rvsg.report.charts import confirmation_chart, search_chart
 from rvsg.report.page_contents import (
-    Conversations,
     Shown,
     finding_rows,
     group_label,
@@ -56,9 +47,10 @@ from rvsg.report.page_contents import (
     run_rows_of,
     thinking,
 )
-from rvsg.report.replay_data import ReplayGroup, ReplayRun, distinct_colours, replay_payload
-from rvsg.report.run_facts import AttemptFacts, RunFacts, facts_of, footprint_of, run_facts
-from rvsg.report.stills import area_colours, frame, narrow_names, nearest_in_words, overview
+from rvsg.report.renderer import component, render, script_safe
+from rvsg.report.replay_data import ReplayGroup, replay_payload
+from rvsg.report.run_facts import AttemptFacts, RunFacts, facts_of, row_at, run_facts
+from rvsg.report.stills import frame, narrow_names, nearest_in_words, overview, plan_markup
 from rvsg.report.summary import Summary, summarise, tried_of
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Requirement
@@ -68,36 +60,15 @@ from rvsg.world.drawing.svg import FloorPlan, floor_plan
 from rvsg.world.world import World
 
 
-def component() -> str:
-    """Return the JavaScript of the replay and its traces; the files in `static` say how to use them."""
-    folder = resources.files("rvsg.report") / "static"
-    return "\n".join((folder / name).read_text(encoding="utf-8") for name in ("replay.js", "trace.js"))
-
-
-def styles() -> str:
-    """Return the styles of the replay component, with the colours that they use."""
-    folder = resources.files("rvsg.report") / "templates"
-    return "\n".join((folder / name).read_text(encoding="utf-8") for name in ("plan.css", "replay.css"))
-
-
-def look() -> str:
-    """Return the style sheet of the pages, that of the replay component included."""
-    folder = resources.files("rvsg.report") / "templates"
-    return "".join((folder / name).read_text(encoding="utf-8") for name in ("plan.css", "look.css", "replay.css"))
-
-
-def replay_data(shown: Shown) -> dict[str, Any]:
-    """Return the data of the replay: the runs of every configuration, the subject of the page first."""
-    plan = shown.plan
-    return data_of(
-        in_order(shown), mission=plan.mission, requirement=plan.requirement, world=shown.world, floor=shown.floor
-    )
-
-
 def data_of(
     shown: Iterable[AttemptFacts], *, mission: Mission, requirement: Requirement, world: World, floor: FloorPlan
 ) -> dict[str, Any]:
     """Return the data of the replay component for the runs of these configurations, in this order."""
+
+    def worst_first(run: RunFacts) -> float:
+        value = run.measurement.objective
+        return -requirement.badness(value) if value is not None else float("inf")
+
     groups = []
     for facts in shown:
         scenario = facts.attempt.proposal.scenario
@@ -108,41 +79,11 @@ def data_of(
                 purpose=facts.attempt.purpose,
                 status=facts.attempt.verdict.status.value if facts.attempt.verdict else "",
                 manners={human.name: manner(human) for human in scenario.people.humans} if scenario else {},
-                runs=tuple(_replay_run(run) for run in _worst_first(facts, requirement)),
+                runs=tuple(sorted(facts.runs, key=worst_first)),
                 moved=tuple(thing.footprint for thing in added(mission, scenario.mission)) if scenario else (),
             )
         )
-    return replay_payload(
-        groups,
-        mission=mission,
-        requirement=requirement,
-        waypoints=[(w.name, w.x, w.y) for w in world.grid.waypoints if w.human],
-        matrix=floor.matrix,
-        quantity=f"{quantity(requirement)} so far",
-        footprint=lambda run: footprint_of(run, mission.robot_record),
-        doors=world.moving_doors,
-    )
-
-
-def _worst_first(facts: AttemptFacts, requirement: Requirement) -> list[RunFacts]:
-    def key(run: RunFacts) -> float:
-        value = run.measurement.objective
-        return -requirement.badness(value) if value is not None else float("inf")
-
-    return sorted(facts.runs, key=key)
-
-
-def _replay_run(run: RunFacts) -> ReplayRun:
-    return ReplayRun(
-        run=run.run,
-        objective=run.measurement.objective,
-        violated=run.violated,
-        curve=run.curve,
-        opens_s=run.decisive_s,
-        note=run.note,
-        lanes=run.lanes,
-        moments=[(sentence.time_s, unbroken(untimed(sentence))) for sentence in run.story],
-    )
+    return replay_payload(groups, mission=mission, requirement=requirement, world=world, matrix=floor.matrix)
 
 
 STILLS = 4
@@ -209,7 +150,7 @@ def still_times(run: RunFacts) -> list[float]:
 def caption(run: RunFacts, t_s: float) -> str:
     """Return what a frame shows, in words."""
     path = run.run.trajectory
-    row = min(int(np.searchsorted(path.t, t_s - 1e-9)), len(path) - 1)
+    row = row_at(run.run, t_s)
     speed = round(float(path.signed_speed[row]), 1) + 0.0  # no "-0.0"
     text = f"robot at {speed:.1f} m/s"
     if run.run.human_names:
@@ -219,33 +160,19 @@ def caption(run: RunFacts, t_s: float) -> str:
     return text
 
 
-class Broken(Record):
-    """A table: the worst configuration of every kind of encounter (rows) at every place (columns), None where none."""
-
-    places: tuple[str, ...]
-    rows: tuple[tuple[str, tuple[MapCell | None, ...]], ...]
-
-
-def broken(cells: Sequence[MapCell]) -> Broken:
-    """Return the table of a failure map; the worst cell of each place and kind stands for all parts of the way."""
+def broken(cells: Sequence[MapCell]) -> dict[str, Any]:
+    """Return a table: the worst configuration of every kind of encounter (rows) at every place (columns), or None."""
     worst: dict[tuple[str, str], MapCell] = {}
     for cell in cells:  # the worst first
         worst.setdefault((cell.encounter.kind, cell.encounter.place), cell)
     kinds = tuple(dict.fromkeys(kind for kind, _ in worst))
     places = tuple(dict.fromkeys(place for _, place in worst))
-    return Broken(places=places, rows=tuple((kind, tuple(worst.get((kind, p)) for p in places)) for kind in kinds))
+    return {"places": places, "rows": [(kind, [worst.get((kind, place)) for place in places]) for kind in kinds]}
 
-
-__all__ = ["environment", "headline", "render_page", "write_page"]
 
 SHOWN_TASKS = 4
 ALIKE = 0.01
 """Means that differ by less than this share of their size are told as alike."""
-
-
-def write_page(path: Path, plan: Plan, attempts: Sequence[Attempt], **how: Any) -> None:
-    """Write the page to a file, whole or not at all; `how` as for `render_page`."""
-    write_whole(path, render_page(plan, attempts, **how))
 
 
 def render_page(
@@ -282,71 +209,60 @@ def render_page(
         floor=floor_plan(world, tooltips=False),
     )
     requirement, subject = plan.requirement, shown.subject
-    stack = under_test(run.run for facts in shown.facts for run in facts.runs)
-    final = shown.summary.confirmed.verdict if shown.summary.confirmed is not None else None
-    return (
-        environment()
-        .get_template("page.html")
-        .render(
-            version=rvsg.__version__,
-            plan=plan,
-            robot=robot_words(plan.mission),
-            place=f"{world.title}, {plan.mission.route.name}",
-            requirement=requirement,
-            quantity=quantity(requirement),
-            direction=direction(requirement),
-            limit=number(requirement.threshold, requirement.unit) if requirement.threshold is not None else "",
-            summary=shown.summary,
-            answer=answer(plan, shown.summary, shown.confirmed, shown.searched, shown.cause, shown.others),
-            happened=what_happens(shown, subject) if subject else None,
-            people=people_rows(subject) if subject else [],
-            shown_tasks=SHOWN_TASKS,
-            doors=plan.mission.doors,
-            sure=how_sure(final) if final is not None else "",
-            ended=why_ended(final) if final is not None else "",
-            curse=_curse(plan, shown.summary, shown.candidate.verdict if shown.candidate else None),
-            confirmation_svg=_confirmation_svg(shown),
-            rows=finding_rows(shown),
-            failures=distinct_failures(shown.findings),
-            broken=broken(failure_map(attempts, requirement, run_of=run_of, world=world)),
-            rule=rule(requirement),
-            search_svg=Markup(search_chart(plan, attempts)),  # noqa: S704 - made by us, its words escaped
-            replayed=replayed,
-            thoughts=_thoughts(shown, Conversations(recording)),
-            runs=run_rows(shown),
-            box=shown.floor.view_box,
-            floor=Markup(shown.floor.shapes),  # noqa: S704
-            names=Markup(narrow_names(shown.floor)),  # noqa: S704
-            look=Markup(area_colours(world, shown.floor)),  # noqa: S704
-            replay=script_safe(replay_data(shown)) if subject else None,
-            component=Markup(component()),  # noqa: S704
-            command=escape(command),
-            simulator=simulator,
-            stack=stack,
-            overview=overview,
-            traces=[script_safe(trace) for trace in traces],
-        )
+    confirmed, candidate = shown.summary.confirmed, shown.candidate
+    final = confirmed.verdict if confirmed is not None else None
+    drawn = candidate is not None and confirmed is not None and final is not None and final.objectives
+    return render(
+        "page.html",
+        **_shared(shown, subject, in_order(shown)),
+        plan=plan,
+        robot=robot_words(plan.mission),
+        quantity=quantity(requirement),
+        direction=direction(requirement),
+        limit=number(requirement.threshold, requirement.unit) if requirement.threshold is not None else "",
+        summary=shown.summary,
+        answer=answer(plan, shown.summary, shown.confirmed, shown.searched, shown.cause, shown.others),
+        sure=how_sure(final) if final is not None else "",
+        ended=why_ended(final) if final is not None else "",
+        curse=_curse(plan, shown.summary, candidate.verdict if candidate else None),
+        confirmation_svg=confirmation_chart(plan, candidate, confirmed) if candidate and confirmed and drawn else "",
+        rows=finding_rows(shown),
+        failures=distinct_failures(shown.findings),
+        broken=broken(failure_map(attempts, requirement, run_of=run_of, world=world)),
+        met=met,
+        tried_of=tried_of,
+        rule=rule(requirement),
+        search_svg=search_chart(plan, attempts),
+        replayed=replayed,
+        thoughts=thinking(shown, recording) if subject else [],
+        runs=run_rows(shown),
+        command=escape(command),
+        simulator=simulator,
+        stack=under_test(run.run for facts in shown.facts for run in facts.runs),
+        overview=overview,
+        traces=[script_safe(trace) for trace in traces],
     )
 
 
-@cache
-def environment() -> jinja2.Environment:
-    """Return the renderer of the pages.
-
-    It escapes everything, an unknown name is an error, and no line breaks between a number and its unit.
-    """
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("rvsg.report", "templates"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        finalize=lambda value: unbroken(value) if type(value) is str else value,
-    )
-    environment.filters["number"] = number
-    environment.filters["met"] = met
-    environment.globals["tried_of"] = tried_of
-    return environment
+def _shared(
+    shown: Shown, subject: AttemptFacts | None, replayed: Sequence[AttemptFacts], *, label: str = ""
+) -> dict[str, Any]:
+    """Return what the pages of campaigns and of runs both show; `label` names runs that belong to no campaign."""
+    plan, world, floor = shown.plan, shown.world, shown.floor
+    data = data_of(replayed, mission=plan.mission, requirement=plan.requirement, world=world, floor=floor)
+    if label:
+        data["groups"][0] |= {"label": label, "purpose": "given"}
+    return {
+        "requirement": plan.requirement,
+        "place": f"{world.title}, {plan.mission.route.name}",
+        "happened": what_happens(shown, subject) if subject else None,
+        "people": people_rows(subject) if subject else [],
+        "shown_tasks": SHOWN_TASKS,
+        "doors": plan.mission.doors,
+        "replay": script_safe(data) if subject else None,
+        "component": Markup(component()),  # noqa: S704 - our own files
+        **plan_markup(world, floor),
+    }
 
 
 def _curse(plan: Plan, summary: Summary, selected: Verdict | None) -> str:
@@ -377,32 +293,6 @@ def _curse(plan: Plan, summary: Summary, selected: Verdict | None) -> str:
         f"{said}The confirmation mean is {number(lost, unit)} less severe. Selection bias or chance can explain the "
         "difference."
     )
-
-
-def _confirmation_svg(shown: Shown) -> Markup:
-    selected, confirmed = shown.candidate, shown.summary.confirmed
-    if selected is None or confirmed is None or confirmed.verdict is None or not confirmed.verdict.objectives:
-        return Markup("")
-    return Markup(confirmation_chart(shown.plan, selected, confirmed))  # noqa: S704 - made by us, its words escaped
-
-
-def _thoughts(shown: Shown, conversations: Conversations) -> list[dict[str, Any]]:
-    subject = shown.subject
-    if subject is None:
-        return []
-    count = max(len(a.proposal.scenario.people.humans) for a in shown.attempts if a.proposal.scenario)
-    look = look_of(shown, subject)
-    found = thinking(shown.plan, shown.attempts, shown.world, look, distinct_colours(count), conversations)
-    for entry in found:
-        for configuration in entry["configurations"]:
-            configuration["map"] = Markup(configuration["map"])  # noqa: S704 - made by us
-    return found
-
-
-def script_safe(value: Any) -> Markup:
-    """Return JSON that can stand in a script element: nothing in it can end the element."""
-    text = json.dumps(value, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
-    return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))  # noqa: S704
 
 
 def write_runs_page(
@@ -441,27 +331,13 @@ def write_runs_page(
     shown = Shown(
         plan=plan, world=world, attempts=[attempt], summary=summarise(plan, []), facts=[facts], findings=(), floor=floor
     )
-    data = data_of([facts], mission=mission, requirement=requirement, world=world, floor=floor)
-    data["groups"][0]["label"] = counted(len(runs), "run")
-    data["groups"][0]["purpose"] = "given"
-    page = environment().get_template("runs.html")
-    text = page.render(
-        version=rvsg.__version__,
-        requirement=requirement,
-        place=f"{world.title}, {mission.route.name}",
+    label = counted(len(runs), "run")
+    text = render(
+        "runs.html",
+        **_shared(shown, facts, [facts], label=label),
         robot=robot_words(mission) if scenario is not None else "",
         answer=answer_of_runs(plan, facts),
         notes=[*notes, *(f"{label}: {text}." for label, text in under_test(runs).rows)],
-        happened=what_happens(shown, facts),
-        people=people_rows(facts),
-        shown_tasks=SHOWN_TASKS,
-        doors=mission.doors,
-        box=floor.view_box,
-        floor=Markup(floor.shapes),  # noqa: S704 - made by us, its words escaped
-        names=Markup(narrow_names(floor)),  # noqa: S704
-        look=Markup(area_colours(world, floor)),  # noqa: S704
-        replay=script_safe(data),
-        component=Markup(component()),  # noqa: S704
         traces=(),
         sure=how_sure(verdict),
         runs=run_rows_of(facts, requirement.unit),

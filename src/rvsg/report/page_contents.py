@@ -7,31 +7,29 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.findings import Finding
 from rvsg.campaign.ranking import best_attempt, confirmed_candidate, search_attempts
 from rvsg.evaluation.verdict import (
     OPEN,
     Status,
-    Verdict,
     counted,
     metres,
     number,
     outcome_in_words,
     percent,
     still_open,
+    value_in_words,
 )
 from rvsg.generation.generator import Call
 from rvsg.generation.vlm.recording import RecordedCall, Recording
 from rvsg.report.answer import CAUSE_WORDS, tone_of
-from rvsg.report.replay_data import people_colours
+from rvsg.report.replay_data import distinct_colours, people_colours
 from rvsg.report.run_facts import AttemptFacts, Cause, cause_of, footprint_of
 from rvsg.report.stills import Look, Turn
-from rvsg.report.summary import Summary, in_short, interval
+from rvsg.report.summary import Summary, in_short
 from rvsg.scenario.brief import Feedback
-from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration
+from rvsg.scenario.scenario import Behaviour, Human
 from rvsg.world.drawing.svg import FloorPlan
 from rvsg.world.world import World
 
@@ -212,58 +210,47 @@ def manner(human: Human) -> str:
 
 
 def finding_rows(shown: Shown) -> list[dict[str, Any]]:
-    """Return findings and candidates, the worst first. A confirmed scenario shows its confirmation verdict.
+    """Return findings and candidates, the worst first. A confirmed scenario shows its confirmation runs.
 
     Where descriptions begin alike, `short` says instead what everybody does first, which tells the scenarios apart.
     After the scenarios come further configurations that were confirmed.
     """
     attempts = {attempt.index: attempt for attempt in shown.attempts}
     by_index = {each.attempt.index: each for each in shown.facts}
-    confirmations = {_scenario_id(f.attempt): f for f in shown.facts if f.attempt.purpose == "confirmation"}
+    confirmations = {_kind(f)[1]: f for f in shown.facts if f.attempt.purpose == "confirmation"}
     causes = {finding.attempt: CAUSE_WORDS[finding.about_people] for finding in shown.findings}
-    rows = []
     begins = Counter(entry.description[:LIKE] for entry in shown.summary.ranking)
+    alike = max(begins.values(), default=0) > 1
+    rows = []
     for entry in (*shown.summary.ranking, *shown.summary.further):
         facts = confirmations[entry.scenario_id] if entry.state == "confirmed" else by_index[entry.attempt]
-        row = {"rank": entry.rank or "", "configurations": entry.configurations, "description": entry.description}
-        scenario = attempts[entry.attempt].proposal.scenario
-        row["short"] = entry.description
-        if scenario is not None and max(begins.values()) > 1:
-            row["short"] = in_short(scenario)
-        row |= {"cause": causes.get(entry.attempt, "–"), "touched": entry.seen.contacts.runs > 0}
-        rows.append(row | _finding_row(shown, attempts[entry.attempt], facts, entry.state))
+        attempt, verdict, runs = attempts[entry.attempt], facts.attempt.verdict, len(facts.runs)
+        scenario = attempt.proposal.scenario
+        assert verdict is not None and scenario is not None
+        row = {
+            "rank": entry.rank or "",
+            "scenario": entry.scenario,
+            "configuration": entry.configuration,
+            "configurations": entry.configurations,
+            "description": entry.description,
+            "short": in_short(scenario) if alike else entry.description,
+            "state": entry.state,
+            "attempt": entry.attempt,
+            "objective": value_in_words(verdict, shown.plan.requirement.unit),
+            "violated": "–" if verdict.status is Status.UNJUDGED else f"{verdict.violations} of {verdict.runs}",
+            "status": verdict.status.value,
+            "tone": tone_of(verdict),
+            "means": f"violated; {OPEN}" if still_open(verdict) else "",
+            "cause": causes.get(entry.attempt, "–"),
+            "touched": entry.seen.contacts.runs > 0,
+            "contacts": f"{len(facts.with_contact)} of {runs}",
+            "arrived": f"{runs - len(facts.not_arrived)} of {runs}",
+            "address": "#runs=" + ",".join(run.id for run in facts.runs),
+            "people": [_tasks(human) for human in scenario.people.humans],
+            "repairs": [f"{repair.human}: {repair.what}" for repair in attempt.proposal.repairs],
+        }
+        rows.append(row)
     return rows
-
-
-def _finding_row(shown: Shown, attempt: Attempt, facts: AttemptFacts, state: str) -> dict[str, Any]:
-    """Return the row of a configuration, by its confirmation runs where it has any, else by its search runs."""
-    verdict, scenario = facts.attempt.verdict, attempt.proposal.scenario
-    assert verdict is not None and scenario is not None
-    return {
-        "scenario": attempt.brief.scenario_index,
-        "configuration": attempt.brief.configuration_index,
-        "state": state,
-        "attempt": attempt.index,
-        "objective": interval(verdict, shown.plan.requirement.unit),
-        "violated": f"{verdict.violations} of {verdict.runs}" if _judged(verdict) else "–",
-        "status": verdict.status.value,
-        "tone": tone_of(verdict),
-        "means": f"violated; {OPEN}" if still_open(verdict) else "",
-        "contacts": f"{len(facts.with_contact)} of {len(facts.runs)}",
-        "arrived": f"{len(facts.runs) - len(facts.not_arrived)} of {len(facts.runs)}",
-        "address": "#runs=" + ",".join(run.id for run in facts.runs),
-        "people": [_tasks(human) for human in scenario.people.humans],
-        "repairs": [f"{repair.human}: {repair.what}" for repair in attempt.proposal.repairs],
-    }
-
-
-def _scenario_id(attempt: Attempt) -> str:
-    scenario = attempt.proposal.scenario
-    return scenario.id if scenario is not None else ""
-
-
-def _judged(verdict: Verdict) -> bool:
-    return verdict.status is not Status.UNJUDGED
 
 
 def run_rows(shown: Shown) -> list[dict[str, Any]]:
@@ -340,53 +327,39 @@ WIDTH_M, WIDEST = 0.12, 3
 """Width of a planned path; those drawn under others are wider, up to so many times more, so that all are seen."""
 
 
-def thinking(
-    plan: Plan,
-    attempts: Sequence[Attempt],
-    world: World,
-    look: Look,
-    colours: Sequence[str],
-    conversations: Conversations,
-) -> list[dict[str, Any]]:
+def thinking(shown: Shown, recording: Recording | None) -> list[dict[str, Any]]:
     """Return one entry for each scenario of the search, with its configurations in their order."""
+    conversations = Conversations(recording)
+    unit = shown.plan.requirement.unit
+    made = [attempt.proposal.scenario for attempt in shown.attempts if attempt.proposal.scenario]
+    colours = distinct_colours(max((len(scenario.people.humans) for scenario in made), default=0))
     found: dict[int, dict[str, Any]] = {}
-    before: dict[int, HumanConfiguration] = {}
-    for attempt in search_attempts(attempts):
-        index = attempt.brief.scenario_index
-        scenario = attempt.proposal.scenario
+    before: dict[int, Sequence[Human]] = {}
+    for attempt in search_attempts(shown.attempts):
+        index, proposal, scenario = attempt.brief.scenario_index, attempt.proposal, attempt.proposal.scenario
+        humans = scenario.people.humans if scenario else ()
         entry = found.setdefault(index, {"scenario": index, "description": "", "configurations": []})
         entry["description"] = entry["description"] or (scenario.description if scenario else "")
-        made = _configuration(plan, attempt, world, look, before.get(index), colours)
-        entry["configurations"].append(made | {"talk": conversations.of(attempt.proposal.calls)})
+        step = {
+            "number": attempt.brief.configuration_index + 1,
+            "result": value_in_words(attempt.verdict, unit) if attempt.verdict else "not simulated",
+            "reasoning": proposal.reasoning,
+            "told": _feedback(attempt.brief.feedback, unit),
+            "memory": len(attempt.brief.memory),
+            "findings": [finding.reason for finding in proposal.first_findings],
+            "repairs": [f"{repair.human}: {repair.what}" for repair in proposal.repairs],
+            "problems": [finding.reason for finding in proposal.problems],
+            "corrections": proposal.corrections,
+            "calls": _calls(proposal.calls),
+            "paths": _paths(humans, before.get(index, ()), shown, colours),
+            "changed": index in before,
+            "people": [{"name": each.name, "colour": css} for each, css in zip(humans, colours, strict=False)],
+            "talk": conversations.of(proposal.calls),
+        }
+        entry["configurations"].append(step)
         if scenario is not None:
-            before[index] = scenario.people
+            before[index] = humans
     return list(found.values())
-
-
-def _configuration(
-    plan: Plan,
-    attempt: Attempt,
-    world: World,
-    look: Look,
-    before: HumanConfiguration | None,
-    colours: Sequence[str],
-) -> dict[str, Any]:
-    proposal, unit = attempt.proposal, plan.requirement.unit
-    return {
-        "number": attempt.brief.configuration_index + 1,
-        "result": interval(attempt.verdict, unit) if attempt.verdict else "not simulated",
-        "reasoning": proposal.reasoning,
-        "told": _feedback(attempt.brief.feedback, unit),
-        "memory": len(attempt.brief.memory),
-        "findings": [finding.reason for finding in proposal.first_findings],
-        "repairs": [f"{repair.human}: {repair.what}" for repair in proposal.repairs],
-        "problems": [finding.reason for finding in proposal.problems],
-        "corrections": proposal.corrections,
-        "calls": _calls(proposal.calls),
-        "map": _paths(proposal.scenario.people if proposal.scenario else None, before, world, look, colours),
-        "changed": before is not None,
-        "people": _who(proposal.scenario.people if proposal.scenario else None, colours),
-    }
 
 
 def _feedback(feedback: Feedback | None, unit: str) -> list[str]:
@@ -426,51 +399,28 @@ def _calls(calls: Sequence[Call]) -> str:
 
 
 def _paths(
-    people: HumanConfiguration | None,
-    before: HumanConfiguration | None,
-    world: World,
-    look: Look,
-    colours: Sequence[str],
-) -> str:
-    """Draw the planned paths on the floor plan; those of the configuration before are dashed."""
-    if people is None:
-        return ""
-    at = {w.name: (w.x, w.y) for w in world.grid.waypoints}
-    parts = [f'<svg class="still paths" viewBox="{look.view_box}" role="img" aria-label="Planned paths">']
-    parts.append('<use href="#rvsg-floor"/>')
-    for configuration, kind in ((people, "planned"), (before, "planned before")):
-        for place, human in enumerate(configuration.humans if configuration else ()):
-            if before is not None and kind == "planned before" and _same_path(human.name, before, people):
-                continue
-            under = min(WIDEST, len(configuration.humans) - 1 - place) if configuration else 0
-            colour = colours[place % len(colours)]
-            width = WIDTH_M * (1 + under) if kind == "planned" else WIDTH_M
-            parts.append(_path(_waypoints(human), at, look, colour, kind, width))
-    return "".join([*parts, "</svg>"])
+    humans: Sequence[Human], before: Sequence[Human], shown: Shown, colours: Sequence[str]
+) -> list[dict[str, Any]]:
+    """Return the planned paths on the floor plan, and those of the configuration before that differ."""
+    at = {w.name: (w.x, w.y) for w in shown.world.grid.waypoints}
+    turn = Turn.of(shown.floor.matrix)
 
+    def names(human: Human) -> list[str]:
+        return [name for task in human.tasks for name in task.path]
 
-def _who(people: HumanConfiguration | None, colours: Sequence[str]) -> list[dict[str, str]]:
-    """Return the names of the people and the colours of their paths."""
-    humans = people.humans if people else ()
-    return [{"name": human.name, "colour": colours[k % len(colours)]} for k, human in enumerate(humans)]
-
-
-def _waypoints(human: Any) -> list[str]:
-    return [name for task in human.tasks for name in task.path]
-
-
-def _same_path(name: str, before: HumanConfiguration, after: HumanConfiguration) -> bool:
-    paths = [[_waypoints(h) for h in people.humans if h.name == name] for people in (before, after)]
-    return paths[0] == paths[1]
-
-
-def _path(
-    names: Sequence[str], at: Mapping[str, tuple[float, float]], look: Look, colour: str, kind: str, width: float
-) -> str:
-    known = np.array([at[name] for name in names if name in at])
-    if not len(known):
-        return ""
-    x, y = look.turn.points(known[:, 0], known[:, 1])
-    points = " ".join(f"{a:.2f},{b:.2f}" for a, b in zip(x, y, strict=True))
-    start = f'<circle r="0.2" cx="{x[0]:.2f}" cy="{y[0]:.2f}" fill="{colour}"/>' if kind == "planned" else ""
-    return f'<polyline class="{kind}" stroke="{colour}" stroke-width="{width:.2f}" points="{points}"/>{start}'
+    now = {human.name: names(human) for human in humans}
+    drawn = [
+        ("planned", place, WIDTH_M * (1 + min(WIDEST, len(humans) - 1 - place)), human)
+        for place, human in enumerate(humans)
+    ]
+    drawn += [
+        ("planned before", place, WIDTH_M, human)
+        for place, human in enumerate(before if humans else ())
+        if now.get(human.name) != names(human)
+    ]
+    found = []
+    for kind, place, width, human in drawn:
+        points = [turn.point(*at[name]) for name in names(human) if name in at]
+        if points:
+            found.append({"kind": kind, "colour": colours[place % len(colours)], "width": width, "points": points})
+    return found

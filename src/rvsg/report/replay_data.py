@@ -9,10 +9,11 @@ a second and every few rays; the bag of the same trace holds all of it.
 from __future__ import annotations
 
 import base64
+import colorsys
 import json
 import math
 import zlib
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,7 +25,10 @@ from rvsg.core.errors import FileError
 from rvsg.core.inputs import parse_json, read_text
 from rvsg.evaluation.sampled import sampled
 from rvsg.evaluation.verdict import outcome_in_words
-from rvsg.report.run_facts import INVOLVED_M, Curve
+from rvsg.report.answer import quantity, untimed
+from rvsg.report.renderer import unbroken
+from rvsg.report.run_facts import INVOLVED_M, Curve, RunFacts, footprint_of
+from rvsg.robots.robot import Robot
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.run import DoorMoved, Run
@@ -36,12 +40,12 @@ if TYPE_CHECKING:
 
 FIRST = ("#c4570a", "#0b8270", "#a23bb8", "#8a6d00", "#c2255c", "#3f7d20", "#6a5acd", "#9c4a2f")
 """Enough for most scenarios, chosen by hand: none is near the blue of the robot."""
-ROBOT_HUES = (235.0, 285.0)
-"""Hues (degrees in OKLCH) that the robot's blue keeps for itself."""
+ROBOT_HUES = (200.0, 250.0)
+"""Hues (degrees) that the robot's blue keeps for itself."""
 
 
 def distinct_colours(count: int) -> list[str]:
-    """Return `count` different colours as `#rrggbb`."""
+    """Return `count` different colours as `#rrggbb`: hues around the circle, each dark and bright."""
     if count <= len(FIRST):
         return list(FIRST[:count])
     free = 360.0 - (ROBOT_HUES[1] - ROBOT_HUES[0])
@@ -49,26 +53,9 @@ def distinct_colours(count: int) -> list[str]:
     found = []
     for place in range(count):
         hue = (ROBOT_HUES[1] + (place % hues + 0.5 * (place // hues)) * free / hues) % 360.0
-        found.append(_hex(0.5 if place < hues else 0.64, 0.125, math.radians(hue)))
+        channels = colorsys.hls_to_rgb(hue / 360.0, 0.36 if place < hues else 0.5, 0.75)
+        found.append("#" + "".join(f"{round(255 * value):02x}" for value in channels))
     return found
-
-
-def _hex(lightness: float, chroma: float, hue: float) -> str:
-    """Convert OKLCH to sRGB by the matrices of Ottosson (2020); values outside sRGB are cut off."""
-    a, b = chroma * math.cos(hue), chroma * math.sin(hue)
-    long = (lightness + 0.3963377774 * a + 0.2158037573 * b) ** 3
-    medium = (lightness - 0.1055613458 * a - 0.0638541728 * b) ** 3
-    short = (lightness - 0.0894841775 * a - 1.2914855480 * b) ** 3
-    linear = (
-        4.0767416621 * long - 3.3077115913 * medium + 0.2309699292 * short,
-        -1.2684380046 * long + 2.6097574011 * medium - 0.3413193965 * short,
-        -0.0041960863 * long - 0.7034186147 * medium + 1.7076147010 * short,
-    )
-    return "#" + "".join(f"{round(255 * _gamma(min(1.0, max(0.0, value)))):02x}" for value in linear)
-
-
-def _gamma(value: float) -> float:
-    return 12.92 * value if value <= 0.0031308 else 1.055 * value ** (1 / 2.4) - 0.055
 
 
 Floats = NDArray[np.float64]
@@ -80,20 +67,6 @@ FAR_STEP = 5
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReplayRun:
-    """A run to replay, with the facts the component shows beside it. `moments` are (time in s, text)."""
-
-    run: Run
-    objective: float | None
-    violated: bool
-    curve: Curve
-    opens_s: float
-    note: str = ""
-    lanes: Mapping[str, Sequence[tuple[float, float]]] = field(default_factory=dict)
-    moments: Sequence[tuple[float, str]] = ()
-
-
-@dataclass(frozen=True, kw_only=True)
 class ReplayGroup:
     """Runs of one configuration. `status` is its verdict; `manners` describes each person by name; `moved` are the
     outlines of objects that its scenario moved into the world."""
@@ -101,34 +74,24 @@ class ReplayGroup:
     id: str
     label: str
     purpose: str
-    runs: tuple[ReplayRun, ...]
+    runs: tuple[RunFacts, ...]
     status: str = ""
     moved: tuple[tuple[tuple[float, float], ...], ...] = ()
     manners: dict[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] | None = None
+    """What the component shows beside each run. None: whether it holds a contact."""
 
 
 def replay_payload(
-    groups: Sequence[ReplayGroup],
-    *,
-    mission: Mission,
-    requirement: Requirement,
-    waypoints: Sequence[tuple[str, float, float]],
-    matrix: str,
-    quantity: str,
-    footprint: Callable[[Run], Sequence[tuple[float, float]]],
-    doors: Sequence[Door] = (),
+    groups: Sequence[ReplayGroup], *, mission: Mission, requirement: Requirement, world: World, matrix: str
 ) -> dict[str, Any]:
     """Return the JSON data of the component.
 
     Args:
-        waypoints: Name, x and y (m) of the waypoints of the grid.
         matrix: From world metres to the units of the floor plan (`FloorPlan.matrix`).
-        quantity: The judged quantity in words.
-        footprint: Gives the outline of the robot of a run in its own frame, m.
-        doors: The automatic doors of the world.
     """
-    route = mission.route
-    leaves = {"doors": [_door(door) for door in doors]} if doors else {}
+    route, robot = mission.route, mission.robot_record
+    leaves = {"doors": [_door(door) for door in world.moving_doors]} if world.moving_doors else {}
     return leaves | {
         "version": 1,
         "period": PERIOD_S,
@@ -138,15 +101,15 @@ def replay_payload(
             "goal": [route.goal.x, route.goal.y],
             "through": [[pose.x, pose.y] for pose in route.through],
         },
-        "waypoints": [[name, round(x, 2), round(y, 2)] for name, x, y in waypoints],
+        "waypoints": [[w.name, round(w.x, 2), round(w.y, 2)] for w in world.grid.waypoints if w.human],
         "requirement": {
             "name": requirement.name,
-            "quantity": quantity,
+            "quantity": f"{quantity(requirement)} so far",
             "unit": requirement.unit,
             "worse": requirement.worse,
             "limit": requirement.threshold,
         },
-        "groups": [_group(group, footprint) for group in groups],
+        "groups": [_group(group, robot) for group in groups],
     }
 
 
@@ -172,7 +135,7 @@ def people_colours(runs: Sequence[Run]) -> dict[str, str | None]:
     return dict.fromkeys(names) | dict(zip(involved, distinct_colours(len(involved)), strict=True))
 
 
-def _group(group: ReplayGroup, footprint: Callable[[Run], Sequence[tuple[float, float]]]) -> dict[str, Any]:
+def _group(group: ReplayGroup, robot: Robot | None) -> dict[str, Any]:
     runs = [each.run for each in group.runs]
     colours = people_colours(runs)
     names = list(colours)
@@ -186,7 +149,7 @@ def _group(group: ReplayGroup, footprint: Callable[[Run], Sequence[tuple[float, 
         "purpose": group.purpose,
         "status": group.status,
         "robot": {
-            "outline": [[round(x, 3), round(y, 3)] for x, y in footprint(runs[0])] if runs else [],
+            "outline": [[round(x, 3), round(y, 3)] for x, y in footprint_of(runs[0], robot)] if runs else [],
             "radius": runs[0].robot_radius_m if runs else 0.0,
         },
         "people": [
@@ -195,7 +158,7 @@ def _group(group: ReplayGroup, footprint: Callable[[Run], Sequence[tuple[float, 
             for n in names
         ],
         **({"moved": [[list(point) for point in outline] for outline in group.moved]} if group.moved else {}),
-        "runs": [_run(each, names) for each in group.runs],
+        "runs": [_run(each, names, group.notes[k] if group.notes else None) for k, each in enumerate(group.runs)],
     }
 
 
@@ -209,25 +172,25 @@ def _involved_in(runs: Iterable[Run]) -> set[str]:
     return found
 
 
-def _run(each: ReplayRun, names: Sequence[str]) -> dict[str, Any]:
+def _run(each: RunFacts, names: Sequence[str], note: str | None) -> dict[str, Any]:
     run = each.run
     coded, samples, far, near = _coded(run, names)
     data: dict[str, Any] = {
         "id": run.id,
         "seed": run.seed,
-        "objective": each.objective,
+        "objective": each.measurement.objective,
         "violated": each.violated,
         "outcome": outcome_in_words(run.outcome),
         "arrived": run.completed,
-        "note": each.note,
+        "note": ("contact" if each.contacts else "") if note is None else note,
         "t0": round(float(run.trajectory.t[0]), 3) if len(run.trajectory) else 0.0,
         "samples": samples,
-        "opens": round(each.opens_s, 2),
+        "opens": round(each.decisive_s, 2) if note is None else 0.0,
         "present": [names.index(name) for name in run.human_names],
         "far": far,
         "near": near,
         "lanes": {name: [[round(a, 2), round(b, 2)] for a, b in spans] for name, spans in each.lanes.items() if spans},
-        "moments": [[round(t, 2), text] for t, text in each.moments],
+        "moments": [[round(said.time_s, 2), unbroken(untimed(said))] for said in each.story],
         "blob": coded,
     }
     if moves := _door_moves(run):

@@ -125,6 +125,11 @@ def decisive(run: Run, requirement: Requirement, curve: Curve) -> Decisive:
     return Decisive(float(t[1:][int(contribution.argmax())]), "share")
 
 
+def row_at(run: Run, t_s: float) -> int:
+    """Return the first sample of a run that is not before a time, or the last one."""
+    return min(int(np.searchsorted(run.trajectory.t, t_s - 1e-9)), len(run.trajectory) - 1)
+
+
 def closest_approach(run: Run) -> float:
     """Return the time (s) at which robot and people are nearest; 0 without people."""
     if not len(run.trajectory) or not run.trajectory.human_x.shape[1]:
@@ -208,11 +213,6 @@ class RunFacts:
             "recovery": [(e.time_s, e.until_s) for e in self.events if isinstance(e, Recovery)],
             "violated": self.beyond,
         }
-
-    @property
-    def note(self) -> str:
-        """What else is worth knowing of the run, in a few words."""
-        return "contact" if self.contacts else ""
 
     beyond: list[tuple[float, float]]
     """When the judged quantity is beyond its limit, seconds."""
@@ -306,19 +306,15 @@ def _closest(run: Run) -> tuple[float | None, str, float]:
     return float(gap[row, person]), run.human_names[int(person)], float(run.trajectory.t[row])
 
 
-def _row(run: Run, t_s: float) -> int:
-    return min(int(np.searchsorted(run.trajectory.t, t_s - 1e-9)), len(run.trajectory) - 1)
-
-
 def _nearest_at(run: Run, t_s: float) -> str:
     if not run.human_names or not len(run.trajectory):
         return ""
-    gap = sampled(run).gap[_row(run, t_s)]
+    gap = sampled(run).gap[row_at(run, t_s)]
     return run.human_names[int(gap.argmin())] if gap.min() <= INVOLVED_M else ""
 
 
 def _where(run: Run, t_s: float, world: World) -> Place:
-    row = _row(run, t_s)
+    row = row_at(run, t_s)
     return place_namer(world)(float(run.trajectory.x[row]), float(run.trajectory.y[row]))
 
 

@@ -10,13 +10,16 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from rvsg.evaluation.sampled import sampled
 from rvsg.evaluation.verdict import metres
 from rvsg.report.replay_data import PERIOD_S
+from rvsg.report.run_facts import row_at
 from rvsg.simulation.run import Run
 from rvsg.world.drawing.sheet import DARK, LIGHT
 from rvsg.world.drawing.svg import FloorPlan, floor_plan
@@ -140,6 +143,16 @@ def floor_svg(world: World) -> str:
     )
 
 
+def plan_markup(world: World, floor: FloorPlan, *, within: str = "") -> dict[str, Any]:
+    """Return the parts of a floor plan that templates put together: box, floor, names and the style of the areas."""
+    return {
+        "box": floor.view_box,
+        "floor": Markup(floor.shapes),  # noqa: S704 - made by us, its names escaped
+        "names": Markup(narrow_names(floor)),  # noqa: S704
+        "look": Markup(area_colours(world, floor, within=within)),  # noqa: S704
+    }
+
+
 def area_colours(world: World, floor: FloorPlan, *, within: str = "") -> str:
     """Return the style of the areas, as in `rvsg world draw`, and of their names on a narrow screen.
 
@@ -222,7 +235,7 @@ class Look:
 def frame(run: Run, t_s: float, look: Look, label: str) -> str:
     """Draw the surroundings of the robot at one moment, with the trails up to it."""
     path = run.trajectory
-    row = min(int(np.searchsorted(path.t, t_s - 1e-9)), len(path) - 1)
+    row = row_at(run, t_s)
     x, y = look.turn.point(float(path.x[row]), float(path.y[row]))
     left, top, width, height = (float(v) for v in look.view_box.split())
     x0 = _kept(x - ACROSS_M / 2, left, left + width - ACROSS_M)
@@ -246,7 +259,7 @@ def overview(run: Run, moments: Sequence[float], look: Look, label: str, names: 
         names,
         *_trails(run, 0, len(path), look, nearest(run)),
     ]
-    rows = [min(int(np.searchsorted(path.t, t_s - 1e-9)), len(path) - 1) for t_s in moments]
+    rows = [row_at(run, t_s) for t_s in moments]
     points = [look.turn.point(float(path.x[row]), float(path.y[row])) for row in rows]
     parts += pins(points, [str(number) for number, _ in enumerate(moments, 1)], look.view_box)
     return "".join([*parts, "</svg>"])
@@ -294,7 +307,7 @@ def nearest_in_words(run: Run, t_s: float, away: str) -> str:
         away: How it reads without a contact, with `{who}` and `{gap}`.
     """
     t, seen = run.trajectory.t, sampled(run)
-    row = min(int(np.searchsorted(t, t_s - 1e-9)), len(t) - 1)
+    row = row_at(run, t_s)
     before = min(int(np.searchsorted(t, t_s - PERIOD_S + 1e-9)), row)
     gap = np.where(seen.touching[before : row + 1], 0.0, seen.gap[before : row + 1])
     least = np.unravel_index(int(gap.argmin()), gap.shape)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal
 
 from rvsg.campaign.attempt import Attempt, Plan
@@ -27,21 +27,6 @@ from rvsg.evaluation.verdict import (
     violated,
 )
 from rvsg.scenario.scenario import Scenario
-
-__all__ = [
-    "Accounting",
-    "Ranked",
-    "Summary",
-    "account",
-    "counted",
-    "in_short",
-    "interval",
-    "number",
-    "status_in_words",
-    "summarise",
-    "tried_of",
-]
-
 
 Standing = Literal["confirmed", "candidate", "not violated"]
 
@@ -128,10 +113,6 @@ def tried_of(tried: int, planned: int) -> str:
     return f"{tried} of {planned}" if tried <= planned else str(tried)
 
 
-interval = value_in_words
-"""The name by which the tables know it."""
-
-
 def _ranked_scenarios(plan: Plan, attempts: Sequence[Attempt]) -> tuple[tuple[Ranked, ...], tuple[Ranked, ...]]:
     """Return an entry for each scenario in order, and the other confirmed configurations."""
     searched = search_attempts(attempts)
@@ -190,11 +171,19 @@ def junit_xml(plan: Plan, summary: Summary) -> str:
 
 def junit_of(campaigns: Iterable[tuple[Plan, Summary]]) -> str:
     """Return the XML of several campaigns, a test suite for each."""
+    return _document(_suite(plan, summary) for plan, summary in campaigns)
+
+
+def _document(made: Iterable[ET.Element]) -> str:
+    """Return the text of test suites, with the counts of their cases."""
     suites = ET.Element("testsuites")
-    suites.extend(_suite(plan, summary) for plan, summary in campaigns)
+    suites.extend(made)
+    for suite in suites:
+        counts = {"tests": len(suite), "failures": len(suite.findall("*/failure")), "errors": 0}
+        counts["skipped"] = len(suite.findall("*/skipped"))
+        suite.attrib.update({key: str(count) for key, count in counts.items()})
     ET.indent(suites, "")
-    text = ET.tostring(suites, encoding="unicode")
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(suites, encoding="unicode")}\n'
 
 
 def _suite(plan: Plan, summary: Summary) -> ET.Element:
@@ -206,9 +195,6 @@ def _suite(plan: Plan, summary: Summary) -> ET.Element:
     for entry in summary.further:
         case = f"scenario {entry.scenario + 1}, configuration {entry.configuration + 1}"
         suite.append(_case(name, case, entry, plan, decides=alone))
-    counts = {"tests": len(suite), "failures": len(suite.findall("*/failure")), "errors": 0}
-    counts["skipped"] = len(suite.findall("*/skipped"))
-    suite.attrib.update({key: str(count) for key, count in counts.items()})
     return suite
 
 
@@ -228,16 +214,14 @@ def _properties(entry: Ranked) -> dict[str, str]:
 def _case(suite: str, name: str, entry: Ranked, plan: Plan, *, decides: bool) -> ET.Element:
     """Return a case. A verdict of the search counts only where it `decides`."""
     verdict, properties = entry.verdict, _properties(entry)
-    said = f"{status_in_words(verdict)}: {interval(verdict, plan.requirement.unit)}"
+    said = f"{status_in_words(verdict)}: {value_in_words(verdict, plan.requirement.unit)}"
     if plan.requirement.threshold is not None:
         said += f", limit {number(plan.requirement.threshold, plan.requirement.unit)}"
     whole = f"{said}. {how_sure(verdict)}"
     if "contacts" in properties and "arrived" in properties:
         whole += f". Contact with people in {properties['contacts']}; {properties['arrived']} arrived"
     case = ET.Element("testcase", classname=suite, name=clean(f"{name}: {entry.description[:120]}"))
-    told = ET.SubElement(case, "properties")
-    for key, value in properties.items():
-        ET.SubElement(told, "property", name=key, value=clean(value))
+    _add_properties(case, properties)
     if violated(verdict) and (decides or entry.state == "confirmed"):
         ET.SubElement(case, "failure", message=clean(said)).text = clean(whole)
     elif entry.state == "candidate" and not decides:
@@ -247,6 +231,12 @@ def _case(suite: str, name: str, entry: Ranked, plan: Plan, *, decides: bool) ->
     else:
         ET.SubElement(case, "system-out").text = clean(whole)
     return case
+
+
+def _add_properties(case: ET.Element, properties: Mapping[str, str]) -> None:
+    added = ET.SubElement(case, "properties")
+    for name, value in properties.items():
+        ET.SubElement(added, "property", name=name, value=clean(value))
 
 
 def clean(text: str) -> str:
@@ -262,19 +252,9 @@ def suite_junit(result: SuiteResult) -> str:
     and GitLab, `[[ATTACHMENT|path]]`.
     """
     suite = ET.Element("testsuite", name=clean(f"rvsg {result.suite}"))
-    suite.extend(_suite_case(result, case) for case in result.cases)
-    totals = {
-        "tests": len(result.cases),
-        "failures": len(result.broken),
-        "errors": 0,
-        "skipped": sum(case.state in (State.KNOWN_FAILURE, State.UNCLEAR) for case in result.cases),
-    }
-    suite.attrib.update({key: str(value) for key, value in totals.items()})
     suite.set("time", f"{sum(case.seconds for case in result.cases):.1f}")
-    suites = ET.Element("testsuites")
-    suites.append(suite)
-    ET.indent(suites, "")
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(suites, encoding="unicode")}\n'
+    suite.extend(_suite_case(result, case) for case in result.cases)
+    return _document([suite])
 
 
 def _suite_case(result: SuiteResult, case: CaseResult) -> ET.Element:
@@ -284,9 +264,8 @@ def _suite_case(result: SuiteResult, case: CaseResult) -> ET.Element:
         name=clean(case.case),
         time=f"{case.seconds:.1f}",
     )
-    properties = ET.SubElement(element, "properties")
     probability = case.verdict.violation_probability
-    facts = {
+    properties = {
         "title": case.title,
         "version": result.version,
         "state": case.state.value,
@@ -296,8 +275,7 @@ def _suite_case(result: SuiteResult, case: CaseResult) -> ET.Element:
         "runs_with_contact": str(case.contacts),
         "runs_that_arrived": str(case.arrived),
     }
-    for name, value in facts.items():
-        ET.SubElement(properties, "property", name=name, value=clean(value))
+    _add_properties(element, properties)
     message = clean(f"{case.state.value}: {case.verdict.reason}")
     if case.state is State.BROKEN:
         ET.SubElement(element, "failure", message=message).text = clean("\n".join(case.story))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
-from rvsg.campaign.findings import DistinctFailure, Finding
+from rvsg.campaign.findings import DistinctFailure, Finding, Removal
 from rvsg.evaluation.verdict import (
     counted,
     difference_in_words,
@@ -14,11 +14,11 @@ from rvsg.evaluation.verdict import (
     number,
     percent,
     status_in_words,
+    value_in_words,
     why_ended,
 )
 from rvsg.generation.generator import Call, Proposal
 from rvsg.generation.vlm.model import Spending
-from rvsg.report.summary import interval
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.validity import warnings
 from rvsg.world.world import World
@@ -39,7 +39,7 @@ def describe_finding(finding: Finding, requirement: Requirement, *, brief: bool 
     verdict = finding.verdict
     runs = counted(verdict.runs + verdict.undefined, "confirmation run")
     which = f"Scenario {finding.scenario + 1} (attempt {finding.attempt})"
-    yield f"{which} in {runs}: {status_in_words(verdict)}; {interval(verdict, requirement.unit)}"
+    yield f"{which} in {runs}: {status_in_words(verdict)}; {value_in_words(verdict, requirement.unit)}"
     yield f"  {how_sure(verdict)}.{'' if brief else ' ' + why_ended(verdict)}".rstrip()
     if not brief and (compared := describe_difference(finding)) is not None:
         yield f"  {compared}"
@@ -54,13 +54,15 @@ def describe_finding(finding: Finding, requirement: Requirement, *, brief: bool 
         yield f"  {arrived.of - arrived.runs} of {counted(arrived.of, 'run')} did not reach the goal."
     if brief:
         return
-    for removal in finding.cause:
-        yield (
-            f"  Without {removal.without}: {removal.violated} of {counted(removal.of, 'run')} violate it; "
-            f"with everybody {removal.before}."
-        )
+    yield from _removals(finding.cause)
     if finding.violated and finding.story:
         yield f"  {' '.join(finding.story)}"
+
+
+def _removals(cause: Iterable[Removal]) -> Iterator[str]:
+    for each in cause:
+        many = f"{each.violated} of {counted(each.of, 'run')}"
+        yield f"  Without {each.without}: {many} violate it; with everybody {each.before}."
 
 
 def describe_difference(finding: Finding) -> str | None:
@@ -113,9 +115,7 @@ def describe_failure(failure: DistinctFailure) -> Iterator[str]:
     if failure.about_people == "no" and without is not None:
         many = f"{without.violated} of {counted(without.of, 'run')}"
         yield f"  It recurs without people, in {many}, so the person named is not the cause."
-    for removal in failure.cause:
-        many = f"{removal.violated} of {counted(removal.of, 'run')}"
-        yield f"  Without {removal.without}: {many} violate it; with everybody {removal.before}."
+    yield from _removals(failure.cause)
     if (smallest := failure.smallest) is not None:
         left = f"{smallest.violated} of {counted(smallest.of, 'run')} violate, {smallest.before} as it was"
         what = "; ".join(smallest.taken_away)

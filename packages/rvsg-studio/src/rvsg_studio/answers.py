@@ -29,7 +29,7 @@ from rvsg.core import permission
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import write_whole
 from rvsg.evaluation.verdict import counted, load_requirement
-from rvsg.report.page import component, look
+from rvsg.report.renderer import component, look
 from rvsg.scenario.builder import check_valid, load_scenario_in, save_scenario
 from rvsg.scenario.requirement import Requirement, shipped_requirements
 from rvsg.scenario.world_lookup import world_of

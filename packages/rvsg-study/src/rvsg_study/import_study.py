@@ -62,7 +62,9 @@ class Imported:
     runs: int = 0
     refused: int = 0
     compared: int = 0
-    differing: int = 0  # logged metrics that the logs do not give
+    """Runs whose metrics were computed again and compared with the logged ones."""
+    differing: int = 0
+    """Logged metrics that the logs do not give."""
     findings: list[ImportFinding] = field(default_factory=list)
 
 
@@ -167,14 +169,14 @@ class _Importer:
         requirement = REQUIREMENTS[batch.requirement] if batch.requirement else None
         measurements = tuple(_measurement(run, requirement.metric if requirement else None) for run in runs)
         if batch.repeats:
-            chosen = [run.id for run in runs if self._is_selection(run)]
+            chosen = [run.id for run in runs if str(run.details["sha256"]) in self.searched]
             proposal = proposal.model_copy(
                 update={"extra": proposal.extra | {"selection": batch.method, "selected_by": chosen}}
             )
         else:
             self.searched.update({str(run.details["sha256"]): run.id for run in runs})
         brief = Brief(
-            mission=self._mission(route),
+            mission=Mission.of(self.world, route),
             requirement=requirement,
             kind="new" if number == 0 or batch.repeats else "refine",
             seed=0,
@@ -193,13 +195,6 @@ class _Importer:
             verdict=judge(requirement, [m.objective for m in measurements]) if requirement and measurements else None,
         )
 
-    def _is_selection(self, run: Run) -> bool:
-        """Return whether this repeat is the run of the search by which the scenario was selected."""
-        return str(run.details["sha256"]) in self.searched
-
-    def _mission(self, route: Route) -> Mission:
-        return Mission.of(self.world, route)
-
     def _proposal(self, batch: Batch, file: Path | None, number: int, description: str, route: Route) -> Proposal:
         model = "unknown"
         read = ReadPeople(None, {}, [])
@@ -215,7 +210,7 @@ class _Importer:
                 problems.append(Finding(rule=f"import.{kind}", reason=message))
         scenario = None
         if read.people is not None:
-            scenario = Scenario(mission=self._mission(route), people=read.people, description=description)
+            scenario = Scenario(mission=Mission.of(self.world, route), people=read.people, description=description)
         extra = {"tasks": read.tasks, "description": description}
         return Proposal(generator=f"imported:{model}", scenario=scenario, first_findings=tuple(problems), extra=extra)
 

@@ -11,7 +11,6 @@ import typer
 from rvsg.cli import console
 from rvsg.cli.frame import verb
 from rvsg.core.outputs import make_folder
-from rvsg.core.records import Record
 
 app = verb(no_args_is_help=True, help="Read people of HuNavSim, or results of the published study.")
 
@@ -19,23 +18,6 @@ app = verb(no_args_is_help=True, help="Read people of HuNavSim, or results of th
 @app.callback()
 def _several() -> None:
     """Read people of HuNavSim, or results of the published study."""
-
-
-class StudyImport(Record):
-    """What was imported, and where it is."""
-
-    store: str
-    findings: str
-    """The file of everything that could not be trusted, with its reason."""
-    campaigns: int
-    attempts: int
-    runs: int
-    refused: int
-    compared: int
-    """Runs whose metrics were computed again and compared with the logged ones."""
-    differing: int
-    findings_by_kind: dict[str, int]
-    """Findings of this import."""
 
 
 @app.command("study")
@@ -59,26 +41,17 @@ def import_study(
     make_folder(store.parent)
     added_to = store.exists()
     with SqliteLedger(store) as ledger:
-        read = study.import_study(folder, ledger, place, console.say)
+        done = study.import_study(folder, ledger, place, console.say)
     findings = store.with_name("findings.csv")
-    listed = study.write_findings(read.findings, findings, keep=added_to)
-    done = StudyImport(
-        store=str(store),
-        findings=str(findings),
-        campaigns=read.campaigns,
-        attempts=read.attempts,
-        runs=read.runs,
-        refused=read.refused,
-        compared=read.compared,
-        differing=read.differing,
-        findings_by_kind=dict(Counter(finding.kind for finding in read.findings)),
-    )
-    count = len(read.findings)
+    listed = study.write_findings(done.findings, findings, keep=added_to)
+    count = len(done.findings)
     console.say(
-        f"{done.runs} runs in {done.attempts} attempts of {done.campaigns} campaigns -> {done.store}\n"
+        f"{done.runs} runs in {done.attempts} attempts of {done.campaigns} campaigns -> {store}\n"
         f"{done.compared} runs compared with their logged metrics: "
         + ("all equal" if done.compared and not done.differing else f"{done.differing} differences")
-        + f"\n{count} findings -> {done.findings}"
+        + f"\n{count} findings -> {findings}"
         + (f" (with the earlier ones: {listed})" if listed != count else "")
     )
-    console.print_json(done.model_dump(mode="json"))
+    counts = {name: value for name, value in vars(done).items() if name != "findings"}
+    by_kind = Counter(finding.kind for finding in done.findings)
+    console.print_json({"store": str(store), "findings": str(findings), **counts, "findings_by_kind": dict(by_kind)})

@@ -12,78 +12,32 @@ from functools import lru_cache, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.evaluation.metrics.metric import Metric
+from rvsg.evaluation.metrics.metric import Metric, measures
 from rvsg.evaluation.metrics.safety import HUNAV, INTIMATE_M, PERSONAL_M, SOCIAL_M
 from rvsg.evaluation.sampled import CONTACT_GAP_M, STILL_SPEED_M_S, STILL_TURN_RAD_S, Floats, Sampled, wrap
 from rvsg.scenario.requirement import Aim
 
+EVALUATOR = "HuNavSim evaluator, its defects included"
 LAMBDA, GAMMA, N, N_PRIME = 2.0, 0.35, 2.0, 3.0
 FORCE_FACTOR = 2.1
 OBSTACLE_FACTOR, OBSTACLE_SIGMA_M = 10.0, 0.2
 GOAL_RADIUS_M = 0.25
 Pair = tuple[Floats, Floats]
 
+METRICS: list[Metric] = []
+_metric = partial(measures, METRICS, source=HUNAV)
 
+
+@_metric("max_distance", "Maximum distance to people", "m", "neither", Aim.SHARE, least=None)
 def maximum_distance(s: Sampled) -> float | None:
     """Largest gap to any person over the run, surface to surface."""
     return float(s.disc_gap.max()) if s.people else None
 
 
-def maximum_distance_hunav(s: Sampled) -> float | None:
-    """Largest |p_robot - p_i| - r_robot: the evaluator forgets the person's radius."""
-    return float(s.distance.max() - s.run.robot_radius_m) if s.people else None
-
-
-def time_not_moving_hunav(s: Sampled) -> float | None:
-    """(total time / N) x samples with v < 0.01 and signed omega < 0.02: every turn to the right on the spot stands."""
-    if not len(s):
-        return None
-    still = (s.series.v < STILL_SPEED_M_S) & (s.series.omega < STILL_TURN_RAD_S)
-    return s.duration_s / len(s) * float(still.sum())
-
-
-def _collisions_hunav(s: Sampled) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """(N, H) twice: the robot's and the person's collisions as the evaluator decides them."""
-    dx, dy = s.offset
-    yaw = s.series.yaw[:, None]
-    ahead, left = dx * np.cos(yaw) + dy * np.sin(yaw), -dx * np.sin(yaw) + dy * np.cos(yaw)
-    swapped = np.abs(np.arctan2(ahead, left))
-    contact = s.disc_gap < CONTACT_GAP_M
-    differ = s.series.v[:, None] != s.series.human_speed
-    both = contact & ~differ & (s.bearing_of_robot == swapped)
-    robot = contact & differ & (s.bearing_of_robot < swapped)
-    person = contact & differ & (s.bearing_of_robot > swapped)
-    return robot | both, person | both
-
-
-def robot_on_person_hunav(s: Sampled) -> float | None:
-    """Samples with gap < 0.02 m, unequal speeds and |bearing of robot| < |atan2(x, y)| of the person: axes swapped."""
-    return float(_collisions_hunav(s)[0].sum()) if s.people else None
-
-
-def person_on_robot_hunav(s: Sampled) -> float | None:
-    """Samples with gap < 0.02 m, unequal speeds and |bearing of robot| > |atan2(x, y)| of the person: axes swapped."""
-    return float(_collisions_hunav(s)[1].sum()) if s.people else None
-
-
+@_metric("acceleration_mean", "Mean change of speed", "m/s²", "larger", Aim.DISTURB, shown="acceleration")
 def mean_acceleration(s: Sampled) -> float | None:
     """Mean over the N-1 intervals of |dv| / dt."""
     return float(np.abs(s.acceleration[0]).mean()) if len(s) > 1 else None
-
-
-def mean_acceleration_hunav(s: Sampled) -> float | None:
-    """(1/N) sum |dv| / dt: N-1 terms over N."""
-    return float(np.abs(s.acceleration[0]).sum() / len(s)) if len(s) > 1 else None
-
-
-def overacceleration_hunav(s: Sampled) -> float | None:
-    """(1/N) sum |dv| / dt^2: called a jerk, but no change of acceleration is in it."""
-    return float((np.abs(np.diff(s.series.v)) / s.dt**2).sum() / len(s)) if len(s) > 1 else None
-
-
-def completed_hunav(s: Sampled) -> float | None:
-    """1 where the last sample lies within 0.25 m of the goal, else 0."""
-    return float(s.goal_distance[-1] < GOAL_RADIUS_M) if len(s) else None
 
 
 def _social_force(offset: Pair, relative: Pair, swapped: bool) -> Pair:
@@ -118,11 +72,13 @@ def _integral(values: Floats, s: Sampled) -> float:
     return float((values[:-1] * s.dt).sum())
 
 
+@_metric("force_on_humans", "Social force on the humans", "m/s", "larger", Aim.SHARE)
 def force_on_humans(s: Sampled) -> float | None:
     """Integral over time of sum_i |f(robot on i)|, f the social force with factor 2.1."""
     return _integral(np.hypot(*_forces(s, False)[0]).sum(axis=1), s) if s.people else None
 
 
+@_metric("force_on_robot", "Social force on the robot", "m/s", "larger", Aim.SHARE)
 def force_on_robot(s: Sampled) -> float | None:
     """Integral over time of sum_i |f(i on robot)|."""
     return _integral(np.hypot(*_forces(s, False)[1]).sum(axis=1), s) if s.people else None
@@ -134,6 +90,7 @@ def _work(s: Sampled, swapped: bool) -> Floats:
     return total
 
 
+@_metric("social_work", "Social work", "m/s", "larger", Aim.SHARE)
 def social_work(s: Sampled) -> float | None:
     """Integral over time of |sum_i f(i on robot)| + sum_i |f(robot on i)|; obstacles are not counted."""
     return _integral(_work(s, False), s) if s.people else None
@@ -145,6 +102,15 @@ def _obstacle_force(distance: Floats, radius_m: Floats) -> Floats:
     return force
 
 
+@_metric(
+    "obstacle_force_on_humans",
+    "Obstacles' force on people",
+    "m/s",
+    "larger",
+    Aim.DISTURB,
+    shown="obstacle_distance",
+    moved_by="People who make the robot swerve where walls or objects are near.",
+)
 def obstacle_force_on_humans(s: Sampled) -> float | None:
     """Integral over time of sum_i 10 exp(-(d_i - r_i) / 0.2 m), d_i to the surface of the nearest obstacle."""
     if not s.people or s.human_obstacle_distance is None:
@@ -153,6 +119,15 @@ def obstacle_force_on_humans(s: Sampled) -> float | None:
     return _integral(_obstacle_force(s.human_obstacle_distance, radii).sum(axis=1), s)
 
 
+@_metric(
+    "obstacle_force_on_robot",
+    "Obstacles' force on the robot",
+    "m/s",
+    "larger",
+    Aim.DISTURB,
+    shown="obstacle_distance",
+    moved_by="People who make the robot swerve where walls or objects are near.",
+)
 def obstacle_force_on_robot(s: Sampled) -> float | None:
     """Integral over time of 10 exp(-(d - r_robot) / 0.2 m), d to the nearest obstacle."""
     if not len(s) or s.obstacle_distance is None:
@@ -166,6 +141,7 @@ def _group_share(s: Sampled, low: float, high: float) -> float | None:
     return float(100.0 * ((s.group_distance >= low) & (s.group_distance < high)).mean())
 
 
+@_metric("group_intimate_space", "Group intimate space intrusion", "%", "larger", Aim.SHARE, most=100.0)
 def group_intimate_space(s: Sampled) -> float | None:
     """Percent of samples with the robot's edge nearer than 0.45 m to a group's centre.
 
@@ -174,185 +150,104 @@ def group_intimate_space(s: Sampled) -> float | None:
     return _group_share(s, -np.inf, INTIMATE_M)
 
 
+@_metric("group_personal_space", "Group personal space intrusion", "%", "larger", Aim.SHARE, most=100.0)
 def group_personal_space(s: Sampled) -> float | None:
     """Percent of samples with the robot's edge between 0.45 m and 1.2 m from the nearest group's centre."""
     return _group_share(s, INTIMATE_M, PERSONAL_M)
 
 
+@_metric("group_social_space", "Group social space intrusion", "%", "larger", Aim.SHARE, most=100.0)
 def group_social_space(s: Sampled) -> float | None:
     """Percent of samples with the robot's edge between 1.2 m and 3.6 m from the nearest group's centre."""
     return _group_share(s, PERSONAL_M, SOCIAL_M)
 
 
+@_metric("max_distance_hunav", "Maximum distance to people", "m", "neither", Aim.SHARE, source=EVALUATOR, least=None)
+def maximum_distance_hunav(s: Sampled) -> float | None:
+    """Largest |p_robot - p_i| - r_robot: the evaluator forgets the person's radius."""
+    return float(s.distance.max() - s.run.robot_radius_m) if s.people else None
+
+
+@_metric("tnm_hunav", "Time not moving", "s", "larger", Aim.DELAY, source=EVALUATOR, shown="speed", most="time_limit")
+def time_not_moving_hunav(s: Sampled) -> float | None:
+    """(total time / N) x samples with v < 0.01 and signed omega < 0.02: every turn to the right on the spot stands."""
+    if not len(s):
+        return None
+    still = (s.series.v < STILL_SPEED_M_S) & (s.series.omega < STILL_TURN_RAD_S)
+    return s.duration_s / len(s) * float(still.sum())
+
+
+def _collisions_hunav(s: Sampled) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """(N, H) twice: the robot's and the person's collisions as the evaluator decides them."""
+    dx, dy = s.offset
+    yaw = s.series.yaw[:, None]
+    ahead, left = dx * np.cos(yaw) + dy * np.sin(yaw), -dx * np.sin(yaw) + dy * np.cos(yaw)
+    swapped = np.abs(np.arctan2(ahead, left))
+    contact = s.disc_gap < CONTACT_GAP_M
+    differ = s.series.v[:, None] != s.series.human_speed
+    both = contact & ~differ & (s.bearing_of_robot == swapped)
+    robot = contact & differ & (s.bearing_of_robot < swapped)
+    person = contact & differ & (s.bearing_of_robot > swapped)
+    return robot | both, person | both
+
+
+@_metric("rpc_hunav", "Robot-on-person collision", "samples", "larger", Aim.MEET, source=EVALUATOR)
+def robot_on_person_hunav(s: Sampled) -> float | None:
+    """Samples with gap < 0.02 m, unequal speeds and |bearing of robot| < |atan2(x, y)| of the person: axes swapped."""
+    return float(_collisions_hunav(s)[0].sum()) if s.people else None
+
+
+@_metric("por_hunav", "Person-on-robot collision", "samples", "larger", Aim.MEET, source=EVALUATOR)
+def person_on_robot_hunav(s: Sampled) -> float | None:
+    """Samples with gap < 0.02 m, unequal speeds and |bearing of robot| > |atan2(x, y)| of the person: axes swapped."""
+    return float(_collisions_hunav(s)[1].sum()) if s.people else None
+
+
+@_metric(
+    "acceleration_mean_hunav", "Acceleration", "m/s²", "larger", Aim.DISTURB, source=EVALUATOR, shown="acceleration"
+)
+def mean_acceleration_hunav(s: Sampled) -> float | None:
+    """(1/N) sum |dv| / dt: N-1 terms over N."""
+    return float(np.abs(s.acceleration[0]).sum() / len(s)) if len(s) > 1 else None
+
+
+@_metric(
+    "overacceleration_hunav", "Overacceleration", "m/s³", "larger", Aim.DISTURB, source=EVALUATOR, shown="acceleration"
+)
+def overacceleration_hunav(s: Sampled) -> float | None:
+    """(1/N) sum |dv| / dt^2: called a jerk, but no change of acceleration is in it."""
+    return float((np.abs(np.diff(s.series.v)) / s.dt**2).sum() / len(s)) if len(s) > 1 else None
+
+
+@_metric(
+    "completed_hunav",
+    "Completed",
+    "1 or 0",
+    "smaller",
+    Aim.DELAY,
+    source=EVALUATOR,
+    shown="distance_to_goal",
+    most=1.0,
+    two_valued=True,
+)
+def completed_hunav(s: Sampled) -> float | None:
+    """1 where the last sample lies within 0.25 m of the goal, else 0."""
+    return float(s.goal_distance[-1] < GOAL_RADIUS_M) if len(s) else None
+
+
+@_metric("force_on_humans_hunav", "Social force on agents", "sum", "larger", Aim.SHARE, source=EVALUATOR)
 def force_on_humans_hunav(s: Sampled) -> float | None:
     """Plain sum over samples of sum_i |f(robot on i)| with the angle's x and y swapped: grows with the rate."""
     return float(np.hypot(*_forces(s, True)[0]).sum()) if s.people else None
 
 
+@_metric("force_on_robot_hunav", "Social force on robot", "sum", "larger", Aim.SHARE, source=EVALUATOR)
 def force_on_robot_hunav(s: Sampled) -> float | None:
     """Plain sum over samples of sum_i |f(i on robot)| with the angle's x and y swapped."""
     return float(np.hypot(*_forces(s, True)[1]).sum()) if s.people else None
 
 
+@_metric("social_work_hunav", "Social work", "sum", "larger", Aim.SHARE, source=EVALUATOR)
 def social_work_hunav(s: Sampled) -> float | None:
     """Plain sum over samples of |sum_i f(i on robot)| + sum_i |f(robot on i)| with the angle's x and y swapped."""
     return float(_work(s, True).sum()) if s.people else None
-
-
-EVALUATOR = "HuNavSim evaluator, its defects included"
-
-_close = partial(Metric, source=HUNAV, aim=Aim.SHARE, moved_by="People who work close to the robot all along its way.")
-_meeting = partial(
-    Metric, source=HUNAV, aim=Aim.MEET, moved_by="People who meet the robot where it has no room to pass."
-)
-_smooth = partial(
-    Metric, source=HUNAV, aim=Aim.DISTURB, moved_by="People who come up in front of the robot repeatedly."
-)
-_progress = partial(Metric, source=HUNAV, aim=Aim.DELAY, moved_by="People who walk or stand in the robot's lane.")
-
-METRICS = (
-    _close(
-        id="max_distance",
-        title="Maximum distance to people",
-        unit="m",
-        worse="neither",
-        of=maximum_distance,
-        least=None,
-    ),
-    _smooth(
-        id="acceleration_mean",
-        title="Mean change of speed",
-        unit="m/s²",
-        worse="larger",
-        of=mean_acceleration,
-        shown="acceleration",
-    ),
-    _close(id="force_on_humans", title="Social force on the humans", unit="m/s", worse="larger", of=force_on_humans),
-    _close(id="force_on_robot", title="Social force on the robot", unit="m/s", worse="larger", of=force_on_robot),
-    _close(id="social_work", title="Social work", unit="m/s", worse="larger", of=social_work),
-    _smooth(
-        id="obstacle_force_on_humans",
-        title="Obstacles' force on people",
-        unit="m/s",
-        worse="larger",
-        of=obstacle_force_on_humans,
-        shown="obstacle_distance",
-        moved_by="People who make the robot swerve where walls or objects are near.",
-    ),
-    _smooth(
-        id="obstacle_force_on_robot",
-        title="Obstacles' force on the robot",
-        unit="m/s",
-        worse="larger",
-        of=obstacle_force_on_robot,
-        shown="obstacle_distance",
-        moved_by="People who make the robot swerve where walls or objects are near.",
-    ),
-    _close(
-        id="group_intimate_space",
-        title="Group intimate space intrusion",
-        unit="%",
-        worse="larger",
-        of=group_intimate_space,
-        most=100.0,
-    ),
-    _close(
-        id="group_personal_space",
-        title="Group personal space intrusion",
-        unit="%",
-        worse="larger",
-        of=group_personal_space,
-        most=100.0,
-    ),
-    _close(
-        id="group_social_space",
-        title="Group social space intrusion",
-        unit="%",
-        worse="larger",
-        of=group_social_space,
-        most=100.0,
-    ),
-    _close(
-        id="max_distance_hunav",
-        title="Maximum distance to people",
-        unit="m",
-        worse="neither",
-        of=maximum_distance_hunav,
-        least=None,
-        source=EVALUATOR,
-    ),
-    _progress(
-        id="tnm_hunav",
-        title="Time not moving",
-        unit="s",
-        worse="larger",
-        of=time_not_moving_hunav,
-        shown="speed",
-        most="time_limit",
-        source=EVALUATOR,
-    ),
-    _meeting(
-        id="rpc_hunav",
-        title="Robot-on-person collision",
-        unit="samples",
-        worse="larger",
-        of=robot_on_person_hunav,
-        source=EVALUATOR,
-    ),
-    _meeting(
-        id="por_hunav",
-        title="Person-on-robot collision",
-        unit="samples",
-        worse="larger",
-        of=person_on_robot_hunav,
-        source=EVALUATOR,
-    ),
-    _smooth(
-        id="acceleration_mean_hunav",
-        title="Acceleration",
-        unit="m/s²",
-        worse="larger",
-        of=mean_acceleration_hunav,
-        shown="acceleration",
-        source=EVALUATOR,
-    ),
-    _smooth(
-        id="overacceleration_hunav",
-        title="Overacceleration",
-        unit="m/s³",
-        worse="larger",
-        of=overacceleration_hunav,
-        shown="acceleration",
-        source=EVALUATOR,
-    ),
-    _progress(
-        id="completed_hunav",
-        title="Completed",
-        unit="1 or 0",
-        worse="smaller",
-        of=completed_hunav,
-        shown="distance_to_goal",
-        most=1.0,
-        two_valued=True,
-        source=EVALUATOR,
-    ),
-    _close(
-        id="force_on_humans_hunav",
-        title="Social force on agents",
-        unit="sum",
-        worse="larger",
-        of=force_on_humans_hunav,
-        source=EVALUATOR,
-    ),
-    _close(
-        id="force_on_robot_hunav",
-        title="Social force on robot",
-        unit="sum",
-        worse="larger",
-        of=force_on_robot_hunav,
-        source=EVALUATOR,
-    ),
-    _close(
-        id="social_work_hunav", title="Social work", unit="sum", worse="larger", of=social_work_hunav, source=EVALUATOR
-    ),
-)

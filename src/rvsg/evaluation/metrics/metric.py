@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,3 +67,24 @@ class Metric:
     def measure(self, run: Run, world: World | None = None) -> float | None:
         """Return this metric of one run, or None if the run holds no judgement."""
         return self.of(Sampled(run, run.log if self.series == "log" else run.trajectory, world))
+
+
+MOVED_BY = {
+    Aim.SHARE: "People who work close to the robot all along its way.",
+    Aim.MEET: "People who meet the robot where it has no room to pass.",
+    Aim.DISTURB: "People who come up in front of the robot repeatedly.",
+    Aim.DELAY: "People who walk or stand in the robot's lane.",
+}
+
+
+def measures(
+    found: list[Metric], id: str, title: str, unit: str, worse: Worse, aim: Aim, *, source: str, **more: Any
+) -> Callable[[Value], Value]:
+    """Return a decorator that adds the metric which a function computes to a list; `more` as for `Metric`."""
+
+    def add(of: Value) -> Value:
+        told = {"moved_by": MOVED_BY[aim]} | more
+        found.append(Metric(id=id, title=title, unit=unit, worse=worse, aim=aim, source=source, of=of, **told))
+        return of
+
+    return add

@@ -6,21 +6,28 @@ from functools import partial
 
 import numpy as np
 
-from rvsg.evaluation.metrics.metric import Metric
+from rvsg.evaluation.metrics.metric import Metric, measures
 from rvsg.evaluation.sampled import STILL_SPEED_M_S, Flags, Sampled, stretches
 from rvsg.scenario.requirement import Aim
 
+SAFETY = "common practice in robot safety"
+HUNAV = "HuNavSim evaluator, corrected"
 REACTION_S = 0.3
 INTIMATE_M, PERSONAL_M, SOCIAL_M = 0.45, 1.2, 3.6
 EMERGENCY_DECELERATION_M_S2 = 2.0
 ADVANCING_M = 0.05
 
+METRICS: list[Metric] = []
+_metric = partial(measures, METRICS, source=SAFETY)
 
+
+@_metric("contacts", "Contact events", "events", "larger", Aim.MEET)
 def contact_events(s: Sampled) -> float | None:
     """Contacts of the robot with each person; those less than 0.5 s apart count as one."""
     return float(len(s.contacts)) if s.people else None
 
 
+@_metric("contact_time", "Time in contact", "s", "larger", Aim.MEET, most="time_limit")
 def contact_time(s: Sampled) -> float | None:
     """Seconds in which the robot touches at least one person (at the end of the interval)."""
     if not s.people:
@@ -29,6 +36,7 @@ def contact_time(s: Sampled) -> float | None:
     return float(s.dt[touching[1:]].sum())
 
 
+@_metric("contact_longest", "Longest contact", "s", "larger", Aim.MEET, most="time_limit")
 def contact_longest(s: Sampled) -> float | None:
     """Duration of the longest contact with one person, seconds, counted as for `contacts`; 0 without contact."""
     if not s.people:
@@ -36,6 +44,7 @@ def contact_longest(s: Sampled) -> float | None:
     return max((float(s.series.t[touch.last] - s.series.t[touch.first]) for touch in s.contacts), default=0.0)
 
 
+@_metric("contact_speed", "Relative speed at contact", "m/s", "larger", Aim.MEET)
 def contact_speed(s: Sampled) -> float | None:
     """Largest speed of the robot relative to a person it touches; 0 without contact.
 
@@ -47,6 +56,7 @@ def contact_speed(s: Sampled) -> float | None:
     return max([0.0, *known, *(float(speed) for speed in s.relative_speed[s.touching])])
 
 
+@_metric("contact_robot_speed", "Robot's speed in contact", "m/s", "larger", Aim.MEET)
 def contact_robot_speed(s: Sampled) -> float | None:
     """Largest own speed |v| of the robot while it touches a person; 0 without contact."""
     if not s.people:
@@ -55,6 +65,7 @@ def contact_robot_speed(s: Sampled) -> float | None:
     return float(s.series.speed[touching].max()) if touching.any() else 0.0
 
 
+@_metric("ttc", "Time to collision", "s", "smaller", Aim.MEET, shown="closing_speed")
 def time_to_collision(s: Sampled) -> float | None:
     """Smallest time until the discs would touch if robot and person kept their velocities; 0 in contact.
 
@@ -79,6 +90,7 @@ def time_to_collision(s: Sampled) -> float | None:
     return float(((-b[course] - np.sqrt(discriminant[course])) / a[course]).min())
 
 
+@_metric("stopping_margin", "Stopping-distance margin", "m", "smaller", Aim.MEET, least=None)
 def stopping_margin(s: Sampled) -> float | None:
     """Smallest gap minus the distance the robot needs to stop, over samples in which it closes in on the person.
 
@@ -99,31 +111,46 @@ def _share_between(s: Sampled, low: float, high: float) -> float | None:
     return float(100.0 * ((s.clamped_gap >= low) & (s.clamped_gap < high)).mean())
 
 
+@_metric("intimate_space", "Intimate space intrusion", "%", "larger", Aim.SHARE, source=HUNAV, most=100.0)
 def intimate_space(s: Sampled) -> float | None:
     """Percent of samples with the closest person nearer than 0.45 m, surface to surface."""
     return _share_between(s, 0.0, INTIMATE_M)
 
 
+@_metric("personal_space", "Personal space intrusion", "%", "larger", Aim.SHARE, source=HUNAV, most=100.0)
 def personal_space(s: Sampled) -> float | None:
     """Percent of samples with the closest person between 0.45 m and 1.2 m."""
     return _share_between(s, INTIMATE_M, PERSONAL_M)
 
 
+@_metric("social_space", "Social space intrusion", "%", "larger", Aim.SHARE, source=HUNAV, most=100.0)
 def social_space(s: Sampled) -> float | None:
     """Percent of samples with the closest person between 1.2 m and 3.6 m."""
     return _share_between(s, PERSONAL_M, SOCIAL_M)
 
 
+@_metric(
+    "obstacle_distance",
+    "Minimum distance to obstacles",
+    "m",
+    "smaller",
+    Aim.DISTURB,
+    shown="obstacle_distance",
+    moved_by="People who make the robot swerve where walls or objects are near.",
+    least=None,
+)
 def obstacle_distance(s: Sampled) -> float | None:
     """Smallest distance from the robot's centre to an obstacle; None where the world is not given."""
     return float(s.obstacle_distance.min()) if s.obstacle_distance is not None and len(s) else None
 
 
+@_metric("acceleration_peak", "Peak acceleration", "m/s²", "larger", Aim.DISTURB, shown="acceleration")
 def acceleration_peak(s: Sampled) -> float | None:
     """Largest magnitude of the robot's acceleration (mean of each interval, along and across)."""
     return float(np.hypot(*s.acceleration).max()) if len(s) > 1 else None
 
 
+@_metric("emergency_stops", "Emergency stops", "events", "larger", Aim.DISTURB, shown="acceleration")
 def emergency_stops(s: Sampled) -> float | None:
     """Stops into which the robot brakes harder than 2 m/s^2 before it stands (|v| < 0.01 m/s), the arrival left out."""
     if len(s) < 2:
@@ -137,6 +164,7 @@ def emergency_stops(s: Sampled) -> float | None:
     return float(sum(bool(braking[max(0, k - 1) : k + 1].any()) for k in stopped))
 
 
+@_metric("standstill", "Longest standstill", "s", "larger", Aim.DELAY, shown="speed", most="time_limit")
 def longest_standstill(s: Sampled) -> float | None:
     """Longest time the robot neither drives nor turns between its start and its end, seconds."""
     if len(s) < 2:
@@ -144,6 +172,7 @@ def longest_standstill(s: Sampled) -> float | None:
     return max((float(np.cumsum(s.dt[a : b + 1])[-1]) for a, b in stretches(s.still[1:])), default=0.0)
 
 
+@_metric("detour", "Detour ratio", "1", "larger", Aim.DELAY, shown="distance_to_goal")
 def detour_ratio(s: Sampled) -> float | None:
     """Path length over the straight distance from the first to the last position; None if those coincide."""
     if len(s) < 2:
@@ -152,6 +181,16 @@ def detour_ratio(s: Sampled) -> float | None:
     return float(s.steps.sum()) / straight if straight > ADVANCING_M else None
 
 
+@_metric(
+    "heading_error",
+    "Final heading error",
+    "rad",
+    "larger",
+    Aim.DELAY,
+    shown="distance_to_goal",
+    moved_by="People who stand at the goal.",
+    most=float(np.pi),
+)
 def heading_error(s: Sampled) -> float | None:
     """|wrap(yaw - goal yaw)| at the end, radians."""
     if not len(s):
@@ -160,108 +199,19 @@ def heading_error(s: Sampled) -> float | None:
     return abs(float(error))
 
 
+@_metric(
+    "time_share",
+    "Share of the time limit used",
+    "1",
+    "larger",
+    Aim.DELAY,
+    shown="distance_to_goal",
+    most=1.0,
+    censored=True,
+)
 def time_share(s: Sampled) -> float | None:
     """Time to the goal over the route's time limit; at least 1 where the goal was not reached in time."""
     if not len(s) or s.run.time_limit_s <= 0:
         return None
     taken = s.duration_s if s.run.completed else max(s.duration_s, s.run.time_limit_s)
     return taken / s.run.time_limit_s
-
-
-SAFETY = "common practice in robot safety"
-HUNAV = "HuNavSim evaluator, corrected"
-
-_meeting = partial(
-    Metric, source=SAFETY, aim=Aim.MEET, moved_by="People who meet the robot where it has no room to pass."
-)
-_close = partial(Metric, source=HUNAV, aim=Aim.SHARE, moved_by="People who work close to the robot all along its way.")
-_smooth = partial(
-    Metric, source=SAFETY, aim=Aim.DISTURB, moved_by="People who come up in front of the robot repeatedly."
-)
-_progress = partial(Metric, source=SAFETY, aim=Aim.DELAY, moved_by="People who walk or stand in the robot's lane.")
-
-METRICS = (
-    _meeting(id="contacts", title="Contact events", unit="events", worse="larger", of=contact_events),
-    _meeting(id="contact_time", title="Time in contact", unit="s", worse="larger", of=contact_time, most="time_limit"),
-    _meeting(
-        id="contact_longest", title="Longest contact", unit="s", worse="larger", of=contact_longest, most="time_limit"
-    ),
-    _meeting(id="contact_speed", title="Relative speed at contact", unit="m/s", worse="larger", of=contact_speed),
-    _meeting(
-        id="contact_robot_speed", title="Robot's speed in contact", unit="m/s", worse="larger", of=contact_robot_speed
-    ),
-    _meeting(
-        id="ttc", title="Time to collision", unit="s", worse="smaller", of=time_to_collision, shown="closing_speed"
-    ),
-    _meeting(
-        id="stopping_margin",
-        title="Stopping-distance margin",
-        unit="m",
-        worse="smaller",
-        of=stopping_margin,
-        least=None,
-    ),
-    _close(
-        id="intimate_space", title="Intimate space intrusion", unit="%", worse="larger", of=intimate_space, most=100.0
-    ),
-    _close(
-        id="personal_space", title="Personal space intrusion", unit="%", worse="larger", of=personal_space, most=100.0
-    ),
-    _close(id="social_space", title="Social space intrusion", unit="%", worse="larger", of=social_space, most=100.0),
-    _smooth(
-        id="obstacle_distance",
-        title="Minimum distance to obstacles",
-        unit="m",
-        worse="smaller",
-        of=obstacle_distance,
-        shown="obstacle_distance",
-        moved_by="People who make the robot swerve where walls or objects are near.",
-        least=None,
-    ),
-    _smooth(
-        id="acceleration_peak",
-        title="Peak acceleration",
-        unit="m/s²",
-        worse="larger",
-        of=acceleration_peak,
-        shown="acceleration",
-    ),
-    _smooth(
-        id="emergency_stops",
-        title="Emergency stops",
-        unit="events",
-        worse="larger",
-        of=emergency_stops,
-        shown="acceleration",
-    ),
-    _progress(
-        id="standstill",
-        title="Longest standstill",
-        unit="s",
-        worse="larger",
-        of=longest_standstill,
-        shown="speed",
-        most="time_limit",
-    ),
-    _progress(id="detour", title="Detour ratio", unit="1", worse="larger", of=detour_ratio, shown="distance_to_goal"),
-    _progress(
-        id="heading_error",
-        title="Final heading error",
-        unit="rad",
-        worse="larger",
-        of=heading_error,
-        shown="distance_to_goal",
-        moved_by="People who stand at the goal.",
-        most=float(np.pi),
-    ),
-    _progress(
-        id="time_share",
-        title="Share of the time limit used",
-        unit="1",
-        worse="larger",
-        of=time_share,
-        shown="distance_to_goal",
-        most=1.0,
-        censored=True,
-    ),
-)

@@ -16,9 +16,9 @@ from rvsg.app.matrix import Matrix
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.ranking import best_attempt, confirmations
 from rvsg.core.errors import InputError
-from rvsg.evaluation.verdict import counted, number
+from rvsg.evaluation.verdict import counted, number, value_in_words
 from rvsg.report.charts import search_chart
-from rvsg.report.summary import Summary, interval, tried_of
+from rvsg.report.summary import Summary, tried_of
 from rvsg.scenario.builder import save_scenario
 from rvsg_studio.frame import Page, actions, address, chip, link, load, page, route, section, svg, table, tag
 from rvsg_studio.listing import FoundCampaign
@@ -231,7 +231,7 @@ class Live:
         verdict, requirement = worst.verdict, self.state.campaign.requirement
         if verdict is not None:
             scenario = f"Scenario {worst.brief.scenario_index + 1}"
-            self.about.set_text(f"{scenario}: {interval(verdict, requirement.unit)}, {verdict.violations} of "
+            self.about.set_text(f"{scenario}: {value_in_words(verdict, requirement.unit)}, {verdict.violations} of "
                                 f"{counted(verdict.runs, 'run')} violate it.")  # fmt: skip
         if worst.index != self._shown_worst:
             self._shown_worst = worst.index
