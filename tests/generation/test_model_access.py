@@ -294,7 +294,7 @@ def test_a_safety_filter_is_a_refusal_however_it_is_told(behaviour: Behaviour) -
 
 def test_a_refusal_as_an_error_does_not_spend_a_budget_of_dollars(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(self: ModelClient, asked: Request) -> Answer:
-        raise Fault("a safety filter refused it.", refused=True)
+        raise Fault("a safety filter refused it.", then="refused")
 
     monkeypatch.setattr(ModelClient, "_try", refuse)
     budgeted = ModelAccess(ModelClient("openai-chat:gpt-4.1"), Access(budget_usd=1.0))

@@ -79,14 +79,12 @@ class VlmGenerator(Generator):
         prompts: str | Path | None = None,
         **access: Any,
     ) -> None:
-        if conversation not in ("compact", "study"):
-            raise InputError(
-                f'There is no conversation "{conversation}". Choose compact or study.', code="conversation"
-            )
+        if conversation not in CONVERSATIONS:
+            reason = f'There is no conversation "{conversation}". Choose compact or study.'
+            raise InputError(reason, code="conversation")
         if not 0 <= corrections <= 10:
-            raise InputError(
-                f"The rounds of corrections must be between 0 and 10, got {corrections}.", code="corrections"
-            )
+            reason = f"The rounds of corrections must be between 0 and 10, got {corrections}."
+            raise InputError(reason, code="corrections")
         if not 0 <= rehearsals <= 10:
             raise InputError(f"The rehearsals must be between 0 and 10, got {rehearsals}.")
         self.conversation, self.corrections, self.rehearsals = conversation, corrections, rehearsals
@@ -140,7 +138,7 @@ class VlmGenerator(Generator):
 
     def open(self, brief: Brief, world: World) -> Conversation:
         """The conversation about a brief before its first question: what every call of the campaign has in common."""
-        return (CompactConversation if self.conversation == "compact" else StudyConversation)(self, brief, world)
+        return CONVERSATIONS[self.conversation](self, brief, world)
 
     def first_prompts(self, brief: Brief, world: World) -> tuple[Message, ...]:
         """The messages of the first call for a brief, without making it."""
@@ -164,8 +162,7 @@ class VlmGenerator(Generator):
             try:
                 return Rehearsal.model_validate(known) if known is not None else None
             except ValidationError:
-                file = recording.folder / MEASURED
-                raise StoreError(f"{file}: the drive of {session_of(brief)} is damaged.") from None
+                raise self._damaged(f"the drive of {session_of(brief)} is") from None
         if self.rehearse is None:
             return None
         if mission.id not in self._undisturbed:
@@ -195,11 +192,15 @@ class VlmGenerator(Generator):
         try:
             then = brief.model_validate(brief.model_dump(exclude=set(TOLD)) | told)
         except ValidationError:
-            raise StoreError(f"{recording.folder / MEASURED}: the measurements of {session} are damaged.") from None
+            raise self._damaged(f"the measurements of {session} are") from None
         if (then.feedback is None) != (brief.feedback is None):
             return brief
         self._moved += _told_values(brief) != _told_values(then)
         return then
+
+    def _damaged(self, what: str) -> StoreError:
+        assert self.access.recording is not None
+        return StoreError(f"{self.access.recording.folder / MEASURED}: {what} damaged.")
 
 
 class Conversation:
@@ -210,14 +211,15 @@ class Conversation:
         self.drive = generator.undisturbed_drive(brief)
         facts = world_facts(world, description_of(world))
         facts |= brief_facts(brief, world, provoking=generator.provoking, undisturbed=self.drive)
-        pictures = self._pictures()
-        self.dialogue = Dialogue(generator.access, generator.prompts, session_of(brief), facts, pictures=pictures)
+        self.dialogue = Dialogue(
+            generator.access, generator.prompts, session_of(brief), facts, self._pictures(self.drive)
+        )
         self.replies: list[Reply] = []
         self.description = ""
         """That of the scenario, where an answer before the configuration gives it."""
 
-    def _pictures(self) -> tuple[Picture, ...]:
-        return pictures_of(self.world, self.brief.mission.route, self.drive.way if self.drive else ())
+    def _pictures(self, drive: Rehearsal | None) -> tuple[Picture, ...]:
+        return pictures_of(self.world, self.brief.mission.route, drive.way if drive else ())
 
     def first_question(self) -> tuple[str, tuple[Picture, ...]]:
         """Say what comes before the first question; return its template and the pictures it shows."""
@@ -231,7 +233,7 @@ class Conversation:
         """What the reader and the checker find in an answer."""
         if not _of_use(answer):
             reason = "the model refused to answer." if answer.finish == "refused" else "the answer is empty."
-            return Reply(findings=(Finding(rule=f"{answer.finish}-reply", reason=reason),), fatal=True)
+            return Reply(findings=(Finding.of(f"{answer.finish}-reply", reason),), fatal=True)
         names, world = human_names(self.brief.humans), self.world
         reply = read_configuration(answer.text, names, actors=world.actors, lidar_height_m=world.lidar_height_m)
         if reply.people is None:
@@ -290,10 +292,10 @@ class CompactConversation(Conversation):
         self.dialogue.tell("system", role="system")
         self.dialogue.tell("compact-context", shown=self.dialogue.pictures.values(), stable=True)
 
-    def _pictures(self) -> tuple[Picture, ...]:
+    def _pictures(self, drive: Rehearsal | None) -> tuple[Picture, ...]:
         if self.brief.feedback is None:
-            return super()._pictures()
-        return (small_map_of(self.world, self.brief.mission.route, self.drive.way if self.drive else ()),)
+            return super()._pictures(drive)
+        return (small_map_of(self.world, self.brief.mission.route, drive.way if drive else ()),)
 
     def first_question(self) -> tuple[str, tuple[Picture, ...]]:
         """A refinement answers on top of the configuration that was simulated, in the form answers have."""
@@ -328,28 +330,27 @@ class CompactConversation(Conversation):
         In a replay the recorded answer after the rehearsal is taken, where there is one: what a rehearsal shows may
         change with every improvement of the simulator, the recorded answers do not.
         """
+        access, dialogue = self.generator.access, self.dialogue
         rehearsal, found = Rehearsal(robot=(), arrival_s=None), tuple[str, ...]()
         if self.generator.rehearse is not None:
             mission, _ = placed(self.brief.mission, self.world, self._moved(reply))
             rehearsal = self.generator.rehearse(mission, people)
             found = surprises(rehearsal, reply.plan)
-        if not (self._has_recorded_rehearsal() if self.generator.access.replaying else found):
+        wanted = bool(found)
+        if access.replaying:
+            place, ending = place_of(dialogue.session), f"/{len(dialogue.calls) + 1:02d}-rehearse"
+            calls = access.recording or ()
+            wanted = any(call.key.endswith(ending) and place_of(call.session) == place for call in calls)
+        if not wanted:
             return None
         told = rehearsal_facts(rehearsal, passes_of(self.drive, self.world.grid))
         try:
-            answer = self.dialogue.ask(
+            answer = dialogue.ask(
                 "rehearse", "compact-rehearsal", shape=self.shape, surprises=list(found), rehearsal=told
             )
         except BudgetSpent:
             return None  # the valid answer is paid for, and stands
         return self._read(answer)
-
-    def _has_recorded_rehearsal(self) -> bool:
-        """Return whether the next call of the dialogue was recorded as one about a rehearsal."""
-        ending = f"/{len(self.dialogue.calls) + 1:02d}-rehearse"
-        place = place_of(self.dialogue.session)
-        calls = self.generator.access.recording or ()
-        return any(call.key.endswith(ending) and place_of(call.session) == place for call in calls)
 
 
 class StudyConversation(Conversation):
@@ -357,19 +358,16 @@ class StudyConversation(Conversation):
 
     def __init__(self, generator: VlmGenerator, brief: Brief, world: World) -> None:
         super().__init__(generator, brief, world)
-        history = self._history()
+        history, recording = None, generator.access.recording
+        if brief.feedback is not None:
+            refined = brief.feedback.scenario.id
+            history = generator.histories.get(refined) or (
+                recording.history(refined) if recording is not None else None
+            )
         if history is not None:
             self.dialogue.messages = list(history)
         else:
             self.dialogue.tell("system", role="system")
-
-    def _history(self) -> tuple[Message, ...] | None:
-        if self.brief.feedback is None:
-            return None
-        scenario_id, recording = self.brief.feedback.scenario.id, self.generator.access.recording
-        if scenario_id in self.generator.histories:
-            return self.generator.histories[scenario_id]
-        return recording.history(scenario_id) if recording is not None else None
 
     def first_question(self) -> tuple[str, tuple[Picture, ...]]:
         """A refinement without the history of its scenario gets the shortest one that says the same."""
@@ -414,8 +412,11 @@ class StudyConversation(Conversation):
         people = read_path_lines(text, names)
         if people is None:
             reason = f"the lines `human | task | waypoints` for {', '.join(names)} could not be found in your answer."
-            return (Finding(rule="unreadable-reply", reason=reason, suggestion="Give them in exactly that form."),)
+            return (Finding.of("unreadable-reply", reason, "Give them in exactly that form."),)
         return check(read_ends(people, self.world), self.brief.mission, self.world)
+
+
+CONVERSATIONS = {"compact": CompactConversation, "study": StudyConversation}
 
 
 def session_of(brief: Brief) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import textwrap
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -18,13 +19,15 @@ from pydantic import ValidationError
 
 from rvsg.core.documents import read_yaml
 from rvsg.core.errors import FileError, GenerationError, InputError
+from rvsg.core.files import write_whole
+from rvsg.core.inputs import read_text
 from rvsg.core.records import Record
 from rvsg.generation.facts import birdseye_of, pictures_of, world_facts
 from rvsg.generation.generator import Call
 from rvsg.generation.prompts import Dialogue, Prompts
 from rvsg.generation.replies import read_object
 from rvsg.generation.reply_json import TEXT, find_json, object_schema, texts_schema
-from rvsg.generation.vlm.model import Answer, Model
+from rvsg.generation.vlm.model import Answer, Model, Picture
 from rvsg.world.world import Description, World
 from rvsg.world.world_folder import SHIPPED, load_world
 
@@ -39,11 +42,8 @@ class EnvironmentDialogue:
 
     def __init__(self, world: World, model: Model, prompts: Prompts) -> None:
         self.world = world
-        self._labelled, self._grid = pictures_of(world)
-        self._birdseye = birdseye_of(world)
-        pictures = [picture for picture in (self._labelled, self._grid, self._birdseye) if picture is not None]
-        facts = {**world_facts(world), "humans": 2, "heights": self._birdseye is not None}
-        self._dialogue = Dialogue(model, prompts, f"describe-{world.name}", facts, pictures=pictures)
+        self._shown, self._grid, facts = _views(world)
+        self._dialogue = Dialogue(model, prompts, f"describe-{world.name}", facts, (*self._shown, self._grid))
 
     @property
     def calls(self) -> tuple[Call, ...]:
@@ -54,19 +54,16 @@ class EnvironmentDialogue:
         """The three turns; raises GenerationError where the model gives no description even when asked again."""
         dialogue = self._dialogue
         dialogue.tell("system", role="system")
-        first = (self._labelled, self._birdseye) if self._birdseye is not None else (self._labelled,)
-        self._usable(dialogue.ask("layout", "environment-1-layout", shown=first))
-        self._usable(dialogue.ask("grid", "environment-2-grid", shown=(self._grid, self._labelled)))
+        self._usable(dialogue.ask("layout", "environment-1-layout", shown=self._shown))
+        self._usable(dialogue.ask("grid", "environment-2-grid", shown=(self._grid, self._shown[0])))
         return self._read(dialogue.ask("summary", "environment-3-summary", shape=texts_schema(*KEYS)))
 
     def begin_with(self, description: Description) -> None:
         """Begin with a description that exists already, in place of the three turns."""
-        dialogue = self._dialogue
-        dialogue.tell("system", role="system")
-        shown = (self._labelled, *([self._birdseye] if self._birdseye is not None else []), self._grid)
-        dialogue.tell("environment-given", shown=shown)
-        texts = {key: getattr(description, key) for key in KEYS}
-        dialogue.tell_text("assistant", json.dumps(texts, ensure_ascii=False))
+        self._dialogue.tell("system", role="system")
+        self._dialogue.tell("environment-given", shown=(*self._shown, self._grid))
+        texts = description.model_dump(include=set(KEYS))
+        self._dialogue.tell_text("assistant", json.dumps(texts, ensure_ascii=False))
 
     def revise(self, reason: str) -> Description:
         """One more turn: the description corrected for a person's reason."""
@@ -83,9 +80,8 @@ class EnvironmentDialogue:
         texts = read_object(answer.text, KEYS)
         if texts is None:
             problem = 'it holds no JSON object with a text under "layout" and one under "grid".'
-            again = self._dialogue.ask("summary", "reply-unreadable", shape=texts_schema(*KEYS), problem=problem)
-            texts = read_object(again.text, KEYS)
-            answer = again
+            answer = self._dialogue.ask("summary", "reply-unreadable", shape=texts_schema(*KEYS), problem=problem)
+            texts = read_object(answer.text, KEYS)
         if texts is None:
             ended = {"complete": "it held no such JSON", "truncated": "it was cut off by the limit of tokens"}
             raise GenerationError(
@@ -97,6 +93,14 @@ class EnvironmentDialogue:
         return Description(layout=_clipped(texts["layout"]), grid=_clipped(texts["grid"]))
 
 
+def _views(world: World) -> tuple[tuple[Picture, ...], Picture, dict[str, Any]]:
+    """Return the map (with the view from above, where the heights are known), the grid, and the facts of a world."""
+    labelled, grid = pictures_of(world)
+    birdseye = birdseye_of(world)
+    shown = (labelled,) if birdseye is None else (labelled, birdseye)
+    return shown, grid, {**world_facts(world), "humans": 2, "heights": birdseye is not None}
+
+
 def description_of(world: World) -> Description | None:
     """The description of a world: the one in the user's data folder (newer than a shipped one), else its own."""
     path = stored_path(world)
@@ -104,16 +108,10 @@ def description_of(world: World) -> Description | None:
 
 
 def stored_path(world: World) -> Path:
-    """Return where the description of a shipped world is stored."""
-    return data_folder() / "descriptions" / f"{world.name}-{world.id.removeprefix('world-')}.yaml"
-
-
-def data_folder() -> Path:
-    """The user's data folder: RVSG_DATA_DIR, else the place the system has for it."""
-    if chosen := os.environ.get(DATA_VARIABLE):
-        return Path(chosen)
-    base = os.environ.get("XDG_DATA_HOME")
-    return (Path(base) if base else Path.home() / ".local" / "share") / "rvsg"
+    """Return where the description of a shipped world is stored: in the user's data folder."""
+    base = Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share") / "rvsg"
+    folder = Path(os.environ.get(DATA_VARIABLE) or base)
+    return folder / "descriptions" / f"{world.name}-{world.id.removeprefix('world-')}.yaml"
 
 
 def store_description(world: World, description: Description, place: str | Path | None = None) -> Path:
@@ -124,7 +122,7 @@ def store_description(world: World, description: Description, place: str | Path 
     """
     path = Path(place) if place is not None else stored_path(world)
     if path.suffix in (".yaml", ".yml") and path.name != "world.yaml":
-        _write(path, _text(description))
+        write_whole(path, _text(description))
         return path
     if path.name == "world.yaml":
         path = path.parent
@@ -161,64 +159,42 @@ def edited(description: Description, text: str) -> Description:
 
 def editable(description: Description) -> str:
     """The two texts of a description as YAML that is pleasant to edit."""
-    return "".join(f"{key}: |-\n{_indented(_folded(getattr(description, key)), '  ')}\n" for key in KEYS)
+    return "".join(_folded(key, description, "|-") for key in KEYS)
 
 
 def _text(description: Description) -> str:
-    values: dict[str, Any] = description.model_dump(mode="json")
-    lines = [f"{key}: >-\n{_indented(_folded(values[key]), '  ')}" for key in KEYS]
-    rest = {key: value for key, value in values.items() if key not in KEYS and value not in (None, False)}
+    values = description.model_dump(mode="json", exclude=set(KEYS))
+    rest = {key: value for key, value in values.items() if value not in (None, False)}
     tail = yaml.safe_dump(rest, sort_keys=False, allow_unicode=True) if rest else ""
-    return "\n".join(lines) + "\n" + tail
+    return "".join(_folded(key, description, ">-") for key in KEYS) + tail
+
+
+def _folded(key: str, description: Description, style: str) -> str:
+    """Return a text as a block of YAML, broken at spaces as YAML folds it back."""
+    text = " ".join(description.model_dump()[key].split())
+    return f"{key}: {style}\n" + textwrap.indent(
+        textwrap.fill(text, WIDE - 4, break_long_words=False, break_on_hyphens=False) + "\n", "  "
+    )
 
 
 def _store_in_world(path: Path, description: Description) -> None:
     """Replace or add the `description` block of a world.yaml, and check that the world reads back with it."""
-    try:
-        before = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror}") from None
+    before = read_text(path)
     lines, inside = [], False
     for line in before.splitlines():
         if re.match(r"\S", line) and not line.startswith("#"):
             inside = line.startswith("description:")
         if not inside:
             lines.append(line)
-    block = "description:\n" + _indented(_text(description).rstrip("\n"), "  ")
-    _write(path, "\n".join(lines).rstrip("\n") + "\n\n" + block + "\n")
+    block = "description:\n" + textwrap.indent(_text(description), "  ")
+    write_whole(path, "\n".join(lines).rstrip("\n") + "\n\n" + block)
     if load_world(path.parent).description != description:
-        _write(path, before)
+        write_whole(path, before)
         raise FileError(path, "the description could not be stored there; the file is as it was")
-
-
-def _write(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        new = path.with_name(path.name + ".new")
-        new.write_text(text, encoding="utf-8")
-        new.replace(path)
-    except OSError as error:
-        raise FileError(path, f"cannot be written: {error.strerror}") from None
 
 
 def _clipped(text: str) -> str:
     return " ".join(text.split())[:LONGEST_CHARACTERS]
-
-
-def _folded(text: str) -> str:
-    """The text broken into lines of bearable width at spaces, as YAML folds them back."""
-    lines = [""]
-    for word in text.split():
-        if lines[-1] and len(lines[-1]) + 1 + len(word) > WIDE - 4:
-            lines.append(word)
-        else:
-            lines[-1] += (" " if lines[-1] else "") + word
-    return "\n".join(lines)
-
-
-def _indented(text: str, by: str) -> str:
-    return "\n".join(by + line if line else line for line in text.splitlines())
 
 
 LONGEST_NAME = 60
@@ -248,11 +224,8 @@ def propose_area_names(world: World, model: Model, prompts: Prompts) -> AreaName
     Raises:
         GenerationError: it answers without a list of names, also when asked again.
     """
-    labelled, _ = pictures_of(world)
-    birdseye = birdseye_of(world)
-    shown = (labelled,) if birdseye is None else (labelled, birdseye)
-    facts = {**world_facts(world), "humans": 2, "heights": birdseye is not None}
-    dialogue = Dialogue(model, prompts, f"names-{world.name}", facts, pictures=shown)
+    shown, _, facts = _views(world)
+    dialogue = Dialogue(model, prompts, f"names-{world.name}", facts, shown)
     dialogue.tell("system", role="system")
     answer = dialogue.ask("names", "area-names", shown=shown, shape=SHAPE)
     entries = _entries(answer.text)

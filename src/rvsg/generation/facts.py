@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from rvsg.generation.generator import Rehearsal
 from rvsg.generation.replies import LONGEST_DELAY_S, MOST_MOVED
 from rvsg.generation.vlm.model import Picture
-from rvsg.robots.robot import Robot, shipped_robots
-from rvsg.scenario.brief import Arrival, Brief, Feedback, Remembered, Row
+from rvsg.scenario.brief import Brief, Feedback, Remembered, Row
 from rvsg.scenario.placement import start_gap_m
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.rules import SPEED_RANGE_M_S, START_CLEARANCE_M
@@ -33,10 +33,6 @@ from rvsg.scenario.validity import is_walkable
 from rvsg.world.grid import Grid
 from rvsg.world.passages import route_paragraph
 from rvsg.world.world import Description, Route, SolidObject, World
-
-if TYPE_CHECKING:
-    from PIL.Image import Image
-
 
 LONGEST_SERIES = 120
 NEAREST_STARTS = 4
@@ -86,14 +82,22 @@ def human_names(count: int) -> tuple[str, ...]:
 
 def world_facts(world: World, description: Description | None = None) -> dict[str, Any]:
     """Areas, grid and description of a world."""
-    described = description or world.description
-    grid = world.grid
+    described, grid = description or world.description, world.grid
+    xs, ys = zip(*WHEELCHAIR, strict=True)
     return {
         "world_title": world.title,
         "provoking": False,
         "activities": list(world.activities),
         "actors": list(world.actors),
-        "actor_limits": actor_limits(),
+        "actor_limits": {
+            "child": LIMITS[PersonKind.CHILD].speeds_m_s,
+            "wheelchair": LIMITS[PersonKind.WHEELCHAIR].speeds_m_s,
+            "wheelchair_m": (max(xs) - min(xs), max(ys) - min(ys)),
+            "trolley": TROLLEY_SPEEDS_M_S,
+            "trolley_length_m": TROLLEY_LENGTHS_M,
+            "trolley_width_m": TROLLEY_WIDTHS_M,
+            "moved": MOST_MOVED,
+        },
         "layout": described.layout if described else "",
         "grid": described.grid if described else "",
         "areas": [
@@ -119,20 +123,6 @@ def world_facts(world: World, description: Description | None = None) -> dict[st
     }
 
 
-def actor_limits() -> dict[str, Any]:
-    """Return the speeds (m/s) and sizes (m) that the checker allows children, wheelchairs and trolleys, as ranges."""
-    xs, ys = ([corner[i] for corner in WHEELCHAIR] for i in (0, 1))
-    return {
-        "child": LIMITS[PersonKind.CHILD].speeds_m_s,
-        "wheelchair": LIMITS[PersonKind.WHEELCHAIR].speeds_m_s,
-        "wheelchair_m": (max(xs) - min(xs), max(ys) - min(ys)),
-        "trolley": TROLLEY_SPEEDS_M_S,
-        "trolley_length_m": TROLLEY_LENGTHS_M,
-        "trolley_width_m": TROLLEY_WIDTHS_M,
-        "moved": MOST_MOVED,
-    }
-
-
 def _invalid(grid: Grid) -> list[str]:
     """Where nobody can stand: rows with the same columns together, as in `rows A B: 2 to 8, 10`."""
     taken: dict[str, list[int]] = {}
@@ -140,21 +130,16 @@ def _invalid(grid: Grid) -> list[str]:
         if not waypoint.human:
             taken.setdefault(grid.rows[waypoint.row], []).append(waypoint.column)
     alike: dict[tuple[int, ...], list[str]] = {}
-    for row, found in taken.items():
-        alike.setdefault(tuple(sorted(found)), []).append(row)
-    return [
-        f"row{'s' if len(rows) > 1 else ''} {' '.join(rows)}: {', '.join(_in_words(columns, grid.columns))}"
-        for columns, rows in alike.items()
-    ]
-
-
-def _in_words(numbers: Sequence[int], names: Sequence[str]) -> list[str]:
-    """Names of ascending numbers, with `2 to 8` for three and more in a row."""
-    words: list[str] = []
-    for _, group in itertools.groupby(enumerate(numbers), key=lambda pair: pair[1] - pair[0]):
-        run = [names[number] for _, number in group]
-        words += [f"{run[0]} to {run[-1]}"] if len(run) > 2 else run
-    return words
+    for row, columns in taken.items():
+        alike.setdefault(tuple(sorted(columns)), []).append(row)
+    found = []
+    for numbers, rows in alike.items():
+        words: list[str] = []
+        for _, group in itertools.groupby(enumerate(numbers), key=lambda pair: pair[1] - pair[0]):
+            run = [grid.columns[number] for _, number in group]
+            words += [f"{run[0]} to {run[-1]}"] if len(run) > 2 else run
+        found.append(f"row{'s' if len(rows) > 1 else ''} {' '.join(rows)}: {', '.join(words)}")
+    return found
 
 
 def brief_facts(
@@ -165,41 +150,44 @@ def brief_facts(
     Args:
         undisturbed: The drive without people; None where it is not known.
     """
-    requirement = brief.requirement
-    passes = passes_of(undisturbed, world.grid)
-    told = {
-        name: feedback_facts(feedback, requirement, passes) if feedback else None
-        for name, feedback in (("feedback", brief.feedback), ("untold", brief.untold))
+    requirement, mission, grid = brief.requirement, brief.mission, world.grid
+    passes = passes_of(undisturbed, grid)
+    fields = Human.model_fields
+    radius = fields["radius_m"].default
+    # Where nobody may start because of the robot, and the nearest waypoints where people may.
+    start = mission.route.start
+    free = [waypoint for waypoint in grid.waypoints if waypoint.human]
+    taken = [w.name for w in free if start_gap_m(radius, (w.x, w.y), mission) < START_CLEARANCE_M]
+    rest = sorted(free, key=lambda w: (math.dist((w.x, w.y), (start.x, start.y)), w.name))
+    starts = {
+        "taken": taken or [grid.nearest(start.x, start.y)],
+        "nearest_starts": [w.name for w in rest if w.name not in taken][:NEAREST_STARTS],
+        "apart_m": 2 * radius,
     }
+    drive = None
+    if undisturbed is not None and undisturbed.robot:
+        line = [{"time_s": time, "at": at} for time, at in undisturbed.robot]
+        drive = {"line": line, "arrival_s": undisturbed.arrival_s}
     return {
-        "route": route_facts(brief.mission, world, undisturbed) | start_facts(brief.mission, world.grid),
-        "drive": drive_facts(undisturbed),
+        "route": route_facts(mission, world, undisturbed) | starts,
+        "drive": drive,
         "requirement": requirement_facts(requirement) | {"moved_by": brief.moved_by} if requirement else None,
-        "robot": robot_facts(brief.mission),
+        "robot": _robot_facts(mission),
         "humans": brief.humans,
         "names": list(human_names(brief.humans)),
         "behaviours": [{"name": b.value, "meaning": MEANINGS[b]} for b in offered(provoking)],
         "provoking": provoking,
         "speed_range": list(SPEED_RANGE_M_S),
         "longest_delay_s": LONGEST_DELAY_S,
-        "person_radius_m": Human.model_fields["radius_m"].default,
-        "goal_radius_m": Human.model_fields["goal_radius_m"].default,
-        "walking_speed_m_s": Human.model_fields["speed_m_s"].default,
+        "person_radius_m": radius,
+        "goal_radius_m": fields["goal_radius_m"].default,
+        "walking_speed_m_s": fields["speed_m_s"].default,
         "memory": [_remembered(earlier) for earlier in brief.memory],
         "lessons": list(brief.lessons),
         "tunes": brief.tunes,
-        **told,
+        "feedback": feedback_facts(brief.feedback, requirement, passes) if brief.feedback else None,
+        "untold": feedback_facts(brief.untold, requirement, passes) if brief.untold else None,
     }
-
-
-def start_facts(mission: Mission, grid: Grid) -> dict[str, Any]:
-    """Where nobody may start because of the robot, the nearest waypoints where people may, and how far apart (m)."""
-    start, radius = mission.route.start, Human.model_fields["radius_m"].default
-    free = [waypoint for waypoint in grid.waypoints if waypoint.human]
-    taken = [w.name for w in free if start_gap_m(radius, (w.x, w.y), mission) < START_CLEARANCE_M]
-    rest = sorted(free, key=lambda w: (math.dist((w.x, w.y), (start.x, start.y)), w.name))
-    nearest = [w.name for w in rest if w.name not in taken][:NEAREST_STARTS]
-    return {"taken": taken or [grid.nearest(start.x, start.y)], "nearest_starts": nearest, "apart_m": 2 * radius}
 
 
 def route_facts(mission: Mission, world: World, undisturbed: Rehearsal | None = None) -> dict[str, Any]:
@@ -228,12 +216,12 @@ def route_facts(mission: Mission, world: World, undisturbed: Rehearsal | None = 
     }
 
 
-def robot_facts(mission: Mission) -> dict[str, Any] | None:
+def _robot_facts(mission: Mission) -> dict[str, Any] | None:
     """Speed, size and goal tolerance of the robot; None for a robot that only another simulator knows."""
-    robot = mission.robot if isinstance(mission.robot, Robot) else shipped_robots().get(mission.robot)
+    robot = mission.robot_record
     if robot is None:
         return None
-    xs, ys = ([point[i] for point in robot.footprint] for i in (0, 1))
+    xs, ys = zip(*robot.footprint, strict=True)
     return {
         "speed_m_s": min(robot.limits.speed_m_s, robot.navigation.smoother.max_speed_m_s or math.inf),
         "length_m": max(xs) - min(xs),
@@ -244,107 +232,77 @@ def robot_facts(mission: Mission) -> dict[str, Any] | None:
 
 def requirement_facts(requirement: Requirement) -> dict[str, Any]:
     """A requirement as prompts tell it."""
+    rule = f"how far the drive is from breaking the rule: {requirement.formula} (below 0 it is broken)"
     return {
         "title": requirement.title,
         "text": requirement.text,
-        "measure": _measured(requirement),
+        "measure": requirement.measured_as or (rule if requirement.formula is not None else str(requirement.metric)),
         "unit": requirement.unit,
         "worse": requirement.worse,
         "limit": requirement.threshold,
     }
 
 
-def _measured(requirement: Requirement) -> str:
-    if requirement.formula is not None and not requirement.measured_as:
-        return f"how far the drive is from breaking the rule: {requirement.formula} (below 0 it is broken)"
-    return requirement.measured_as or str(requirement.metric)
-
-
-def feedback_facts(
-    feedback: Feedback, requirement: Requirement | None, passes: Mapping[str, Pass] | None = None
-) -> dict[str, Any]:
+def feedback_facts(feedback: Feedback, requirement: Requirement | None, passes: Mapping[str, Pass]) -> dict[str, Any]:
     """A result as prompts tell it; `better` says the last change moved the value where the test wants it.
 
     Args:
         passes: When the robot passes which waypoint without people.
     """
-    worse = requirement.worse if requirement else "smaller"
-    previous = feedback.previous_mean
-    better = previous is not None and (feedback.mean < previous if worse == "smaller" else feedback.mean > previous)
-    limit = requirement.threshold if requirement else None
-    spread = max(feedback.objectives) - min(feedback.objectives) > NEWS * abs(feedback.mean)
+    worse, limit = (requirement.worse, requirement.threshold) if requirement else ("smaller", None)
+    previous, values, people = feedback.previous_mean, feedback.objectives, feedback.scenario.people
+    spread = max(values) - min(values) > NEWS * abs(feedback.mean)
+    begins = {human.name: human.tasks[0].path[0] for human in people.humans}
+    rows, shown = [], set[int]()
+    for row in feedback.rows:
+        standing = [k for k, stop in enumerate(feedback.stops) if stop.time_s <= row.time_s <= stop.until_s]
+        stop = feedback.stops[standing[0]].model_dump(mode="json") if standing else None
+        rows.append(_row(row, passes) | {"stop": stop})
+        shown.update(standing)
     return {
         "beyond": None if limit is None else (limit - feedback.mean) * (1 if worse == "smaller" else -1),
-        "at_limit": feedback.capped == len(feedback.objectives),
-        "runs": len(feedback.objectives),
+        "at_limit": feedback.capped == len(values),
+        "runs": len(values),
         "spread": spread,
         "mildest_parts": [part.model_dump() for part in feedback.mildest_parts] if spread else [],
         "low": feedback.interval[0],
         "high": feedback.interval[1],
         "separable": bool(feedback.separable),
-        "better": better,
+        "better": previous is not None
+        and (feedback.mean < previous if worse == "smaller" else feedback.mean > previous),
         "moments": [
             moment.model_dump(mode="json") | {"humans_at": [{"name": n, "at": a} for n, a in moment.humans_at.items()]}
             for moment in feedback.moments
         ],
         **feedback.model_dump(mode="json", include=set(TOLD_AS_MEASURED)),
-        "rows": [
-            row.model_dump(mode="json") | {"behind_s": _behind_s(row, passes or {}), "stop": _stop_at(row, feedback)}
-            for row in feedback.rows
-        ],
-        "stops_between": _stops_between(feedback),
+        "rows": rows,
+        "stops_between": [s.model_dump(mode="json") for k, s in enumerate(feedback.stops) if k not in shown],
         "planned": any(feedback.planned.values()),
-        "arrivals": {
-            name: [a.model_dump() | {"planned_s": feedback.planned.get(name, {}).get(a.at)} for a in arrived]
-            for name, arrived in _telling(feedback).items()
-        },
-        "missed": _missed(feedback),
+        "arrivals": {human.name: _arrivals(human, feedback) for human in people.humans},
+        "missed": [
+            {"name": name, "at": at, "time_s": time}
+            for name, moments in feedback.planned.items()
+            for at, time in moments.items()
+            if at != begins.get(name) and at not in {arrival.at for arrival in feedback.arrivals.get(name, ())}
+        ],
         "weaker": feedback_facts(feedback.weaker, requirement, passes) if feedback.weaker else None,
-        "configuration": configuration_object(feedback.scenario.people),
+        "configuration": configuration_object(people),
         "best": configuration_object(feedback.best.people) if feedback.best else None,
         "series": [sample.model_dump(mode="json") for sample in feedback.series[:LONGEST_SERIES]],
     }
 
 
-def _telling(feedback: Feedback) -> dict[str, list[Arrival]]:
-    """The first arrivals of everybody where they planned to be, pause, end a task or come last, in order.
+def _arrivals(human: Human, feedback: Feedback) -> list[dict[str, Any]]:
+    """Return a person's first arrivals where they planned to be, pause, end a task or come last, in order.
 
     The table shows the way between.
     """
-    found = {}
-    for human in feedback.scenario.people.humans:
-        wanted = {at for task in human.tasks for at in (*task.path[-1:], *(pause.at for pause in task.pauses))}
-        wanted |= set(feedback.planned.get(human.name, {}))
-        earliest: dict[str, Arrival] = {}
-        for arrival in feedback.arrivals.get(human.name, ()):
-            earliest.setdefault(arrival.at, arrival)
-        last = list(earliest)[-1:]
-        found[human.name] = [arrival for at, arrival in earliest.items() if at in wanted or at in last]
-    return found
-
-
-def _stop_at(row: Row, feedback: Feedback) -> dict[str, Any] | None:
-    """Why the robot stands at the time of a row; None where it drives."""
-    stop = next((stop for stop in feedback.stops if stop.time_s <= row.time_s <= stop.until_s), None)
-    return stop.model_dump(mode="json") if stop is not None else None
-
-
-def _stops_between(feedback: Feedback) -> list[dict[str, Any]]:
-    """The stops at which the table has no line."""
-    times = [row.time_s for row in feedback.rows]
-    between = (s for s in feedback.stops if not any(s.time_s <= time <= s.until_s for time in times))
-    return [stop.model_dump(mode="json") for stop in between]
-
-
-def _missed(feedback: Feedback) -> list[dict[str, Any]]:
-    """What was planned and did not happen: who did not reach which waypoint."""
-    begins = {human.name: human.tasks[0].path[0] for human in feedback.scenario.people.humans}
-    return [
-        {"name": name, "at": at, "time_s": time}
-        for name, moments in feedback.planned.items()
-        for at, time in moments.items()
-        if at != begins.get(name) and at not in {arrival.at for arrival in feedback.arrivals.get(name, ())}
-    ]
+    planned = feedback.planned.get(human.name, {})
+    wanted = {at for task in human.tasks for at in (*task.path[-1:], *(pause.at for pause in task.pauses))} | {*planned}
+    first = {arrival.at: arrival for arrival in reversed(feedback.arrivals.get(human.name, ()))}
+    order = dict.fromkeys(arrival.at for arrival in feedback.arrivals.get(human.name, ()))
+    wanted |= set(list(order)[-1:])
+    return [first[at].model_dump() | {"planned_s": planned.get(at)} for at in order if at in wanted]
 
 
 def passes_of(undisturbed: Rehearsal | None, grid: Grid) -> dict[str, Pass]:
@@ -358,16 +316,14 @@ def passes_of(undisturbed: Rehearsal | None, grid: Grid) -> dict[str, Pass]:
 
 def rehearsal_facts(rehearsal: Rehearsal, passes: Mapping[str, Pass]) -> dict[str, Any]:
     """A rehearsal as prompts tell it."""
-    rows = [row.model_dump(mode="json") | {"behind_s": _behind_s(row, passes), "stop": None} for row in rehearsal.rows]
-    return {"arrival_s": rehearsal.arrival_s, "rows": rows}
+    return {"arrival_s": rehearsal.arrival_s, "rows": [_row(row, passes) | {"stop": None} for row in rehearsal.rows]}
 
 
-def _behind_s(row: Row, passes: Mapping[str, Pass]) -> int | None:
-    """How much later than without people the robot is at the waypoint of a row; None where it never is there then."""
-    if row.robot_at not in passes:
-        return None
-    first, last = passes[row.robot_at]
-    return round(max(0.0, row.time_s - last) + min(0.0, row.time_s - first))
+def _row(row: Row, passes: Mapping[str, Pass]) -> dict[str, Any]:
+    """Return a row with how much later than without people the robot is there; None where it never is there then."""
+    first, last = passes.get(row.robot_at, (math.nan, math.nan))
+    behind = max(0.0, row.time_s - last) + min(0.0, row.time_s - first)
+    return row.model_dump(mode="json") | {"behind_s": round(behind) if row.robot_at in passes else None}
 
 
 def configuration_object(
@@ -398,37 +354,35 @@ def configuration_object(
         if human.trolley is not None:
             chosen["trolley"] = human.trolley.model_dump(mode="json")
         humans.append({"name": human.name, **(chosen if rich else {}), "tasks": tasks})
-    told = {"moved": [_moved(thing) for thing in moved]} if moved else {}
-    return ({"description": description} if description is not None else {}) | {"humans": humans} | told
-
-
-def _moved(thing: SolidObject) -> dict[str, Any]:
-    """Return a moved object in the form replies have."""
-    (x, y, _), (length, width, height) = thing.box.center, thing.box.size
-    size = {"length_m": length, "width_m": width, "height_m": height}
-    return {"name": thing.name, "x": x, "y": y, **size, "yaw": thing.box.yaw}
+    told: dict[str, Any] = {} if description is None else {"description": description}
+    told["humans"] = humans
+    if moved:
+        told["moved"] = []
+    for thing in moved:
+        (x, y, _), sizes = thing.box.center, zip(("length_m", "width_m", "height_m"), thing.box.size, strict=True)
+        told["moved"].append({"name": thing.name, "x": x, "y": y, **dict(sizes), "yaw": thing.box.yaw})
+    return told
 
 
 def answer_object(feedback: Feedback, moved: Sequence[SolidObject] = ()) -> Any:
-    """The configuration that was simulated as its generator answered it, with its analysis.
+    """The configuration that was simulated as its generator answered it, with the end of its analysis.
 
     The plan is told beside the arrivals.
     """
     found = configuration_object(feedback.scenario.people, feedback.scenario.description, moved=moved)
-    return ({"analysis": _end_of(feedback.analysis)} if feedback.analysis else {}) | found
-
-
-def _end_of(text: str) -> str:
-    """The last sentences of a text, `LONGEST_ANALYSIS` characters at most."""
-    if len(text) <= LONGEST_ANALYSIS:
-        return text
-    end = text[-LONGEST_ANALYSIS:]
-    begin = end.find(". ") + 2 if ". " in end else end.find(" ") + 1
-    return f"... {end[begin:]}"
+    analysis = feedback.analysis
+    if len(analysis) > LONGEST_ANALYSIS:
+        end = analysis[-LONGEST_ANALYSIS:]
+        begin = end.find(". ") + 2 if ". " in end else end.find(" ") + 1
+        analysis = f"... {end[begin:]}"
+    return ({"analysis": analysis} if analysis else {}) | found
 
 
 def _remembered(earlier: Remembered) -> dict[str, Any]:
-    how = {human.name: _how(human) for human in earlier.scenario.people.humans}
+    how = {}
+    for human in earlier.scenario.people.humans:
+        waits = f", sets off after {human.start_delay_s:g} s" if human.start_delay_s else ""
+        how[human.name] = f"{human.behaviour.value}, {human.speed_m_s:g} m/s{waits}"
     return {
         "description": earlier.description,
         "tasks": [{"name": name, "how": how.get(name, ""), "tasks": list(t)} for name, t in earlier.tasks.items()],
@@ -439,12 +393,6 @@ def _remembered(earlier: Remembered) -> dict[str, Any]:
         "high": earlier.interval[1],
         "lesson": earlier.lesson,
     }
-
-
-def _how(human: Human) -> str:
-    """How somebody walks, in few words."""
-    waits = f", sets off after {human.start_delay_s:g} s" if human.start_delay_s else ""
-    return f"{human.behaviour.value}, {human.speed_m_s:g} m/s{waits}"
 
 
 def neighbour_rule(grid: Grid, hops: Iterable[tuple[str, str]]) -> dict[str, Any]:
@@ -477,20 +425,10 @@ def neighbour_rule(grid: Grid, hops: Iterable[tuple[str, str]]) -> dict[str, Any
     return {"diagonal": with_diagonals, "not_joined": listed(ruled - free), "also_joined": listed(free - ruled)}
 
 
-def drive_facts(undisturbed: Rehearsal | None) -> dict[str, Any] | None:
-    """The undisturbed drive as prompts tell it; None where it is not known."""
-    if undisturbed is None or not undisturbed.robot:
-        return None
-    line = [{"time_s": time, "at": at} for time, at in undisturbed.robot]
-    return {"line": line, "arrival_s": undisturbed.arrival_s}
-
-
 Way = tuple[tuple[float, float, float], ...]
 PICTURE_WIDTH_PX = 1600
 MAP_WIDTH_PX, SMALL_MAP_WIDTH_PX = 1024, 512
 """Widths of the labelled map. Services cut pictures into tiles of 512 x 512 and charge for each."""
-_MOST_KEPT = 24
-_KEPT: dict[tuple[object, ...], Picture] = {}
 
 
 def pictures_of(world: World, route: Route | None = None, way: Way = ()) -> tuple[Picture, Picture]:
@@ -500,11 +438,7 @@ def pictures_of(world: World, route: Route | None = None, way: Way = ()) -> tupl
         way: The drive without people as (seconds, x, y). The labelled map shows it with a mark every 5 s, instead of
             the straight lines between the points of the route.
     """
-    from rvsg.world.drawing import grid_picture
-
-    name = "grid of waypoints"
-    grid = _kept((name, world.id, world.title), lambda: grid_picture(world, width_px=PICTURE_WIDTH_PX))
-    return _labelled(world, route, way, MAP_WIDTH_PX), grid
+    return _labelled_map(world, route, way, MAP_WIDTH_PX), _grid_picture(world)
 
 
 def small_map_of(world: World, route: Route | None = None, way: Way = ()) -> Picture:
@@ -512,33 +446,26 @@ def small_map_of(world: World, route: Route | None = None, way: Way = ()) -> Pic
 
     It is enough for a refinement, which knows its areas and waypoints; the text holds the grid.
     """
-    return _labelled(world, route, way, SMALL_MAP_WIDTH_PX)
+    return _labelled_map(world, route, way, SMALL_MAP_WIDTH_PX)
 
 
-def _labelled(world: World, route: Route | None, way: Way, width_px: int) -> Picture:
-    from rvsg.world.drawing import labelled_map
+@lru_cache(maxsize=16)
+def _labelled_map(world: World, route: Route | None, way: Way, width_px: int) -> Picture:
+    from rvsg.world.drawing import labelled_map, png_bytes
 
-    drive = way if _moves(way) else None
-    key = ("labelled map", world.id, world.title, route.id if route else "", way, width_px)
-    return _kept(key, lambda: labelled_map(world, width_px=width_px, route=route, way=drive))
-
-
-def _kept(key: tuple[str, *tuple[object, ...]], draw: Callable[[], Image]) -> Picture:
-    """Return the picture of a key, whose first part is its name; drawn if it is not kept."""
-    if key not in _KEPT:
-        from rvsg.world.drawing import png_bytes
-
-        picture = Picture(name=key[0], png=png_bytes(draw()))
-        while len(_KEPT) >= _MOST_KEPT:
-            _KEPT.pop(next(iter(_KEPT)))
-        _KEPT[key] = picture
-    return _KEPT[key]
+    moves = len({(x, y) for _, x, y in way}) > 1
+    drawn = labelled_map(world, width_px=width_px, route=route, way=way if moves else None)
+    return Picture(name="labelled map", png=png_bytes(drawn))
 
 
-def _moves(way: Way) -> bool:
-    return len({(x, y) for _, x, y in way}) > 1
+@lru_cache(maxsize=4)
+def _grid_picture(world: World) -> Picture:
+    from rvsg.world.drawing import grid_picture, png_bytes
+
+    return Picture(name="grid of waypoints", png=png_bytes(grid_picture(world, width_px=PICTURE_WIDTH_PX)))
 
 
+@lru_cache(maxsize=4)
 def birdseye_of(world: World) -> Picture | None:
     """The world seen slantingly from above; None for a world from a bare map, which does not know its heights.
 
@@ -548,6 +475,7 @@ def birdseye_of(world: World) -> Picture | None:
     """
     if not world.objects:
         return None
+    from rvsg.world.drawing import png_bytes
     from rvsg.world.drawing.birdseye import birdseye
 
-    return _kept(("bird's-eye view", world.id, world.title), lambda: birdseye(world, width_px=PICTURE_WIDTH_PX))
+    return Picture(name="bird's-eye view", png=png_bytes(birdseye(world, width_px=PICTURE_WIDTH_PX)))

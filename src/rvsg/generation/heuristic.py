@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from functools import cache
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -41,36 +40,131 @@ from rvsg.generation.people_sampler import (
 )
 from rvsg.generation.replies import LONGEST_DELAY_S
 from rvsg.generation.workplaces import Place, follows, named_in, places_of, sentence, walking_graph
-from rvsg.scenario.brief import Brief, Feedback, Remembered
+from rvsg.scenario.brief import Brief, Feedback
 from rvsg.scenario.placement import spawn_finding, start_gap_m
 from rvsg.scenario.requirement import Aim
 from rvsg.scenario.rules import START_CLEARANCE_M
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Pause, Task, at_places, ends_of
 from rvsg.world.world import World
 
-Change = Callable[["Changing", Human], tuple[Human, str] | None]
+Change = Callable[[Human], tuple[Human, str] | None]
 
 SPEEDS_M_S = (0.45, 1.6)
 
 
-class Changing:
-    """Changes people at random, after what the feedback says of them."""
+class _Changes:
+    """Random changes of a person, after what the feedback says of them."""
 
     def __init__(self, work: PeopleSampler, feedback: Feedback) -> None:
-        self.work = work
+        self.work, self.rng = work, work.rng
         self.idle = {name for influence in feedback.influences for name in influence.idle_waypoints}
         """Waypoints that never came near the robot."""
+        changes: list[tuple[Change, float]] = [
+            (self.delay, 3.0),
+            (self.speed, 3.0),
+            (self.pause, 2.0),
+            (self.first, 1.5),
+            (self.turned, 1.0),
+            (self.moved, 2.0),
+            (self.replaced, 1.0),
+            (self.shortened, 1.0),
+            (self.anew, 0.5),
+        ]
+        changes += [(self.elsewhere, 1.0)] if work.aim in UNDERWAY else []
+        changes += [(self.heedless, 0.5)] if work.aim in HEEDLESS_AIMS else []
+        self.changes = [change for change, _ in changes]
+        self.shares = shares_of([weight for _, weight in changes])
 
     def once(self, human: Human) -> tuple[Human, str] | None:
         """One random change and its words; None where it is not possible for this person."""
-        changes, shares = _changes_for(self.work.aim)
-        return changes[drawn(shares, self.work.rng)](self, human)
+        return self.changes[drawn(self.shares, self.rng)](human)
 
-    def pick_idle(self, stops: Sequence[Stop]) -> int:
+    def delay(self, human: Human) -> tuple[Human, str]:
+        delay = round(min(LONGEST_DELAY_S, max(0.0, human.start_delay_s + float(self.rng.normal(0.0, 2.0)))), 1)
+        return human.model_copy(update={"start_delay_s": delay}), f"sets off after {delay:g} s"
+
+    def speed(self, human: Human) -> tuple[Human, str]:
+        low, high = SPEEDS_M_S
+        speed = round(min(high, max(low, human.speed_m_s * float(self.rng.lognormal(0.0, 0.15)))), 2)
+        return human.model_copy(update={"speed_m_s": speed}), f"walks at {speed:g} m/s"
+
+    def pause(self, human: Human) -> tuple[Human, str]:
+        k = int(self.rng.integers(len(human.tasks)))
+        task = human.tasks[k]
+        if task.pauses and self.rng.random() < 0.4:
+            changed, words = task.model_copy(update={"pauses": ()}), f"no longer stops in {task.name}"
+        else:
+            at = self.work.pick(task.path, [2.718 ** -self.work.ground.along(n)[1] for n in task.path])
+            pause = Pause(at=at, duration_s=round(float(self.rng.uniform(2.0, 12.0)), 1))
+            changed = task.model_copy(update={"pauses": (pause,)})
+            words = f"stops at {at} for {pause.duration_s:g} s"
+        return human.model_copy(update={"tasks": (*human.tasks[:k], changed, *human.tasks[k + 1 :])}), words
+
+    def first(self, human: Human) -> tuple[Human, str] | None:
+        if len(human.tasks) < 2:
+            return None
+        by = int(self.rng.integers(1, len(human.tasks)))
+        tasks = (*human.tasks[by:], *human.tasks[:by])
+        return human.model_copy(update={"tasks": tasks}), f"begins with {tasks[0].name}"
+
+    def turned(self, human: Human) -> tuple[Human, str] | None:
+        if (stops := self._stops(human)) is None:
+            return None
+        turned = [stops[0], *reversed(stops[1:])] if len(stops) > 2 else stops[::-1]
+        return self._rebuilt(human, turned, "goes round the other way")
+
+    def moved(self, human: Human) -> tuple[Human, str] | None:
+        if (stops := self._stops(human)) is None:
+            return None
+        k = int(self.rng.integers(len(stops)))
+        others = {stops[k - 1].waypoint, stops[(k + 1) % len(stops)].waypoint, stops[k].waypoint}
+        if (stop := self.work.at(stops[k].place, others)) is None:
+            return None
+        words = f"works {stop.place.name} from {stop.waypoint}"
+        return self._rebuilt(human, [*stops[:k], stop, *stops[k + 1 :]], words)
+
+    def replaced(self, human: Human) -> tuple[Human, str] | None:
+        if (stops := self._stops(human)) is None:
+            return None
+        k = self._idle(stops)
+        if (stop := self.work.stop(stops[:k] or stops[-1:], self.work.role())) is None:
+            return None
+        words = f"works {stop.place.name} instead of {stops[k].place.name}"
+        return self._rebuilt(human, [*stops[:k], stop, *stops[k + 1 :]], words)
+
+    def shortened(self, human: Human) -> tuple[Human, str] | None:
+        stops = self._stops(human)
+        if stops is None or len(stops) < 3:
+            return None
+        k = self._idle(stops)
+        return self._rebuilt(human, stops[:k] + stops[k + 1 :], f"leaves {stops[k].place.name} out")
+
+    def anew(self, human: Human) -> tuple[Human, str] | None:
+        changed = self.work.human(human.name, self.work.role())
+        if changed is None:
+            return None
+        kept: dict[str, object] = {"factors": human.factors}
+        if human.behaviour is Behaviour.THREATENING:
+            kept["behaviour"] = human.behaviour
+        return changed.model_copy(update=kept), work_of(changed, goods=self.work.goods)
+
+    def elsewhere(self, human: Human) -> tuple[Human, str] | None:
+        changed = self.work.underway(human)
+        at = changed.tasks[0].path[0]
+        return (changed, f"is already at {at} when the robot sets off") if changed != human else None
+
+    def heedless(self, human: Human) -> tuple[Human, str] | None:
+        if human.behaviour is Behaviour.THREATENING:
+            return None
+        if human.behaviour is Behaviour.IMPASSIVE:
+            return human.model_copy(update={"behaviour": Behaviour.REGULAR}), "steps aside for the robot"
+        return human.model_copy(update={"behaviour": Behaviour.IMPASSIVE}), "does not step aside for the robot"
+
+    def _idle(self, stops: Sequence[Stop]) -> int:
         """Draw the index of a stop, rather of an idle one."""
         return self.work.pick(range(len(stops)), [4.0 if stop.waypoint in self.idle else 1.0 for stop in stops])
 
-    def stops(self, human: Human) -> list[Stop] | None:
+    def _stops(self, human: Human) -> list[Stop] | None:
         """Return where a person's tasks start; None where one does not start at a place."""
         by_name = {place.name: place for place in self.work.places}
         stops = []
@@ -83,8 +177,8 @@ class Changing:
             stops.append(Stop(place, at))
         return stops
 
-    def rebuilt(self, human: Human, stops: list[Stop]) -> Human | None:
-        """The person going round these stops, with the pauses that still lie on the way."""
+    def _rebuilt(self, human: Human, stops: list[Stop], words: str) -> tuple[Human, str] | None:
+        """The person going round these stops, with the pauses still on the way; None if they are not joined."""
         tasks = self.work.tasks(stops, along_route=self.work.aim is not Aim.NONE)
         if not tasks:
             return None
@@ -93,142 +187,7 @@ class Changing:
             task.model_copy(update={"pauses": tuple(p for p in pauses if p.at in task.path[1:])}) for task in tasks
         )
         changed = human.model_copy(update={"tasks": kept})
-        return self.work.underway(changed) if at_places(human.tasks) != human.tasks else changed
-
-
-def _delay(changing: Changing, human: Human) -> tuple[Human, str]:
-    rng = changing.work.rng
-    delay = round(min(LONGEST_DELAY_S, max(0.0, human.start_delay_s + float(rng.normal(0.0, 2.0)))), 1)
-    return human.model_copy(update={"start_delay_s": delay}), f"sets off after {delay:g} s"
-
-
-def _speed(changing: Changing, human: Human) -> tuple[Human, str]:
-    low, high = SPEEDS_M_S
-    speed = round(min(high, max(low, human.speed_m_s * float(changing.work.rng.lognormal(0.0, 0.15)))), 2)
-    return human.model_copy(update={"speed_m_s": speed}), f"walks at {speed:g} m/s"
-
-
-def _pause(changing: Changing, human: Human) -> tuple[Human, str]:
-    rng = changing.work.rng
-    index = int(rng.integers(len(human.tasks)))
-    task = human.tasks[index]
-    if task.pauses and rng.random() < 0.4:
-        changed, words = task.model_copy(update={"pauses": ()}), f"no longer stops in {task.name}"
-    else:
-        at = changing.work.pick(task.path, [2.718 ** -changing.work.ground.along(n)[1] for n in task.path])
-        pause = Pause(at=at, duration_s=round(float(rng.uniform(2.0, 12.0)), 1))
-        changed = task.model_copy(update={"pauses": (pause,)})
-        words = f"stops at {at} for {pause.duration_s:g} s"
-    return _with_task(human, index, changed), words
-
-
-def _first(changing: Changing, human: Human) -> tuple[Human, str] | None:
-    if len(human.tasks) < 2:
-        return None
-    by = int(changing.work.rng.integers(1, len(human.tasks)))
-    tasks = (*human.tasks[by:], *human.tasks[:by])
-    return human.model_copy(update={"tasks": tasks}), f"begins with {tasks[0].name}"
-
-
-StopChange = Callable[[Changing, list[Stop]], tuple[list[Stop], str] | None]
-
-
-def _of_stops(change: StopChange) -> Change:
-    """Return the change of a person who goes round other stops; None where those are not joined."""
-
-    def changed(changing: Changing, human: Human) -> tuple[Human, str] | None:
-        stops = changing.stops(human)
-        new = change(changing, stops) if stops is not None else None
-        person = changing.rebuilt(human, new[0]) if new is not None else None
-        return (person, new[1]) if new is not None and person is not None else None
-
-    return changed
-
-
-@_of_stops
-def _turned(changing: Changing, stops: list[Stop]) -> tuple[list[Stop], str]:
-    return [stops[0], *reversed(stops[1:])] if len(stops) > 2 else stops[::-1], "goes round the other way"
-
-
-@_of_stops
-def _moved(changing: Changing, stops: list[Stop]) -> tuple[list[Stop], str] | None:
-    index = int(changing.work.rng.integers(len(stops)))
-    others = {stops[index - 1].waypoint, stops[(index + 1) % len(stops)].waypoint, stops[index].waypoint}
-    stop = changing.work.at(stops[index].place, others)
-    if stop is None:
-        return None
-    return [*stops[:index], stop, *stops[index + 1 :]], f"works {stop.place.name} from {stop.waypoint}"
-
-
-@_of_stops
-def _replaced(changing: Changing, stops: list[Stop]) -> tuple[list[Stop], str] | None:
-    index = changing.pick_idle(stops)
-    stop = changing.work.stop(stops[:index] or stops[-1:], changing.work.role())
-    if stop is None:
-        return None
-    words = f"works {stop.place.name} instead of {stops[index].place.name}"
-    return [*stops[:index], stop, *stops[index + 1 :]], words
-
-
-@_of_stops
-def _shortened(changing: Changing, stops: list[Stop]) -> tuple[list[Stop], str] | None:
-    if len(stops) < 3:
-        return None
-    index = changing.pick_idle(stops)
-    return stops[:index] + stops[index + 1 :], f"leaves {stops[index].place.name} out"
-
-
-def _anew(changing: Changing, human: Human) -> tuple[Human, str] | None:
-    changed = changing.work.human(human.name, changing.work.role())
-    if changed is None:
-        return None
-    kept: dict[str, object] = {"factors": human.factors}
-    if human.behaviour is Behaviour.THREATENING:
-        kept["behaviour"] = human.behaviour
-    return changed.model_copy(update=kept), work_of(changed, goods=changing.work.goods)
-
-
-def _elsewhere(changing: Changing, human: Human) -> tuple[Human, str] | None:
-    changed = changing.work.underway(human)
-    at = changed.tasks[0].path[0]
-    return (changed, f"is already at {at} when the robot sets off") if changed != human else None
-
-
-def _heedless(changing: Changing, human: Human) -> tuple[Human, str] | None:
-    if human.behaviour is Behaviour.THREATENING:
-        return None
-    if human.behaviour is Behaviour.IMPASSIVE:
-        return human.model_copy(update={"behaviour": Behaviour.REGULAR}), "steps aside for the robot"
-    return human.model_copy(update={"behaviour": Behaviour.IMPASSIVE}), "does not step aside for the robot"
-
-
-def _with_task(human: Human, index: int, task: Task) -> Human:
-    return human.model_copy(update={"tasks": (*human.tasks[:index], task, *human.tasks[index + 1 :])})
-
-
-_CHANGES: tuple[tuple[Change, float], ...] = (
-    (_delay, 3.0),
-    (_speed, 3.0),
-    (_pause, 2.0),
-    (_first, 1.5),
-    (_turned, 1.0),
-    (_moved, 2.0),
-    (_replaced, 1.0),
-    (_shortened, 1.0),
-    (_anew, 0.5),
-)
-_SPECIAL: tuple[tuple[Change, frozenset[Aim], float], ...] = (
-    (_elsewhere, frozenset(UNDERWAY), 1.0),
-    (_heedless, frozenset(HEEDLESS_AIMS), 0.5),
-)
-"""Changes for some aims only."""
-
-
-@cache
-def _changes_for(aim: Aim) -> tuple[tuple[Change, ...], NDArray[np.float64]]:
-    """Return the changes for an aim, and how often each is drawn, as `drawn` takes it."""
-    changes = (*_CHANGES, *((change, weight) for change, aims, weight in _SPECIAL if aim in aims))
-    return tuple(change for change, _ in changes), shares_of([weight for _, weight in changes])
+        return (self.work.underway(changed) if at_places(human.tasks) != human.tasks else changed), words
 
 
 MATES = {Aim.DELAY: 0.4}
@@ -297,11 +256,12 @@ class _Plan:
         self.individuals, self.provoking = generator.individuals, generator.provoking
         self.rng = rng_of(brief, generator.name)
         self.free: dict[tuple[str, float], bool] = {}
-        self.aim = _aim_of(self.brief)
+        # Nearness, which disturbs everything, where the requirement declares no aim.
+        self.aim = Aim.NONE if brief.requirement is None else brief.aim or Aim.SHARE
         self.ground = walking_graph(self.world, self.brief.mission.route)
-        self.uses = _uses(self.brief.memory)
         self.others = rng_of(self.brief, "heuristic/actors")
-        self.work = PeopleSampler(self.ground, self.places, self.aim, self.rng, self.uses)
+        worked = Counter(end for earlier in brief.memory for end in _ends(earlier.scenario.people.humans))
+        self.work = PeopleSampler(self.ground, self.places, self.aim, self.rng, worked)
         self.forecaster = forecaster_of(self.brief.mission, self.world)
 
     # -- a new scenario ----------------------------------------------------------------------------------------
@@ -341,7 +301,8 @@ class _Plan:
             chosen = drawn[0] if drawn else unclear or self._anybody(index)
         if chosen.group is not None:  # the other one of the two joins what was begun for both
             humans[-1] = humans[-1].model_copy(update={"group": chosen.group})
-        return self._individual(chosen, index)
+        differs = self.individuals and index and self.aim is not Aim.DELAY
+        return chosen.model_copy(update={"factors": "random_normal"}) if differs else chosen
 
     def _drawn(self, name: str, humans: list[Human]) -> Human | None:
         """Somebody with work of their own, or, where people are to hold the robot up, a mate of the one before."""
@@ -358,10 +319,6 @@ class _Plan:
         assert path is not None
         tasks = (Task.between(start, path[-1], path), Task.between(path[-1], start, path[::-1]))
         return Human(name=f"Human {index + 1}", tasks=tasks, speed_m_s=1.0)
-
-    def _individual(self, human: Human, index: int) -> Human:
-        differs = self.individuals and index and self.aim is not Aim.DELAY
-        return human.model_copy(update={"factors": "random_normal"}) if differs else human
 
     def _clear(self, human: Human, others: list[Human]) -> bool:
         """Return whether a person starts clear of the robot, of obstacles and of the others."""
@@ -391,25 +348,20 @@ class _Plan:
         """
         purpose = sentence(self.brief.mission.route.purpose)
         robot = f"The robot's task meanwhile: {purpose}." if purpose else "The robot drives meanwhile."
-        activity = self._activity(humans)
-        if activity is None and self.world.activities:
-            humans, activity = self._put_to_work(humans)
+        activities, activity = self.world.activities, None
+        named = [named_in(each, self.places) for each in activities]
+        fits = self._preference(humans)
+        done = [k for k in range(len(activities)) if any(follows(human, named[k]) for human in humans)]
+        if done:
+            activity = activities[max(done, key=lambda k: fits[k])]
+        elif activities:
+            humans, activity = self._put_to_work(humans, named)
         if self.world.actors:
-            named = self._named(activity) if activity else []
-            worker = next((human.name for human in humans if named and follows(human, named)), None)
+            places = named_in(activity, self.places) if activity else ()
+            worker = next((human.name for human in humans if places and follows(human, places)), None)
             humans = cast(humans, activity, worker, self.brief.mission, self.world, self.others)
         work = f"The work of the hour: {sentence(activity)}. " if activity else ""
         return humans, describe_new(humans, f"{work}{robot}", goods=self.work.goods)
-
-    def _activity(self, humans: list[Human]) -> str | None:
-        """The work of the place that somebody does and that names most of what people visit, rather one that fits
-        nothing remembered."""
-        activities = self.world.activities
-        fits = self._preference(humans)
-        done = [
-            k for k in range(len(activities)) if any(follows(human, self._named(activities[k])) for human in humans)
-        ]
-        return activities[max(done, key=lambda k: fits[k])] if done else None
 
     def _preference(self, humans: Sequence[Human]) -> NDArray[np.float64]:
         """How well each work of the place fits the people and differs from what is remembered, with a random part."""
@@ -420,30 +372,26 @@ class _Plan:
         preference: NDArray[np.float64] = self._fits(humans) - 3.0 * done + self.rng.random(len(done))
         return preference
 
-    def _named(self, activity: str) -> tuple[tuple[Place, ...], ...]:
-        return named_in(activity, self.places)
-
-    def _put_to_work(self, humans: list[Human]) -> tuple[list[Human], str | None]:
+    def _put_to_work(
+        self, humans: list[Human], named: Sequence[Sequence[tuple[Place, ...]]]
+    ) -> tuple[list[Human], str | None]:
         """Give somebody who is in no group, the last one first, work of the place; None where none can be done."""
         fits = self._preference(humans)
         for k in sorted(range(len(fits)), key=lambda k: -fits[k]):
-            named = self._named(self.world.activities[k])
-            for index in reversed([i for i, human in enumerate(humans) if human.group is None and named]):
+            for index in reversed([i for i, human in enumerate(humans) if human.group is None and named[k]]):
                 others = humans[:index] + humans[index + 1 :]
                 for _ in range(WORK_TRIES):
-                    human = self.work.at_work(humans[index].name, self.work.role(), named)
-                    if human is not None and follows(human, named) and self._clear(human, others):
+                    human = self.work.at_work(humans[index].name, self.work.role(), named[k])
+                    if human is not None and follows(human, named[k]) and self._clear(human, others):
                         kept = {"behaviour": humans[index].behaviour, "factors": humans[index].factors}
-                        return [*humans[:index], human.model_copy(update=kept), *humans[index + 1 :]], (
-                            self.world.activities[k]
-                        )
+                        changed = human.model_copy(update=kept)
+                        return [*humans[:index], changed, *humans[index + 1 :]], self.world.activities[k]
         return humans, None
 
     def _fits(self, humans: Sequence[Human]) -> NDArray[np.float64]:
         """How many words each work of the place shares with the names and kinds of the places people visit."""
         kinds = {place.name: place.kind for place in self.places}
-        stops = {end for human in humans for task in human.tasks for end in ends_of(task)}
-        words = {word for stop in stops for word in f"{stop} {kinds.get(stop, '')}".lower().split()}
+        words = {word for stop in _ends(humans) for word in f"{stop} {kinds.get(stop, '')}".lower().split()}
         works = [{*text.lower().replace(",", "").split()} for text in self.world.activities]
         return np.array([sum(word.rstrip("s") in words for word in work) for work in works], dtype=np.float64)
 
@@ -464,8 +412,8 @@ class _Plan:
         base = base[: self.brief.humans]
         aimed = slice(AIMED)
         fitted = self.forecaster.fitted(feedback) if len(base) <= AIMED else self.forecaster
-        changing = Changing(self.work, feedback)
-        drawn = (self._variant(base, changing) for _ in range(1 if self.aim is Aim.NONE else variants))
+        changes = _Changes(self.work, feedback)
+        drawn = (self._variant(base, changes) for _ in range(1 if self.aim is Aim.NONE else variants))
         options = [(humans, words) for humans, words in drawn if humans != base]
         options = [o for o in options if all(self._clear(h, []) for h in o[0])] or options
         if not options:
@@ -496,12 +444,12 @@ class _Plan:
             return None
         return mate.model_copy(update={"factors": humans[index].factors}), in_company_of(other.name)
 
-    def _variant(self, base: list[Human], changing: Changing) -> tuple[list[Human], list[str]]:
+    def _variant(self, base: list[Human], changes: _Changes) -> tuple[list[Human], list[str]]:
         """One to three small changes that leave everybody a clear start."""
         humans, words = list(base), []
         for _ in range(int(self.rng.integers(1, 4))):
             index = int(self.rng.integers(len(humans)))
-            changed = self._as_mate(humans, index) or changing.once(humans[index])
+            changed = self._as_mate(humans, index) or changes.once(humans[index])
             if changed is None or not self._clear(changed[0], humans[:index] + humans[index + 1 :]):
                 continue
             humans = _together(humans, index, changed[0])
@@ -528,13 +476,9 @@ def _together(humans: list[Human], index: int, changed: Human) -> list[Human]:
     return [h.model_copy(update={"group": None}) if h.group is not None and sizes[h.group] < 2 else h for h in result]
 
 
-def _uses(memory: tuple[Remembered, ...]) -> dict[str, int]:
-    """Return in how many of the remembered scenarios each area or waypoint is the end of a task."""
-    counts: Counter[str] = Counter()
-    for remembered in memory:
-        humans = remembered.scenario.people.humans
-        counts.update({end for human in humans for task in human.tasks for end in ends_of(task)})
-    return dict(counts)
+def _ends(humans: Sequence[Human]) -> set[str]:
+    """Return the areas and waypoints at which people's tasks end."""
+    return {end for human in humans for task in human.tasks for end in ends_of(task)}
 
 
 def _expected(forecast: Forecast) -> str:
@@ -542,10 +486,3 @@ def _expected(forecast: Forecast) -> str:
         f"Expected: mean gap {forecast.mean_gap_m:.2f} m, least {forecast.least_gap_m:.2f} m, "
         f"way occupied for {forecast.blocked_s:.1f} s, arrival after {forecast.duration_s:.0f} s."
     )
-
-
-def _aim_of(brief: Brief) -> Aim:
-    """Return the aim of a brief; nearness, which disturbs everything, where its requirement declares none."""
-    if brief.requirement is None:
-        return Aim.NONE
-    return brief.aim or Aim.SHARE

@@ -49,35 +49,32 @@ UNDERWAY = {Aim.DELAY: 0.7}
 """How often a person is already on the way when the robot sets off, by the aim."""
 STOPS = (2, 2, 3, 4)
 """How many places a person goes round, each as likely as the other."""
+DELAYS_S = (0.0, 4.0)
 REACH_M = 2.0
 """Places this far from the robot's route are drawn 1/e as often as those beside it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Role:
-    """A way of working. Speeds m/s, delays and pauses s. `far`: between places apart along the robot's route, not
+    """A way of working. Speeds m/s, pauses s. `far`: between places apart along the robot's route, not
     side by side; `heedless`: how often such a person does not step aside for a robot (HuNavSim's impassive
-    behaviour); `weights`: how often it is tried for an aim."""
+    behaviour); `weights`: how often it is tried for each of `AIMS`."""
 
-    name: str
     speeds: tuple[float, float]
-    delays: tuple[float, float] = (0.0, 4.0)
     pauses: tuple[float, float] | None = None
     far: bool = True
     heedless: float = 0.0
-    weights: dict[Aim, float]
+    weights: tuple[float, ...]
 
 
-def _weights(share: int, meet: int, disturb: int, delay: int, none: int) -> dict[Aim, float]:
-    return {Aim.SHARE: share, Aim.MEET: meet, Aim.DISTURB: disturb, Aim.DELAY: delay, Aim.NONE: none}
-
-
+AIMS = (Aim.SHARE, Aim.MEET, Aim.DISTURB, Aim.DELAY, Aim.NONE)
+"""The order of the weights of roles."""
 ROLES = (
-    Role(name="trolley", speeds=(0.5, 0.75), heedless=0.5, weights=_weights(4, 1, 1, 3, 1)),
-    Role(name="carrier", speeds=(1.0, 1.5), heedless=0.3, weights=_weights(3, 4, 3, 2, 1)),
-    Role(name="checker", speeds=(0.7, 1.2), pauses=(2.0, 12.0), weights=_weights(2, 1, 1, 4, 1)),
-    Role(name="sorter", speeds=(0.8, 1.4), far=False, weights=_weights(2, 3, 4, 1, 1)),
-    Role(name="mover", speeds=(0.35, 0.5), heedless=0.7, weights=_weights(0, 0, 0, 4, 0)),
+    Role(speeds=(0.5, 0.75), heedless=0.5, weights=(4, 1, 1, 3, 1)),  # pushes a trolley
+    Role(speeds=(1.0, 1.5), heedless=0.3, weights=(3, 4, 3, 2, 1)),  # carries
+    Role(speeds=(0.7, 1.2), pauses=(2.0, 12.0), weights=(2, 1, 1, 4, 1)),  # checks
+    Role(speeds=(0.8, 1.4), far=False, weights=(2, 3, 4, 1, 1)),  # sorts
+    Role(speeds=(0.35, 0.5), heedless=0.7, weights=(0, 0, 0, 4, 0)),  # moves something heavy
 )
 
 
@@ -112,9 +109,10 @@ class Layout:
         key = (last.key, far)
         if key not in self._apart:
             here = self.near[last.waypoint][0]
-            suits = [1.0 if self.aim is Aim.NONE else _suits(abs(along - here), far) for along in self.along]
+            apart = np.abs(np.array(self.along) - here)
+            suits = np.minimum(apart, 6.0) + 0.3 if far else np.array([math.exp(-each / 2.0) for each in apart])
             others = [place.name != last.place.name for place in self.places]
-            self._apart[key] = np.where(others, suits, 0.0)
+            self._apart[key] = np.where(others, 1.0 if self.aim is Aim.NONE else suits, 0.0)
         return self._apart[key]
 
     def waypoints(self, place: Place, without: frozenset[str]) -> tuple[list[str], NDArray[np.float64]]:
@@ -139,20 +137,7 @@ class Layout:
 SOMEBODY = Human(name="Somebody", tasks=(Task(name="Work", path=()),), factors=ForceFactors())
 
 
-def _suits(apart_m: float, far: bool) -> float:
-    return min(apart_m, 6.0) + 0.3 if far else math.exp(-apart_m / 2.0)
-
-
 _layouts: WeakKeyDictionary[WalkingGraph, dict[tuple[tuple[Place, ...], Aim], Layout]] = WeakKeyDictionary()
-
-
-def layout_of(ground: WalkingGraph, places: Sequence[Place], aim: Aim) -> Layout:
-    """Return the layout of places, kept for each graph."""
-    known = _layouts.setdefault(ground, {})
-    key = (tuple(places), aim)
-    if key not in known:
-        known[key] = Layout(ground, places, aim)
-    return known[key]
 
 
 class PeopleSampler:
@@ -163,9 +148,12 @@ class PeopleSampler:
     ) -> None:
         self.ground, self.places, self.aim, self.rng = ground, places, aim, rng
         self.goods = handles_goods(places)
-        self.layout = layout_of(ground, places, aim)
+        layouts, key = _layouts.setdefault(ground, {}), (tuple(places), aim)
+        if key not in layouts:
+            layouts[key] = Layout(ground, places, aim)
+        self.layout = layouts[key]
         self._known: dict[tuple[tuple[str, str] | None, bool], NDArray[np.float64] | None] = {}
-        self._roles = shares_of([role.weights[aim] for role in ROLES])
+        self._roles = shares_of([role.weights[AIMS.index(aim)] for role in ROLES])
         worked = [0.4 ** min(3, uses.get(place.name, 0)) for place in places]
         self._usual = np.array([a * b for a, b in zip(worked, self.layout.beside, strict=True)])
 
@@ -196,7 +184,7 @@ class PeopleSampler:
             return None
         heedless = self.aim in HEEDLESS_AIMS and self.rng.random() < role.heedless
         speed = round(float(self.rng.uniform(*role.speeds)), 2)
-        delay = round(float(max(0.0, self.rng.uniform(*role.delays) - 1.0)), 1)
+        delay = round(float(max(0.0, self.rng.uniform(*DELAYS_S) - 1.0)), 1)
         if role.pauses:
             tasks = self._pausing(tasks, role.pauses)
         if self.aim in UNDERWAY and self.rng.random() < UNDERWAY[self.aim]:
@@ -340,24 +328,36 @@ def added(mission: Mission, later: Mission) -> tuple[SolidObject, ...]:
 
 
 def cast(
-    humans: Sequence[Human], activity: str | None, worker: str | None, mission: Mission, world: World,
-    rng: np.random.Generator, *, anybody: bool = False,
-) -> list[Human]:  # fmt: skip
+    humans: Sequence[Human],
+    activity: str | None,
+    worker: str | None,
+    mission: Mission,
+    world: World,
+    rng: np.random.Generator,
+    *,
+    anybody: bool = False,
+) -> list[Human]:
     """Let people be of other kinds or push a trolley, as the world allows; who does not fit stays on foot.
 
     Args:
         activity: What is told of the work; whoever does it (`worker`) pushes a trolley where the world says so.
         anybody: Let also those who walk fast push one, where people's speeds are not drawn.
     """
-    result = list(humans)
+    result, actors = list(humans), world.actors
     pushes = activity is not None and world.needs_trolley(activity)
     for index, human in enumerate(humans):
-        drawn, size = rng.random(3), TROLLEYS[int(rng.integers(len(TROLLEYS)))]
+        (to_push, to_sit, to_be_small), size = rng.random(3), TROLLEYS[int(rng.integers(len(TROLLEYS)))]
         if human.group is not None:
             continue
         works = pushes and human.name == worker
-        changed = _changed(human, works, anybody, drawn.tolist(), size, world.actors)
-        if changed is None:
+        may_push = (anybody or human.speed_m_s <= SLOW_M_S) and not any(task.pauses for task in human.tasks)
+        if TROLLEY in actors and (works or (may_push and to_push < SHARES[TROLLEY])):
+            changed = human.replace(trolley=size, speed_m_s=min(human.speed_m_s, 1.2))
+        elif WHEELCHAIR in actors and to_sit < SHARES[WHEELCHAIR] and not works:
+            changed = _of_kind(human, PersonKind.WHEELCHAIR)
+        elif CHILD in actors and to_be_small < SHARES[CHILD] and not works:
+            changed = _of_kind(human, PersonKind.CHILD)
+        else:
             continue
         tried = [*result[:index], changed, *result[index + 1 :]]
         if not check(HumanConfiguration(humans=tuple(tried)), mission, world):
@@ -365,21 +365,10 @@ def cast(
     return result
 
 
-def _changed(
-    human: Human, works: bool, anybody: bool, drawn: Sequence[float], trolley: Trolley, actors: Sequence[str]
-) -> Human | None:
-    """Return a person of another kind, or with a trolley; None for who stays on foot."""
-    walks_slowly = (anybody or human.speed_m_s <= SLOW_M_S) and not any(task.pauses for task in human.tasks)
-    if TROLLEY in actors and (works or (walks_slowly and drawn[0] < SHARES[TROLLEY])):
-        return human.replace(trolley=trolley, speed_m_s=min(human.speed_m_s, 1.2))
-    if works:
-        return None
-    for name, kind, chance in ((WHEELCHAIR, PersonKind.WHEELCHAIR, drawn[1]), (CHILD, PersonKind.CHILD, drawn[2])):
-        if name in actors and chance < SHARES[name]:
-            low, high = LIMITS[kind].speeds_m_s
-            speed = min(max(human.speed_m_s, low), high)
-            return human.replace(kind=kind, radius_m=LIMITS[kind].radius_m, speed_m_s=speed)
-    return None
+def _of_kind(human: Human, kind: PersonKind) -> Human:
+    low, high = LIMITS[kind].speeds_m_s
+    speed = min(max(human.speed_m_s, low), high)
+    return human.replace(kind=kind, radius_m=LIMITS[kind].radius_m, speed_m_s=speed)
 
 
 def left_behind(
@@ -388,7 +377,9 @@ def left_behind(
     """Return an object left beside the robot's way, in some scenarios of worlds that allow it."""
     if MOVED not in world.actors or rng.random() >= SHARES[MOVED]:
         return ()
-    way = _way(mission, world)
+    route = mission.route
+    inner = [world.grid.position(name) for name in route.via if name in world.grid.by_name]
+    way = [(route.start.x, route.start.y), *inner, (route.goal.x, route.goal.y)]
     for _ in range(TRIES):
         name, length, width, height = OBJECTS[int(rng.integers(len(OBJECTS)))]
         (x, y), yaw = _somewhere(way, rng)
@@ -408,12 +399,6 @@ def box(
     x, y = at
     entry = {"name": name, "kind": name, "box": {"center": (x, y, size[2] / 2), "size": size, "yaw": yaw}}
     return ObjectEntry.model_validate(entry).solid(lidar_height_m)
-
-
-def _way(mission: Mission, world: World) -> list[tuple[float, float]]:
-    route = mission.route
-    inner = [world.grid.position(name) for name in route.via if name in world.grid.by_name]
-    return [(route.start.x, route.start.y), *inner, (route.goal.x, route.goal.y)]
 
 
 def _somewhere(way: Sequence[tuple[float, float]], rng: np.random.Generator) -> tuple[tuple[float, float], float]:

@@ -52,13 +52,11 @@ class RandomGenerator(Generator):
             return nowhere_to_walk(world, generator=self.name)
         rng = rng_of(brief, self.name)
         humans: list[Human] = []
-        for index in range(brief.humans):
-            human = self._human(index, humans, places, brief, world, rng)
-            humans.append(human)
+        for _ in range(brief.humans):
+            humans.append(self._human(humans, places, brief, world, rng))
         others = rng_of(brief, f"{self.name}/actors")
         if world.actors:
             humans = cast(humans, None, None, brief.mission, world, others, anybody=True)
-        moved = left_behind(humans, brief.mission, world, others)
         counts = ", ".join(f"{human.name} {len(human.tasks)}" for human in humans)
         return answer(
             HumanConfiguration(humans=tuple(humans)),
@@ -67,21 +65,24 @@ class RandomGenerator(Generator):
             generator=self.name,
             described=None,
             reasoning=f"Drawn at random from {len(places)} places; tasks: {counts}. Nothing was aimed.",
-            moved=moved,
+            moved=left_behind(humans, brief.mission, world, others),
         )
 
     def _human(
-        self,
-        index: int,
-        others: list[Human],
-        places: tuple[Place, ...],
-        brief: Brief,
-        world: World,
-        rng: np.random.Generator,
+        self, others: list[Human], places: tuple[Place, ...], brief: Brief, world: World, rng: np.random.Generator
     ) -> Human:
         """One person: a cyclic list of tasks between random places, from a start that is clear of everybody else."""
         number = int(rng.integers(self.tasks[0], self.tasks[1] + 1))
-        stops = [self._start(others, places, brief, world, rng)]
+        robot, grid = brief.mission.route.start, world.grid
+        taken = [((robot.x, robot.y), robot_reach_m(brief.mission) + HUMAN_RADIUS_M + START_CLEARANCE_M)]
+        taken += [(grid.position(o.tasks[0].path[0]), o.radius_m + HUMAN_RADIUS_M) for o in others]
+        for _ in range(100):  # then whatever came
+            drawn = _draw(places, set(), set(), rng)
+            assert drawn is not None
+            place, begins = drawn
+            if all(math.dist(grid.position(begins), at) >= apart for at, apart in taken):
+                break
+        stops = [(place, begins)]
         while len(stops) < number:
             (before, at), (first, start) = stops[-1], stops[0]
             # The last stop must differ from the first one too: from there the person goes back to the start.
@@ -92,31 +93,15 @@ class RandomGenerator(Generator):
             stops.append(stop)
         tasks = []
         for (place, start), (goal, end) in zip(stops, [*stops[1:], stops[0]], strict=True):
-            path = world.grid.shortest_path(start, end)
+            path = grid.shortest_path(start, end)
             assert path is not None
             tasks.append(Task.between(place.name, goal.name, path))
         return Human(
-            name=f"Human {index + 1}",
+            name=f"Human {len(others) + 1}",
             tasks=tuple(tasks),
             radius_m=HUMAN_RADIUS_M,
-            factors="random_normal" if self.individuals and index else ForceFactors(),
+            factors="random_normal" if self.individuals and others else ForceFactors(),
         )
-
-    @staticmethod
-    def _start(
-        others: list[Human], places: tuple[Place, ...], brief: Brief, world: World, rng: np.random.Generator
-    ) -> tuple[Place, str]:
-        """A random waypoint of a random place, clear of the robot and of everybody; after 100 draws whatever came."""
-        robot = brief.mission.route.start
-        taken = [((robot.x, robot.y), robot_reach_m(brief.mission) + HUMAN_RADIUS_M + START_CLEARANCE_M)]
-        taken += [(world.grid.position(o.tasks[0].path[0]), o.radius_m + HUMAN_RADIUS_M) for o in others]
-        for _ in range(100):
-            drawn = _draw(places, set(), set(), rng)
-            assert drawn is not None
-            place, start = drawn
-            if all(math.dist(world.grid.position(start), at) >= apart for at, apart in taken):
-                break
-        return place, start
 
 
 def _draw(

@@ -26,7 +26,6 @@ WORK_PER_CHARACTER = 24
 LARGEST = 10**300
 OUT_OF_RANGE = "out of range"
 """Stands for a number no quantity can have; a reader that expects a number refuses it."""
-_SURROGATE = re.compile(r"\\u[dD][89a-fA-F]|[\ud800-\udfff]")
 _MARKS = re.compile(r'"(?:[^"\\]|\\.)*+"|[{}\[\]]', re.DOTALL)
 _BRACKETS = re.compile(r"[{}\[\]]")
 _OPENED_BY = {"}": "{", "]": "["}
@@ -53,7 +52,7 @@ def find_json(text: str) -> tuple[Found, ...]:
     Lists are found only where they hold objects, stand in a fence or stand alone: prose is full of `[G7, G8]`.
     """
     found: list[Found] = []
-    decoder = json.JSONDecoder(parse_constant=_refused, parse_float=_finite, parse_int=_short)
+    decoder = json.JSONDecoder(parse_constant=_number, parse_float=_number, parse_int=_number)
     work = WORK_PER_CHARACTER * len(text) + 10_000
     at = 0
     for _ in range(MAX_STARTS):
@@ -61,8 +60,10 @@ def find_json(text: str) -> tuple[Found, ...]:
         if not starts or work <= 0:
             break
         start = min(starts)
-        one = _strict(decoder, text, start)
-        if one is None:
+        try:
+            value, end = decoder.raw_decode(text, start)
+            one: Found | None = Found(value=_storable(value), start=start, end=end)
+        except (ValueError, RecursionError):
             one, spent = _repaired(text, start)
             work -= spent
         if one is None or not _is_data(one, text):
@@ -73,31 +74,11 @@ def find_json(text: str) -> tuple[Found, ...]:
     return tuple(found)
 
 
-def _strict(decoder: json.JSONDecoder, text: str, start: int) -> Found | None:
-    try:
-        value, end = decoder.raw_decode(text, start)
-    except (ValueError, RecursionError):
-        return None
-    if _SURROGATE.search(text, start, end):
-        value = _storable(value)
-    return Found(value=value, start=start, end=end)
-
-
-def _refused(name: str) -> Any:
-    raise ValueError(f"{name} is not JSON")
-
-
-def _short(text: str) -> int:
-    value = int(text)
-    if abs(value) >= LARGEST:
-        raise ValueError("a number with too many digits")
-    return value
-
-
-def _finite(text: str) -> float:
-    value = float(text)
-    if math.isinf(value):
-        raise ValueError(f"{text} is too large")
+def _number(text: str) -> float:
+    """Refuse what JSON does not know (NaN, Infinity) and what cannot be stored."""
+    value = int(text) if text.removeprefix("-").isdigit() else float(text)
+    if not abs(value) < (LARGEST if isinstance(value, int) else math.inf):
+        raise ValueError(f"{text[:40]} is no number of JSON, or too large")
     return value
 
 
@@ -109,19 +90,19 @@ def _repaired(text: str, start: int) -> tuple[Found | None, int]:
         spent += more
     if end == start:
         return None, spent
-    complete, fence = end is not None, text.find("```", start)
+    fence = text.find("```", start)
     stop = end if end is not None else fence if fence >= 0 else len(text)
     source = text[start:stop]
     if len(source) > MAX_REPAIRED or (source[0] == "{" and ":" not in source):
         return None, spent
+    spent += len(source)
     try:
         value = repair_json(source, return_objects=True, skip_json_loads=True)
     except (ValueError, RecursionError):
-        return None, spent + len(source)
+        return None, spent
     if not isinstance(value, dict if source[0] == "{" else list):
-        return None, spent + len(source)
-    found = Found(value=_storable(value), start=start, end=stop, repaired=True, complete=complete)
-    return found, spent + len(source)
+        return None, spent
+    return Found(value=_storable(value), start=start, end=stop, repaired=True, complete=end is not None), spent
 
 
 def _end_of(text: str, start: int, marks: re.Pattern[str]) -> tuple[int | None, int]:
@@ -182,18 +163,23 @@ def number_of(value: Any) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def object_schema(properties: dict[str, Any], required: list[str] | None = None) -> dict[str, Any]:
-    """The schema of an object with these properties and no others; all are required unless `required` names some."""
+def object_schema(properties: dict[str, Any]) -> dict[str, Any]:
+    """The schema of an object with these properties and no others, all of them required."""
     return {
         "type": "object",
         "properties": properties,
-        "required": required if required is not None else list(properties),
+        "required": list(properties),
         "additionalProperties": False,
     }
 
 
-TEXT = {"type": "string"}
-NUMBER = {"type": "number"}
+def texts_schema(*keys: str) -> dict[str, Any]:
+    """The schema of an object of texts."""
+    return object_schema(dict.fromkeys(keys, TEXT))
+
+
+TEXT: dict[str, Any] = {"type": "string"}
+NUMBER: dict[str, Any] = {"type": "number"}
 _PATH = {"type": "array", "items": TEXT, "minItems": 1}
 _MOVED = object_schema({"name": TEXT, **dict.fromkeys(("x", "y", "length_m", "width_m", "height_m", "yaw"), NUMBER)})
 _PAUSES = {"type": "array", "items": object_schema({"at": TEXT, "duration_s": NUMBER})}
@@ -216,33 +202,20 @@ def configuration_schema(
         plain = object_schema({"name": TEXT, "tasks": {"type": "array", "items": object_schema(task)}})
         humans = {"humans": {"type": "array", "items": plain}}
         return object_schema({"description": TEXT, **humans, "lesson": TEXT} if described else humans)
-    human = object_schema(
-        {
-            "name": TEXT,
-            "behaviour": {"type": "string", "enum": [b.value for b in behaviours]},
-            "speed_m_s": NUMBER,
-            "start_delay_s": NUMBER,
-            "group": {"type": ["integer", "null"]},
-            "plan": {"type": "array", "items": object_schema({"at": TEXT, "time_s": NUMBER})},
-            "tasks": {"type": "array", "items": object_schema({**task, "pauses": _PAUSES})},
-            **_of_person(actors),
-        }
-    )
-    texts = {"analysis": TEXT, "lesson": TEXT, "description": TEXT}
-    moved = {"moved": {"type": "array", "items": _MOVED}} if "moved_object" in actors else {}
-    return object_schema({**texts, "humans": {"type": "array", "items": human}, **moved})
-
-
-def _of_person(actors: Sequence[str]) -> dict[str, Any]:
-    """Return what a person may be and push besides."""
+    human = {
+        "name": TEXT,
+        "behaviour": {"type": "string", "enum": [b.value for b in behaviours]},
+        "speed_m_s": NUMBER,
+        "start_delay_s": NUMBER,
+        "group": {"type": ["integer", "null"]},
+        "plan": {"type": "array", "items": object_schema({"at": TEXT, "time_s": NUMBER})},
+        "tasks": {"type": "array", "items": object_schema({**task, "pauses": _PAUSES})},
+    }
     kinds = [kind.value for kind in PersonKind if kind is PersonKind.ADULT or kind.value in actors]
-    found: dict[str, Any] = {"kind": {"type": "string", "enum": kinds}} if len(kinds) > 1 else {}
+    if len(kinds) > 1:
+        human["kind"] = {"type": "string", "enum": kinds}
     if "trolley" in actors:
-        trolley = object_schema({"length_m": NUMBER, "width_m": NUMBER})
-        found["trolley"] = {"anyOf": [trolley, {"type": "null"}]}
-    return found
-
-
-def texts_schema(*keys: str) -> dict[str, Any]:
-    """The schema of an object of texts."""
-    return object_schema(dict.fromkeys(keys, TEXT))
+        human["trolley"] = {"anyOf": [object_schema({"length_m": NUMBER, "width_m": NUMBER}), {"type": "null"}]}
+    shape = {"analysis": TEXT, "lesson": TEXT, "description": TEXT}
+    shape["humans"] = {"type": "array", "items": object_schema(human)}
+    return object_schema(shape | ({"moved": {"type": "array", "items": _MOVED}} if "moved_object" in actors else {}))

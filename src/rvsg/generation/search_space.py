@@ -65,12 +65,18 @@ class TuningSpace:
         for dimension, share, base in zip(self.dimensions, vector, self.start, strict=True):
             if abs(float(share) - float(base)) > 1e-9:
                 values.setdefault(dimension.human, {})[dimension.name] = self._value(dimension, float(share))
-        humans = [
-            self._changed(human, values[i]) if i in values else human for i, human in enumerate(self.people.humans)
-        ]
-        if any(human is None for human in humans):
-            return None
-        people = HumanConfiguration(humans=tuple(human for human in _paced(humans) if human is not None))
+        humans: list[Human] = []
+        leaders: dict[int, Human] = {}
+        for i, human in enumerate(self.people.humans):
+            changed = self._changed(human, values[i]) if i in values else human
+            if changed is None:
+                return None
+            if changed.group is not None:  # a group keeps the pace and the delay of its first member
+                leader = leaders.setdefault(changed.group, changed)
+                pace = {"speed_m_s": leader.speed_m_s, "start_delay_s": leader.start_delay_s}
+                changed = changed.model_copy(update=pace)
+            humans.append(changed)
+        people = HumanConfiguration(humans=tuple(humans))
         for human in people.humans:
             at = self.ground.at[human.tasks[0].path[0]]
             if start_gap_m(human.radius_m, at, self.mission) < START_CLEARANCE_M:
@@ -195,18 +201,6 @@ def _paused(tasks: Sequence[Task], first: Pause | None, values: dict[str, float]
         pause = Pause(at=name, duration_s=round(length, 1))
         left[k] = left[k].model_copy(update={"pauses": (*rest, pause)})
     return tuple(left)
-
-
-def _paced(humans: Sequence[Human | None]) -> list[Human | None]:
-    """People with those of a group at the pace and the delay of its first member."""
-    first: dict[int, Human] = {}
-    result: list[Human | None] = []
-    for human in humans:
-        if human is not None and human.group is not None:
-            leader = first.setdefault(human.group, human)
-            human = human.model_copy(update={"speed_m_s": leader.speed_m_s, "start_delay_s": leader.start_delay_s})
-        result.append(human)
-    return result
 
 
 FEW = 2.5

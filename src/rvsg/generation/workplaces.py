@@ -5,7 +5,6 @@ from __future__ import annotations
 import heapq
 import math
 import re
-from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -67,7 +66,7 @@ def places_of(world: World, *, reachable_from: Pose) -> tuple[Place, ...]:
     )
     if len({name for place in places for name in place.waypoints}) >= 3 and len(places) >= 2:
         return places
-    return tuple(Place(name, "waypoint", (name,)) for name in (w.name for w in world.grid.waypoints) if name in near)
+    return tuple(Place(w.name, "waypoint", (w.name,)) for w in world.grid.waypoints if w.name in near)
 
 
 Point = tuple[float, float]
@@ -75,6 +74,9 @@ Path = tuple[str, ...]
 
 PLANNER_CLEARANCE_M = 0.5
 """Planners keep about this far from obstacles where there is room (inflation radius of the study's robot: 0.55 m)."""
+
+
+MOST_GRAPHS = 8
 
 
 class WalkingGraph:
@@ -96,7 +98,17 @@ class WalkingGraph:
         self.corridor = frozenset(name for name in self.hops if self.along(name)[1] < 0.7)
         self._names = sorted(self.hops)
         self._number = {name: number for number, name in enumerate(self._names)}
-        self._weighed = {along_route: self._weigh(0.6 if along_route else 1.0) for along_route in (False, True)}
+        # The hops of every waypoint with their costs, by number: the numbers are in the order of the names.
+        self._weighed = {
+            along_route: [
+                [
+                    (self._number[other], length * (discount if {name, other} <= self.corridor else 1.0))
+                    for other, length in self.hops[name]
+                ]
+                for name in self._names
+            ]
+            for along_route, discount in ((False, 1.0), (True, 0.6))
+        }
 
     def path(self, start: str, end: str, *, along_route: bool = False) -> Path | None:
         """The shortest valid path; `along_route` counts hops between waypoints of the robot's corridor at 0.6 of
@@ -112,17 +124,6 @@ class WalkingGraph:
             at = came[at]
             path.append(names[at])
         return tuple(reversed(path))
-
-    def _weigh(self, discount: float) -> list[list[tuple[int, float]]]:
-        """The hops of every waypoint with their costs, by number: the numbers are in the order of the names."""
-        corridor = self.corridor
-        return [
-            [
-                (self._number[other], length * (discount if name in corridor and other in corridor else 1.0))
-                for other, length in self.hops[name]
-            ]
-            for name in self._names
-        ]
 
     @staticmethod
     def _search(start: int, hops: list[list[tuple[int, float]]]) -> list[int]:
@@ -141,10 +142,6 @@ class WalkingGraph:
                     push(queue, (further, other))
         return came
 
-    def length(self, path: Path) -> float:
-        """Length of a path in metres."""
-        return sum(math.dist(self.at[a], self.at[b]) for a, b in pairwise(path))
-
     def along(self, name: str) -> tuple[float, float]:
         """Return where a waypoint lies against the robot's route: metres along it to the nearest point, metres away."""
         if name not in self._along:
@@ -152,19 +149,17 @@ class WalkingGraph:
         return self._along[name]
 
 
-_KEPT = 8
-_GRAPHS: OrderedDict[tuple[str, str], WalkingGraph] = OrderedDict()
+_graphs: dict[tuple[str, str], WalkingGraph] = {}
 
 
 def walking_graph(world: World, route: Route) -> WalkingGraph:
     """Return the graph of a world and a route. The last few are cached together with their paths."""
     key = (world.place_id, route.id)
-    if key not in _GRAPHS:
-        _GRAPHS[key] = WalkingGraph(world, route)
-        while len(_GRAPHS) > _KEPT:
-            _GRAPHS.popitem(last=False)
-    _GRAPHS.move_to_end(key)
-    return _GRAPHS[key]
+    if key not in _graphs:
+        while len(_graphs) >= MOST_GRAPHS:
+            _graphs.pop(next(iter(_graphs)))
+        _graphs[key] = WalkingGraph(world, route)
+    return _graphs[key]
 
 
 def _robot_path(world: World, route: Route) -> tuple[Point, ...]:
@@ -236,20 +231,12 @@ def named_in(activity: str, places: tuple[Place, ...]) -> tuple[tuple[Place, ...
         if number.isdigit():
             names.setdefault(word, []).append(place)
     for name in sorted(names, key=lambda each: (-len(each), each)):
-        for match in re.finditer(rf"\b{_any_number(name)}\b", text):
+        stem = re.escape(re.sub("(?:(?<=shel)(?:f|ves)|s)$", "", name))
+        ending = "(?:f|ves)" if name.endswith(("shelf", "shelves")) else "(?:s|es)?"  # singular or plural
+        for match in re.finditer(rf"\b{stem}{ending}\b", text):
             if all(match.end() <= begin or end <= match.start() for begin, end, _ in found):
                 found.append((match.start(), match.end(), tuple(dict.fromkeys(names[name]))))
     return tuple(named for _, _, named in sorted(found, key=lambda each: each[:2]))
-
-
-def _any_number(name: str) -> str:
-    """Return a pattern of a name in the singular or the plural."""
-    stem = re.escape(name)
-    if name.endswith("shelf"):
-        return stem.removesuffix("f") + "(?:f|ves)"
-    if name.endswith("shelves"):
-        return stem.removesuffix("ves") + "(?:f|ves)"
-    return stem.removesuffix("s") + "(?:s|es)?" if name.endswith("s") else stem + "(?:s|es)?"
 
 
 def follows(human: Human, named: Sequence[tuple[Place, ...]]) -> bool:

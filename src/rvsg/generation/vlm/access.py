@@ -67,6 +67,7 @@ class ModelAccess:
         self._asking: list[str] = []
         self._places = threading.BoundedSemaphore(self.options.at_once)
         self._next = float("-inf")
+        self._apart_s = 60.0 / self.options.calls_per_minute if self.options.calls_per_minute else 0.0
         self._lock = threading.Lock()
         self._clock, self._sleep = clock, sleep
         if isinstance(model, ModelClient):
@@ -85,8 +86,8 @@ class ModelAccess:
     def notes(self) -> tuple[str, ...]:
         """Where a replay diverged from its record: each kind of difference once, with the first call that has it."""
         kinds: dict[str, list[str]] = {}
-        for divergence in self.model.divergences if isinstance(self.model, Replayed) else ():
-            kinds.setdefault(divergence.what, []).append(divergence.key)
+        for key, difference in self.model.divergences if isinstance(self.model, Replayed) else ():
+            kinds.setdefault(difference, []).append(key)
         messages = [
             f"Replay: the present prompts differ from the recorded ones at call {keys[0]}"
             f"{f' (and {len(keys) - 1} more)' if len(keys) > 1 else ''}: {what}."
@@ -122,8 +123,12 @@ class ModelAccess:
             self._under_way += 1
         try:
             with self._places:
-                if (wait := self._turn_s()) > 0:
-                    self._sleep(wait)
+                with self._lock:  # take the next free moment
+                    now = self._clock()
+                    begin = max(now, self._next)
+                    self._next = begin + self._apart_s
+                if begin > now:
+                    self._sleep(begin - now)
                 answer = self.model.ask(request)
         except ModelUnavailable as failure:
             if self.recording is not None:
@@ -137,14 +142,6 @@ class ModelAccess:
         if self.recording is not None:
             self.recording.keep(request, self.name, answer=answer)
         return answer
-
-    def _turn_s(self) -> float:
-        """Take the next free moment; return how long it is away, in seconds."""
-        with self._lock:
-            now = self._clock()
-            begin = max(now, self._next)
-            self._next = begin + (60.0 / self.options.calls_per_minute if self.options.calls_per_minute else 0.0)
-            return begin - now
 
     def _check_budget(self, request: Request) -> None:
         spent, calls, tokens = self._total, self.options.budget_calls, self.options.budget_tokens

@@ -16,8 +16,8 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Coroutine, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
+from functools import cache
+from typing import Any, Literal
 from urllib.parse import urlsplit
 
 from rvsg.core.errors import InputError, ModelUnavailable, how_to_install
@@ -45,23 +45,29 @@ _KEYLESS = ("ollama", "bedrock", "bedrock-mantle", "google-cloud", "huggingface"
 """Providers that are reached by an address or by credentials of another name."""
 
 
-@dataclass(eq=False)
 class Fault(Exception):
-    """A try that failed: what to tell, whether to try again, and when."""
+    """A try that failed: what to tell, the code of the error it becomes, and what the user can do (`next_step`).
 
-    message: str
-    code: str = "model-failed"
-    """That of the error it becomes."""
-    again: bool = False
-    wait_s: float | None = None
-    """How long the service asks to wait."""
-    without_shape: bool = False
-    """Whether the next try asks for no JSON schema."""
-    setup: bool = False
-    """Nothing was asked: the user has to set something right."""
-    refused: bool = False
-    """A safety filter took the request or the reply, which is an answer, not a failure of the service."""
-    next_step: str = ""
+    `then` says what follows: `retry`, after `wait_s` where the service asks for that; another try `unshaped`, which
+    asks for no JSON schema; `setup`: nothing was asked, the user has to set something right; `refused`: a safety
+    filter took the request or the reply, which is an answer and no failure of the service; else `stop`.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        code: str = "model-failed",
+        then: Literal["stop", "retry", "unshaped", "setup", "refused"] = "stop",
+        next_step: str = "",
+        wait_s: float | None = None,
+    ) -> None:
+        super().__init__(message)
+        self.message, self.code, self.then, self.next_step, self.wait_s = message, code, then, next_step, wait_s
+
+    @property
+    def again(self) -> bool:
+        """Whether there is another try."""
+        return self.then in ("retry", "unshaped")
 
 
 class ModelClient:
@@ -120,7 +126,7 @@ class ModelClient:
         else:
             usage = answer.usage.replace(latency_s=round(time.monotonic() - begun, 3), tries=number)
             return answer.replace(usage=usage)
-        if failure.refused:  # its cost is unknown
+        if failure.then == "refused":  # its cost is unknown
             usage = Usage(input_tokens=estimated_input_tokens(request), estimated=True, tries=number)
             usage = usage.replace(cost_usd=self._cost(usage))
             return Answer(text=hide_secrets(failure.message), model=self._model, finish="refused", usage=usage)
@@ -131,7 +137,7 @@ class ModelClient:
     def _wait_s(self, state: Any) -> float:
         """Return the seconds until the next try; whoever watches is told."""
         failure, number, options = state.outcome.exception(), state.attempt_number, self.options
-        if failure.without_shape or number >= options.tries:
+        if failure.then == "unshaped" or number >= options.tries:
             return 0.0
         wait = failure.wait_s
         if wait is None:
@@ -144,55 +150,44 @@ class ModelClient:
     def _error(self, failure: Fault) -> InputError | ModelUnavailable:
         place = f" at {self._base_url}" if self._base_url else ""
         message = hide_secrets(f"Model {self.name}{place}: {failure.message} {failure.next_step}".rstrip())
-        return (InputError if failure.setup else ModelUnavailable)(message, code=failure.code)
+        return (InputError if failure.then == "setup" else ModelUnavailable)(message, code=failure.code)
 
     def _try(self, request: Request) -> Answer:
         """One request over the wire; raises Fault, never a foreign error."""
         failure: Fault | None = None
-        shaped = request.shape is not None and self._structured
+        shaped, options = request.shape is not None and self._structured, self.options
         try:
             from pydantic_ai import direct
+            from pydantic_ai.models import ModelRequestParameters
+            from pydantic_ai.output import OutputObjectDefinition
 
-            parameters, settings = self._parameters(request, shaped)
+            parameters = ModelRequestParameters()
+            if shaped and request.shape is not None:
+                shape = OutputObjectDefinition(json_schema=request.shape, name="reply", strict=False)
+                parameters = ModelRequestParameters(output_mode="native", output_object=shape)
+            seconds, most, temperature = options.call_timeout_s, options.max_output_tokens, options.temperature
+            settings: Any = {"max_retries": 0, "request_timeout": seconds, "timeout": seconds}
+            settings |= {"max_tokens": most} if most is not None else {}
+            settings |= {"temperature": temperature} if temperature is not None else {}
             response = _result_of(
                 direct.model_request(
-                    self._client(),
-                    _messages(request),
-                    model_settings=settings,
-                    model_request_parameters=parameters,
+                    self._client(), _messages(request), model_settings=settings, model_request_parameters=parameters
                 )
             )
         except Exception as foreign:
             failure = self._translated(foreign, shaped)
         if failure is None:
             return self._answer(response, request)
-        longest = self.options.longest_wait_s
-        if failure.again and failure.wait_s is not None and failure.wait_s > longest:
-            failure.again, failure.next_step = False, LATER
+        longest = options.longest_wait_s
+        wait = failure.wait_s
+        if failure.then == "retry" and wait is not None and wait > longest:
+            failure.then, failure.next_step = "stop", LATER
             failure.message += (
-                f" The service asks to wait {failure.wait_s:.0f} s, longer than the {longest:.0f} s that RVSG waits."
+                f" The service asks to wait {wait:.0f} s, longer than the {longest:.0f} s that RVSG waits."
             )
-        if failure.without_shape:
+        if failure.then == "unshaped":
             self._structured = False
         raise failure
-
-    def _parameters(self, request: Request, shaped: bool) -> tuple[Any, Any]:
-        from pydantic_ai.models import ModelRequestParameters
-        from pydantic_ai.output import OutputObjectDefinition
-
-        parameters = ModelRequestParameters()
-        if shaped and request.shape is not None:
-            shape = OutputObjectDefinition(json_schema=request.shape, name="reply", strict=False)
-            parameters = ModelRequestParameters(output_mode="native", output_object=shape)
-        seconds = self.options.call_timeout_s
-        settings = {
-            "max_tokens": self.options.max_output_tokens,
-            "temperature": self.options.temperature,
-            "max_retries": 0,
-            "request_timeout": seconds,
-            "timeout": seconds,
-        }
-        return parameters, {name: value for name, value in settings.items() if value is not None}
 
     def _client(self) -> Any:
         """pydantic-ai's model object, made when it is first needed."""
@@ -205,7 +200,7 @@ class ModelClient:
         """pydantic-ai's response as ours."""
         text = "".join(part.content for part in response.parts if part.part_kind == "text")
         refusal = (response.provider_details or {}).get("refusal")
-        finish = "complete"
+        finish: Literal["complete", "truncated", "refused", "empty"] = "complete"
         if refusal or response.finish_reason == "content_filter":
             finish, text = "refused", str(refusal or text)
         elif not text.strip():
@@ -223,14 +218,8 @@ class ModelClient:
         cost = float(counted.cost) if counted.cost is not None and not estimated else None
         if self.options.prices is not None:
             cost = self._cost(usage)
-        return Answer.model_validate(
-            {
-                "text": hide_secrets(text),
-                "model": response.model_name or self._model,
-                "finish": finish,
-                "usage": usage.replace(cost_usd=cost),
-            }
-        )
+        priced = usage.replace(cost_usd=cost)
+        return Answer(text=hide_secrets(text), model=response.model_name or self._model, finish=finish, usage=priced)
 
     def _cost(self, usage: Usage) -> float | None:
         """Return the dollars of a usage by the given prices or by public price lists; None where both know nothing."""
@@ -259,54 +248,52 @@ class ModelClient:
             extra = {"anthropic": "anthropic", "google": "google", "google-gla": "google"}.get(self._provider, "vlm")
             missing = f" (Missing: {error.name})" if error.name else ""
             message = f"it needs a package that is not installed: {how_to_install(extra)}.{missing}"
-            return Fault(message, code="model-package-missing", setup=True)
+            return Fault(message, "model-package-missing", "setup")
         from pydantic_ai import exceptions as foreign
 
         if isinstance(error, foreign.UserError):
             return self._setup_fault(error)
-        if isinstance(error, foreign.ContentFilterError) or _filtered(error):
-            return Fault(f"a safety filter refused it. It said: {_said(error)}", code="model-filtered", refused=True)
-        status, wait = getattr(error, "status_code", None), getattr(error, "retry_after", None)
-        said, own = f"It said: {_said(error)}", self._base_url is not None
+        body, status, wait = (getattr(error, name, None) for name in ("body", "status_code", "retry_after"))
+        told, own = _said(error), self._base_url is not None
+        said = f"It said: {told}"
+        # Some services send a refusal as an HTTP error with a code for it.
+        filtered = status in (400, 403, 422) and any(code.casefold() in _FILTER_CODES for code in _codes(body))
+        if isinstance(error, foreign.ContentFilterError) or filtered:
+            return Fault(f"a safety filter refused it. {said}", "model-filtered", "refused")
         # The first that fits: where the service answered and will not do it, another try is of no use.
         if isinstance(error, foreign.ModelAuthenticationError):
             check = f"Check {self._key_variable()} in the environment."
-            return Fault(f"the service refused the key (or found none). {check} {said}", code="model-key-refused")
+            return Fault(f"the service refused the key (or found none). {check} {said}", "model-key-refused")
         if isinstance(error, foreign.ModelNotFoundError):
             check = f"Check --model{' and --base-url; most addresses end in /v1' if own else ''}"
             message = f'the service knows no model "{self._model}" (or the address is wrong). {check}. {said}'
-            return Fault(message, code="model-unknown")
+            return Fault(message, "model-unknown")
         if isinstance(error, foreign.ModelQuotaExceededError):
             message = f"the account's credit or quota is used up. {said}"
-            return Fault(message, code="model-quota", next_step=f"Top it up. {LATER}")
+            return Fault(message, "model-quota", next_step=f"Top it up. {LATER}")
         if isinstance(error, foreign.ModelContextWindowExceededError) or status == 413:
             message = f"the conversation is longer than the model can read. {said}"
-            return Fault(message, code="model-too-long", next_step="Choose another model.")
+            return Fault(message, "model-too-long", next_step="Choose another model.")
         if isinstance(error, foreign.ModelRequestRejectedError):
             # Many compatible servers know no structured output: the prompt alone asks for the JSON as well.
-            seeing = "The model must be able to see pictures; `rvsg scenario prompt` shows what it is sent."
-            message = f"it refused the request. {said}"
-            return Fault(message, code="model-rejected", again=shaped, without_shape=shaped, next_step=seeing)
+            seeing = "The model must be able to see pictures; `rvsg prompt` shows what it is sent."
+            return Fault(f"it refused the request. {said}", "model-rejected", "unshaped" if shaped else "stop", seeing)
         if isinstance(error, foreign.ModelRateLimitError):
             fewer = (
                 "Allow fewer calls (--generator-option calls_per_minute=N), or run the same command later: what was "
             )
-            message, step = f"too many calls (429). {said}", f"{fewer}answered is kept."
-            return Fault(message, code="model-busy", again=True, wait_s=wait, next_step=step)
+            return Fault(f"too many calls (429). {said}", "model-busy", "retry", f"{fewer}answered is kept.", wait)
         if isinstance(error, (foreign.ModelTimeoutError, foreign.ModelRequestTimeout)):
-            longer = (
-                "Wait longer: --generator-option call_timeout_s=SECONDS (rvsg world describe: --call-timeout SECONDS)."
-            )
-            message = f"no answer within {self.options.call_timeout_s:g} s."
-            return Fault(message, code="model-timeout", again=True, next_step=longer)
+            longer = "Wait longer: --generator-option call_timeout_s=SECONDS (rvsg describe: --call-timeout SECONDS)."
+            return Fault(f"no answer within {self.options.call_timeout_s:g} s.", "model-timeout", "retry", longer)
         if isinstance(error, foreign.ModelConnectionError):
-            message = f"the connection failed or broke off. {_said(error)}"
-            return Fault(message, code="model-unreachable", again=True, next_step=self._reachable())
+            message = f"the connection failed or broke off. {told}"
+            return Fault(message, "model-unreachable", "retry", self._reachable())
         if isinstance(error, foreign.ModelAPIError) and status is not None:
-            return Fault(f"the service failed. {said}", again=True, wait_s=wait, next_step=LATER)
+            return Fault(f"the service failed. {said}", "model-failed", "retry", LATER, wait)
         server = "Check --base-url: does a server with the OpenAI protocol answer there? Most addresses end in /v1."
-        message = f"the service's reply is not what its protocol promises ({_said(error).rstrip('.')})."
-        return Fault(message, code="model-protocol", again=True, wait_s=wait, next_step=server if own else LATER)
+        message = f"the service's reply is not what its protocol promises ({told.rstrip('.')})."
+        return Fault(message, "model-protocol", "retry", server if own else LATER, wait)
 
     def _setup_fault(self, error: Exception) -> Fault:
         """Something is missing before anything can be asked: a key, an address, or such a model."""
@@ -316,13 +303,13 @@ class ModelClient:
                 f"providers are {', '.join(PROVIDERS)}. For a server of your own: --model openai-chat:NAME "
                 "--base-url URL."
             )
-            return Fault(message, code="model-provider", setup=True)
+            return Fault(message, "model-provider", "setup")
         variable = self._key_variable()
         if self._provider in _KEYLESS or os.environ.get(variable):
-            return Fault(f"it cannot be used. {_said(error)}", code="model-setup", setup=True)
+            return Fault(f"it cannot be used. {_said(error)}", "model-setup", "setup")
         own = " For a server of your own give --base-url, and its key, if any, in RVSG_API_KEY."
         message = f"no key: set {variable} in the environment (export {variable}=...)."
-        return Fault(message + ("" if self._base_url else own), code="model-key-missing", setup=True)
+        return Fault(message + ("" if self._base_url else own), "model-key-missing", "setup")
 
     def _key_variable(self) -> str:
         """The environment variable that holds the key."""
@@ -423,31 +410,30 @@ def _messages(request: Request) -> list[Any]:
 
 
 _loop_lock = threading.Lock()
-_loop: asyncio.AbstractEventLoop | None = None
-"""Runs the calls of all threads side by side. A client's connections belong to the loop they were opened on: a loop
-for each asking thread would leave them open when the thread ends."""
+
+
+@cache
+def _loop() -> asyncio.AbstractEventLoop:
+    """Return the loop that runs the calls of all threads side by side.
+
+    A client's connections belong to the loop they were opened on: a loop for each asking thread would leave them open
+    when the thread ends.
+    """
+    loop = asyncio.new_event_loop()
+    threading.Thread(target=loop.run_forever, name="rvsg-models", daemon=True).start()
+    return loop
 
 
 def _result_of(call: Coroutine[Any, Any, Any]) -> Any:
     """Run a coroutine to its end and return what it returns; interrupted, it is cancelled."""
-    global _loop
     with _loop_lock:
-        if _loop is None:
-            _loop = asyncio.new_event_loop()
-            threading.Thread(target=_loop.run_forever, name="rvsg-models", daemon=True).start()
-    future = asyncio.run_coroutine_threadsafe(call, _loop)
+        loop = _loop()
+    future = asyncio.run_coroutine_threadsafe(call, loop)
     try:
         return future.result()
     except BaseException:
         future.cancel()
         raise
-
-
-def _filtered(error: Exception) -> bool:
-    """Return whether a safety filter answered: some services send a refusal as an HTTP error with a code for it."""
-    if getattr(error, "status_code", None) not in (400, 403, 422):
-        return False
-    return any(code.casefold() in _FILTER_CODES for code in _codes(getattr(error, "body", None)))
 
 
 def _codes(body: object) -> Iterator[str]:

@@ -55,10 +55,13 @@ class PictureReference(Record):
     height: int
 
 
+Role = Literal["system", "user", "assistant"]
+
+
 class Message(Record):
     """One turn of a conversation. `stable` marks the end of the part that is equal in every call of a campaign."""
 
-    role: Literal["system", "user", "assistant"]
+    role: Role
     text: str
     pictures: tuple[PictureReference, ...] = ()
     stable: bool = False
@@ -232,13 +235,13 @@ class Access(Record):
         try:
             return cls.model_validate({"record": record, **options})
         except ValidationError as error:
-            problems = "; ".join(f"{'.'.join(str(part) for part in e['loc'])}: {_problem(e)}" for e in error.errors())
-            raise InvalidOptions(f"The vlm generator cannot use its options: {problems}", keys_of(error)) from None
-
-
-def _problem(error: Any) -> str:
-    nothing = str(error["loc"][0]).startswith("budget_") and error["input"] in (0, "0")
-    return NO_CALL if nothing else str(error["msg"])
+            problems = []
+            for each in error.errors():
+                key = ".".join(str(part) for part in each["loc"])
+                no_call = key.startswith("budget_") and each["input"] in (0, "0")
+                problems.append(f"{key}: {NO_CALL if no_call else each['msg']}")
+            message = f"The vlm generator cannot use its options: {'; '.join(problems)}"
+            raise InvalidOptions(message, keys_of(error)) from None
 
 
 _PIECES = re.compile(r" ?[^\W\d_]+|\d{1,3}|\n+| ?[^\w\s]+|_|[ \t]+")

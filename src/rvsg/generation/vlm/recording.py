@@ -19,6 +19,7 @@ import threading
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from functools import reduce
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -94,18 +95,15 @@ class Recording:
 
     def answered(self, key: str, request_id: str, model: str) -> Answer | None:
         """The answer that this model gave at that place to that very request."""
-        asked = (key, request_id, model)
-        found = (call.answer for call in self._calls if (call.key, call.request, call.model) == asked and call.answer)
-        answer = next(found, None)
-        return answer.model_copy(update={"source": "record"}) if answer is not None else None
+        for call in self._calls:
+            if (call.key, call.request, call.model) == (key, request_id, model) and call.answer is not None:
+                return call.answer.replace(source="record")
+        return None
 
     def spent(self) -> Spending:
         """What all the answered calls of the record cost together."""
-        spent = Spending()
-        for call in self._calls:
-            if call.answer is not None:
-                spent = spent.plus(call.answer.usage)
-        return spent
+        usages = (call.answer.usage for call in self._calls if call.answer is not None)
+        return reduce(Spending.plus, usages, Spending())
 
     def keep(self, request: Request, model: str, *, answer: Answer | None = None, error: str | None = None) -> None:
         """Append a call with its messages and pictures; on return it is on the disk."""
@@ -222,16 +220,6 @@ def _lines(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
         yield number, value
 
 
-class Divergence(Record):
-    """The first difference between a call as it is asked now and as it was recorded."""
-
-    key: str
-    what: str
-
-    def __str__(self) -> str:
-        return f"call {self.key}: {self.what}"
-
-
 class Replayed:
     """A model that answers each call with the answer recorded at the same place (attempt, number, purpose).
 
@@ -249,7 +237,8 @@ class Replayed:
         for session in dict.fromkeys(call.session for call in self._calls.values()):
             self._sessions[place_of(session)].append(session)
         self._taken: dict[str, str] = {}
-        self.divergences: list[Divergence] = []
+        self.divergences: list[tuple[str, str]] = []
+        """The calls that are asked otherwise than they were recorded, each with the first difference."""
         self.name = next((call.model for call in recording), "recorded")
 
     def ask(self, request: Request) -> Answer:
@@ -261,15 +250,15 @@ class Replayed:
         recorded = [self._recording.message(i) for i in call.messages]
         rehearsed = request.purpose == TELLS_A_REHEARSAL and list(request.messages[:-1]) == recorded[:-1]
         if call.request != request.id and not rehearsed:
-            divergence = Divergence(key=request.key, what=_difference(request, recorded))
-            self.divergences.append(divergence)
+            difference = _difference(request, recorded)
+            self.divergences.append((request.key, difference))
             if self._strict:
                 raise ReplayDiverged(
-                    f"The present prompts diverge from the record at {divergence}. Without strict replay the recorded "
-                    "answer is used and the difference reported.",
+                    f"The present prompts diverge from the record at call {request.key}: {difference}. Without strict "
+                    "replay the recorded answer is used and the difference reported.",
                     code="replay-prompts",
                 )
-        return call.answer.model_copy(update={"source": "record"})
+        return call.answer.replace(source="record")
 
     def _session(self, request: Request) -> str | None:
         """The recorded session that stands for the asked one."""
