@@ -13,8 +13,7 @@ import math
 from collections.abc import Sequence, Set
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TypeVar
-from weakref import WeakKeyDictionary
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,66 +77,14 @@ ROLES = (
 )
 
 
-@dataclass(frozen=True)
-class Stop:
+class Stop(NamedTuple):
     """A place with the waypoint at which it is worked."""
 
     place: Place
     waypoint: str
 
-    @property
-    def key(self) -> tuple[str, str]:
-        """What tells stops apart; far sooner hashed than all waypoints of the place."""
-        return (self.place.name, self.waypoint)
-
-
-class Layout:
-    """How places lie to the robot's route and to each other, for an aim; all samplers of a campaign share it."""
-
-    def __init__(self, ground: WalkingGraph, places: Sequence[Place], aim: Aim) -> None:
-        self.ground, self.places, self.aim = ground, places, aim
-        self.near = {name: ground.along(name) for place in places for name in place.waypoints}
-        closest = [min((self.near[name] for name in p.waypoints), key=lambda at: at[1]) for p in places]
-        self.along = [along for along, _ in closest]
-        self.beside = [1.0 if aim is Aim.NONE else math.exp(-away / REACH_M) for _, away in closest]
-        self._apart: dict[tuple[tuple[str, str], bool], NDArray[np.float64]] = {}
-        self._close: dict[tuple[str, frozenset[str]], tuple[list[str], NDArray[np.float64]]] = {}
-        self._tasks: dict[tuple[tuple[str, str], tuple[str, str], bool], Task | None] = {}
-
-    def apart(self, last: Stop, far: bool) -> NDArray[np.float64]:
-        """Return how much each place suits after the last one: far from it or near to it, and another one."""
-        key = (last.key, far)
-        if key not in self._apart:
-            here = self.near[last.waypoint][0]
-            apart = np.abs(np.array(self.along) - here)
-            suits = np.minimum(apart, 6.0) + 0.3 if far else np.array([math.exp(-each / 2.0) for each in apart])
-            others = [place.name != last.place.name for place in self.places]
-            self._apart[key] = np.where(others, 1.0 if self.aim is Aim.NONE else suits, 0.0)
-        return self._apart[key]
-
-    def waypoints(self, place: Place, without: frozenset[str]) -> tuple[list[str], NDArray[np.float64]]:
-        """Return the waypoints of a place but some, and how often each is drawn, as `drawn` takes it."""
-        key = (place.name, without)
-        if key not in self._close:
-            names = [name for name in place.waypoints if name not in without]
-            close = [1.0 if self.aim is Aim.NONE else math.exp(-self.near[name][1] / 1.0) for name in names]
-            self._close[key] = (names, shares_of(close) if names else np.empty(0))
-        return self._close[key]
-
-    def task(self, a: Stop, b: Stop, along_route: bool) -> Task | None:
-        """Return the task from a stop to another; the same object each time, as tasks never change."""
-        key = (a.key, b.key, along_route)
-        if key not in self._tasks:
-            path = self.ground.path(a.waypoint, b.waypoint, along_route=along_route)
-            joined = path if path is not None and len(path) > 1 else None
-            self._tasks[key] = Task.between(a.place.name, b.place.name, joined) if joined else None
-        return self._tasks[key]
-
 
 SOMEBODY = Human(name="Somebody", tasks=(Task(name="Work", path=()),), factors=ForceFactors())
-
-
-_layouts: WeakKeyDictionary[WalkingGraph, dict[tuple[tuple[Place, ...], Aim], Layout]] = WeakKeyDictionary()
 
 
 class PeopleSampler:
@@ -148,14 +95,12 @@ class PeopleSampler:
     ) -> None:
         self.ground, self.places, self.aim, self.rng = ground, places, aim, rng
         self.goods = handles_goods(places)
-        layouts, key = _layouts.setdefault(ground, {}), (tuple(places), aim)
-        if key not in layouts:
-            layouts[key] = Layout(ground, places, aim)
-        self.layout = layouts[key]
-        self._known: dict[tuple[tuple[str, str] | None, bool], NDArray[np.float64] | None] = {}
         self._roles = shares_of([role.weights[AIMS.index(aim)] for role in ROLES])
+        closest = [min((ground.along(name) for name in p.waypoints), key=lambda at: at[1]) for p in places]
+        self._along = np.array([along for along, _ in closest])
+        beside = [1.0 if aim is Aim.NONE else math.exp(-away / REACH_M) for _, away in closest]
         worked = [0.4 ** min(3, uses.get(place.name, 0)) for place in places]
-        self._usual = np.array([a * b for a, b in zip(worked, self.layout.beside, strict=True)])
+        self._usual = np.array([a * b for a, b in zip(worked, beside, strict=True)])
 
     def role(self) -> Role:
         """A way of working, as often as it suits the aim."""
@@ -245,32 +190,32 @@ class PeopleSampler:
 
     def stop(self, chosen: Sequence[Stop], role: Role) -> Stop | None:
         """One more place: near the robot's route, seldom worked before, far from or near to the last by the role."""
-        shares = self._shares(chosen[-1] if chosen else None, role.far)
-        if shares is None:
+        weights = self._usual
+        if chosen:
+            last = chosen[-1]
+            weights = np.where([place.name != last.place.name for place in self.places], weights, 0.0)
+            if self.aim is not Aim.NONE:
+                apart = np.abs(self._along - self.ground.along(last.waypoint)[0])
+                near = np.minimum(apart, 6.0) + 0.3 if role.far else [math.exp(-each / 2.0) for each in apart]
+                weights = weights * near
+        if not weights.any():
             return None
-        return self.at(self.places[drawn(shares, self.rng)], {stop.waypoint for stop in chosen[-1:]})
-
-    def _shares(self, last: Stop | None, far: bool) -> NDArray[np.float64] | None:
-        """Return how often each place is drawn after the last one, as `drawn` takes it; None where none is."""
-        key = (last.key if last is not None else None, far)
-        if key not in self._known:
-            weights = self._usual if last is None else self._usual * self.layout.apart(last, far)
-            self._known[key] = shares_of(weights) if weights.any() else None
-        return self._known[key]
+        return self.at(self.pick(self.places, weights), {stop.waypoint for stop in chosen[-1:]})
 
     def at(self, place: Place, without: Set[str]) -> Stop | None:
         """A waypoint of a place, sooner near the robot's route."""
-        names, shares = self.layout.waypoints(place, frozenset(without))
-        return Stop(place, names[drawn(shares, self.rng)]) if names else None
+        names = [name for name in place.waypoints if name not in without]
+        near = [1.0 if self.aim is Aim.NONE else math.exp(-self.ground.along(name)[1]) for name in names]
+        return Stop(place, self.pick(names, near)) if names else None
 
     def tasks(self, stops: Sequence[Stop], *, along_route: bool) -> tuple[Task, ...]:
         """The cyclic tasks from stop to stop; none where two are not joined or the same."""
         tasks = []
-        for a, b in zip(stops, [*stops[1:], *stops[:1]], strict=True):
-            task = self.layout.task(a, b, along_route)
-            if task is None:
+        for (place, start), (goal, end) in zip(stops, [*stops[1:], *stops[:1]], strict=True):
+            path = self.ground.path(start, end, along_route=along_route)
+            if path is None or len(path) < 2:
                 return ()
-            tasks.append(task)
+            tasks.append(Task.between(place.name, goal.name, path))
         return tuple(tasks) if len(tasks) > 1 else ()
 
     def _pausing(self, given: tuple[Task, ...], seconds: tuple[float, float]) -> tuple[Task, ...]:
@@ -284,7 +229,7 @@ class PeopleSampler:
             tasks[index] = task.model_copy(update={"pauses": (pause,)})
         return tuple(tasks)
 
-    def pick(self, options: Sequence[T], weights: Sequence[float]) -> T:
+    def pick(self, options: Sequence[T], weights: Sequence[float] | NDArray[np.float64]) -> T:
         """One of the options, drawn by weight."""
         return options[drawn(shares_of(weights), self.rng)]
 
