@@ -76,17 +76,17 @@ def inherited(refined: Scenario, people: HumanConfiguration) -> Described:
 
 def describe(humans: Sequence[Human], *, goods: bool) -> str:
     """Return who does what where, without a full stop: `Human 1 carries goods: Shelf 1, Boxes 3 and Area 2; ...`."""
-    parts = [f"{human.name} {_doing(human, humans[:k], goods)}: {_where(human)}" for k, human in enumerate(humans)]
+    parts = []
+    for k, human in enumerate(humans[:MOST_DESCRIBED]):
+        mates = (each.name for each in humans[:k] if each.group is not None and each.group == human.group)
+        mate = next(mates, None)
+        doing = in_company_of(mate) if mate is not None else work_of(human, goods=goods)
+        if mate is None and human.behaviour is Behaviour.THREATENING:
+            doing += ", and steps in front of the robot to see what it does"
+        *stops, last = dict.fromkeys(ends_of(task)[0] for task in at_places(human.tasks))
+        parts.append(f"{human.name} {doing}: {', '.join(stops)}{' and ' if stops else ''}{last}")
     more = f", and {len(humans) - MOST_DESCRIBED} others work nearby" if len(humans) > MOST_DESCRIBED else ""
-    return "; ".join(parts[:MOST_DESCRIBED]) + more
-
-
-def _doing(human: Human, before: Sequence[Human], goods: bool) -> str:
-    mate = next((each.name for each in before if each.group is not None and each.group == human.group), None)
-    if mate is not None:
-        return in_company_of(mate)
-    provoking = human.behaviour is Behaviour.THREATENING
-    return work_of(human, goods=goods) + (", and steps in front of the robot to see what it does" if provoking else "")
+    return "; ".join(parts) + more
 
 
 def in_company_of(name: str) -> str:
@@ -107,27 +107,22 @@ def work_of(human: Human, *, goods: bool) -> str:
     if human.kind is PersonKind.CHILD:
         return "is a child who goes about"
     if any(task.pauses for task in human.tasks):
-        work, errand = "checks goods on the way and stops to note what is missing", "walks about and stops on the way"
+        works = "checks goods on the way and stops to note what is missing", "walks about and stops on the way"
     elif human.speed_m_s <= 0.5:
-        work, errand = "moves a heavy load step by step", "walks slowly, step by step"
+        works = "moves a heavy load step by step", "walks slowly, step by step"
     elif human.speed_m_s <= 0.8:
-        work, errand = "carries a heavy load at a slow walk", "walks at a slow pace"
+        works = "carries a heavy load at a slow walk", "walks at a slow pace"
     elif len(at_places(human.tasks)) == 2:
-        work, errand = "sorts and tidies, going to and fro", "goes to and fro"
+        works = "sorts and tidies, going to and fro", "goes to and fro"
     elif human.speed_m_s >= 1.0:
-        work, errand = "carries goods at a brisk walk", "walks round at a brisk pace"
+        works = "carries goods at a brisk walk", "walks round at a brisk pace"
     else:
-        work, errand = "carries goods at a steady walk", "walks round at a steady pace"
-    return work if goods else errand
+        works = "carries goods at a steady walk", "walks round at a steady pace"
+    return works[0 if goods else 1]
 
 
 def _work(human: Human) -> tuple[str, list[str]]:
     return human.name, [task.name for task in human.tasks]
-
-
-def _where(human: Human) -> str:
-    stops = list(dict.fromkeys(ends_of(task)[0] for task in at_places(human.tasks)))
-    return f"{', '.join(stops[:-1])} and {stops[-1]}" if len(stops) > 1 else stops[0]
 
 
 def answer(

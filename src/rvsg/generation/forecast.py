@@ -342,7 +342,7 @@ class Forecaster:
         """What is expected of each of several configurations with the same number of people."""
         if not variants:
             return []
-        measured, _ = self._run(variants, [self.robot_speed] * len(variants), [self.pace] * len(variants))
+        measured, _ = self._run(variants, [self.robot_speed], [self.pace])
         return [Forecast(*row) for row in measured.tolist()]
 
     def tracks(self, variants: Sequence[Sequence[Human]]) -> list[Complexes]:
@@ -352,8 +352,7 @@ class Forecaster:
         """
         if not variants:
             return []
-        count = len(variants)
-        measured, tracks = self._run(variants, [self.robot_speed] * count, [self.pace] * count, keep=True)
+        measured, tracks = self._run(variants, [self.robot_speed], [self.pace], keep=True)
         ends = np.round(measured[:, DURATION] / STEP_S).astype(int)
         return [tracks[:end, b] for b, end in enumerate(ends)]
 
@@ -390,20 +389,32 @@ class Forecaster:
     ) -> tuple[Floats, Complexes]:
         """Return what is measured of each variant in so many steps, and with `keep` robot and people over time.
 
-        What is kept, (steps, B, 1 + H), ends when the last robot is done.
+        Speeds and paces are those of each variant, or one of all. What is kept, (steps, B, 1 + H), ends when the last
+        robot is done.
         """
-        walks = _Walks(variants, self.ground.at, np.asarray(paces, float))
+        number: dict[int, int] = {}  # most variants share their tasks
+        routes: list[tuple[list[Point], list[float]]] = []
+        for human in (human for humans in variants for human in humans):
+            if id(human.tasks) not in number:
+                number[id(human.tasks)] = len(routes)
+                routes.append(goals_of(human, self.ground.at))
+        count = np.array([len(points) for points, _ in routes])
+        goals, pauses = np.zeros((len(routes), count.max()), complex), np.zeros((len(routes), count.max()))
+        for k, (points, stops) in enumerate(routes):
+            goals[k, : len(points)] = np.array(points, float).view(complex)[:, 0]
+            pauses[k, : len(points)] = stops
+        table = np.array([[number[id(human.tasks)] for human in humans] for humans in variants])
         steps = int(min(self.limit / STEP_S, most))
-        tracks = np.zeros((len(variants), steps if keep else 0, 1 + walks.goals.shape[1]), complex)
+        tracks = np.zeros((len(variants), steps if keep else 0, 1 + table.shape[1]), complex)
         measured, done = run_all(
             self._way,
-            walks.goals,
-            walks.stops,
-            walks.count,
-            walks.speed,
-            walks.heeds,
-            walks.delays,
-            np.asarray(speeds, float),
+            goals[table],
+            pauses[table],
+            count[table],
+            np.array([[h.speed_m_s for h in humans] for humans in variants]) * np.array(paces, float)[:, None],
+            np.array([[h.behaviour is not Behaviour.IMPASSIVE for h in humans] for humans in variants]),
+            np.array([[h.start_delay_s for h in humans] for humans in variants], float),
+            np.full(len(variants), speeds, float),
             steps,
             tracks,
         )
@@ -446,26 +457,6 @@ def _way(points: Sequence[Point], bodies: float) -> Way:
     legs = np.diff(corners)
     marks = np.concatenate([[0.0], np.cumsum(np.abs(legs))])
     return Way(corners, marks, np.asarray(legs / np.maximum(np.abs(legs), 1e-9), complex), float(bodies))
-
-
-class _Walks:
-    """The walks of the people of B variants, H in each, as arrays for the kernel."""
-
-    def __init__(self, variants: Sequence[Sequence[Human]], at: dict[str, Point], paces: Floats) -> None:
-        doing = {id(human.tasks): human for humans in variants for human in humans}  # most variants share their tasks
-        routes = [goals_of(human, at) for human in doing.values()]
-        longest = max(len(points) for points, _ in routes)
-        goals, pauses = np.zeros((len(routes), longest), complex), np.zeros((len(routes), longest))
-        for k, (points, stops) in enumerate(routes):
-            goals[k, : len(points)] = np.array(points, float).view(complex)[:, 0]
-            pauses[k, : len(points)] = stops
-        number = {key: k for k, key in enumerate(doing)}
-        table = np.array([[number[id(human.tasks)] for human in humans] for humans in variants])
-        self.goals, self.stops = goals[table], pauses[table]
-        self.count = np.array([len(points) for points, _ in routes])[table]
-        self.speed = np.array([[h.speed_m_s for h in humans] for humans in variants]) * paces[:, None]
-        self.heeds = np.array([[h.behaviour is not Behaviour.IMPASSIVE for h in humans] for humans in variants])
-        self.delays = np.array([[h.start_delay_s for h in humans] for humans in variants], float)
 
 
 # How many of a refinement's variants count as equally promising. The forecast ranks nearness as the simulator does

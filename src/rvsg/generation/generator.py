@@ -74,34 +74,30 @@ def surprises(rehearsal: Rehearsal, plan: Plan) -> tuple[str, ...]:
     held_up = math.isfinite(met) and rehearsal.arrival_s is None
     found = []
     for name, walked in rehearsal.people.items():
-        if walked.stuck_s is not None and walked.stuck_s < met:
-            found.append(
-                f"{name} gets stuck at {walked.stuck_at} from {walked.stuck_s:g} s on and does not walk further."
-            )
-        found += [
-            f"{name} stands still at {at} from {start:g} to {end:g} s, held up by what is in the way."
-            for start, end, at in walked.stood
-            if start < met
-        ]
+        stuck, left = walked.stuck_s, math.inf if walked.left_s is None else walked.left_s
+        if stuck is not None and stuck < met:
+            found.append(f"{name} gets stuck at {walked.stuck_at} from {stuck:g} s on and does not walk further.")
+        for start, end, at in walked.stood:
+            if start < met:
+                held = f"{name} stands still at {at} from {start:g} to {end:g} s"
+                found.append(f"{held}, held up by what is in the way.")
         if walked.nearest_m > NEAR_M and not held_up:
-            found.append(
-                f"{name} never comes near the robot: the smallest distance is {walked.nearest_m:.1f} m, at "
-                f"{walked.nearest_s:.0f} s."
-            )
+            nearest = f"the smallest distance is {walked.nearest_m:.1f} m, at {walked.nearest_s:.0f} s"
+            found.append(f"{name} never comes near the robot: {nearest}.")
         reached = {arrival.at: arrival.time_s for arrival in reversed(walked.arrivals)}
         for at, planned in plan.get(name, {}).items():
-            left = math.inf if walked.left_s is None else walked.left_s
             if at == walked.begins_at and planned < left + LATE_S:
                 continue  # there from the start on
-            actual = reached.get(at)
-            if min(planned, math.inf if actual is None else actual) >= met:
+            actual = reached.get(at, math.inf)
+            if min(planned, actual) >= met or abs(actual - planned) < LATE_S:
                 continue
-            if actual is None and at == walked.begins_at:
-                found.append(f"{name} leaves {at} at {left:.1f} s and does not come back; you planned {planned:g} s.")
-            elif actual is None:
-                found.append(f"{name} does not reach {at} during the run; you planned {planned:g} s.")
-            elif abs(actual - planned) >= LATE_S:
-                found.append(f"{name} reaches {at} at {actual:.1f} s; you planned {planned:g} s.")
+            if math.isfinite(actual):
+                what = f"reaches {at} at {actual:.1f} s"
+            elif at == walked.begins_at:
+                what = f"leaves {at} at {left:.1f} s and does not come back"
+            else:
+                what = f"does not reach {at} during the run"
+            found.append(f"{name} {what}; you planned {planned:g} s.")
     return tuple(found)
 
 

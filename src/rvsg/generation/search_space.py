@@ -45,6 +45,20 @@ class Dimension:
     start: float
     choices: int = 0
 
+    @property
+    def start_share(self) -> float:
+        """The number as proposed, as a share of its range."""
+        if self.choices:
+            return (self.start + 0.5) / self.choices
+        return (self.start - self.low) / (self.high - self.low)
+
+    def at(self, share: float) -> float:
+        """The number at a share of its range."""
+        share = min(1.0, max(0.0, share))
+        if self.choices:
+            return float(min(self.choices - 1, int(share * self.choices)))
+        return self.low + share * (self.high - self.low)
+
 
 class TuningSpace:
     """The search space around one configuration. A vector has one value in [0, 1] per dimension."""
@@ -56,7 +70,7 @@ class TuningSpace:
         self.dimensions: tuple[Dimension, ...] = tuple(
             dimension for index, human in enumerate(people.humans) for dimension in self._dimensions(index, human)
         )
-        self.start: Vector = np.array([self._scaled(dimension) for dimension in self.dimensions])
+        self.start: Vector = np.array([dimension.start_share for dimension in self.dimensions])
         """The vector of the configuration as proposed."""
 
     def configuration(self, vector: Sequence[float] | Vector) -> HumanConfiguration | None:
@@ -64,7 +78,7 @@ class TuningSpace:
         values: dict[int, dict[str, float]] = {}
         for dimension, share, base in zip(self.dimensions, vector, self.start, strict=True):
             if abs(float(share) - float(base)) > 1e-9:
-                values.setdefault(dimension.human, {})[dimension.name] = self._value(dimension, float(share))
+                values.setdefault(dimension.human, {})[dimension.name] = dimension.at(float(share))
         humans: list[Human] = []
         leaders: dict[int, Human] = {}
         for i, human in enumerate(self.people.humans):
@@ -117,49 +131,29 @@ class TuningSpace:
             return []
         return sorted(place, key=lambda name: (self.ground.along(name)[0], name))
 
-    @staticmethod
-    def _scaled(dimension: Dimension) -> float:
-        if dimension.choices:
-            return (dimension.start + 0.5) / dimension.choices
-        return (dimension.start - dimension.low) / (dimension.high - dimension.low)
-
-    @staticmethod
-    def _value(dimension: Dimension, share: float) -> float:
-        share = min(1.0, max(0.0, share))
-        if dimension.choices:
-            return float(min(dimension.choices - 1, int(share * dimension.choices)))
-        return dimension.low + share * (dimension.high - dimension.low)
-
     def _changed(self, human: Human, values: dict[str, float]) -> Human | None:
         """The person with these values; None where a stop that moved cannot be reached."""
         before, begins = _cycle(human)
-        tasks = self._moved(before, values)
-        if tasks is None:
-            return None
+        stops = [task.path[0] for task in before]
+        for k, task in enumerate(before[:TUNED_STOPS]):
+            if f"stop {k}" in values:
+                stops[k] = self._others(task)[int(values[f"stop {k}"])]
+        moved = []
+        for task, start, end in zip(before, stops, [*stops[1:], *stops[:1]], strict=True):
+            if (start, end) != (task.path[0], task.path[-1]):
+                path = self.ground.path(start, end, along_route=True)
+                if path is None or len(path) < 2:
+                    return None
+                pauses = tuple(pause for pause in task.pauses if pause.at in path)
+                task = task.model_copy(update={"path": path, "pauses": pauses})
+            moved.append(task)
+        tasks = tuple(moved)
         if "pause" in values or "pause at" in values:
             tasks = _paused(tasks, _first_pause(before), values)
         tasks = begin_at(tasks, *_at(tasks, values.get("begins", begins)))
         delay = round(values.get("delay", human.start_delay_s), 1)
         speed = round(values.get("speed", human.speed_m_s), 2)
         return human.model_copy(update={"tasks": tasks, "start_delay_s": delay, "speed_m_s": speed})
-
-    def _moved(self, tasks: tuple[Task, ...], values: dict[str, float]) -> tuple[Task, ...] | None:
-        """The tasks with some stops at other waypoints of their areas."""
-        stops = [task.path[0] for task in tasks]
-        for k, task in enumerate(tasks[:TUNED_STOPS]):
-            if f"stop {k}" in values:
-                stops[k] = self._others(task)[int(values[f"stop {k}"])]
-        moved = []
-        for task, start, end in zip(tasks, stops, [*stops[1:], *stops[:1]], strict=True):
-            if (start, end) == (task.path[0], task.path[-1]):
-                moved.append(task)
-                continue
-            path = self.ground.path(start, end, along_route=True)
-            if path is None or len(path) < 2:
-                return None
-            pauses = tuple(pause for pause in task.pauses if pause.at in path)
-            moved.append(task.model_copy(update={"path": path, "pauses": pauses}))
-        return tuple(moved)
 
 
 def _cycle(human: Human) -> tuple[tuple[Task, ...], float]:

@@ -20,12 +20,12 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import reduce
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
+from rvsg.core.documents import mistakes_of
 from rvsg.core.errors import FileError, NotRecorded, ReplayDiverged, StoreError
 from rvsg.core.records import Record, canonical_json, content_id
 from rvsg.generation.vlm.model import Answer, Message, Request, Spending
@@ -68,15 +68,11 @@ class Recording:
             try:
                 self._calls.append(RecordedCall.model_validate(value))
             except ValidationError as error:
-                first = error.errors()[0]
-                what = f"not a recorded call: {'.'.join(str(part) for part in first['loc'])}: {first['msg']}"
-                raise FileError(self.folder / CALLS, what, line=line) from None
-        self._histories = {
-            str(value.get("name")): tuple(value.get("messages", ())) for _, value in _lines(self.folder / HISTORIES)
-        }
-        self._measured = {
-            str(value.get("session")): value.get("measured") for _, value in _lines(self.folder / MEASURED)
-        }
+                mistakes = "; ".join(mistakes_of(error, RecordedCall))
+                raise FileError(self.folder / CALLS, f"not a recorded call: {mistakes}", line=line) from None
+        histories, measured = (_lines(self.folder / name) for name in (HISTORIES, MEASURED))
+        self._histories = {str(value.get("name")): tuple(value.get("messages", ())) for _, value in histories}
+        self._measured = {str(value.get("session")): value.get("measured") for _, value in measured}
 
     def __len__(self) -> int:
         return len(self._calls)
@@ -298,14 +294,14 @@ def _difference(request: Request, recorded: list[Message]) -> str:
 
 def _message_difference(now: Message, then: Message) -> str:
     lines_now, lines_then = now.text.splitlines(), then.text.splitlines()
-    for number, (a, b) in enumerate(zip_longest(lines_now, lines_then), start=1):
-        if a is None or b is None:
-            return f"{len(lines_now)} lines instead of {len(lines_then)}"
+    for number, (a, b) in enumerate(zip(lines_now, lines_then, strict=False), start=1):
         if a != b:
             return f"line {number} is {_shown(a)}, recorded {_shown(b)}"
-    for a_picture, b_picture in zip(now.pictures, then.pictures, strict=False):
-        if a_picture != b_picture:
-            return f'picture "{a_picture.name}" is {a_picture.digest}, recorded {b_picture.digest}'
+    if len(lines_now) != len(lines_then):
+        return f"{len(lines_now)} lines instead of {len(lines_then)}"
+    for shown, kept in zip(now.pictures, then.pictures, strict=False):
+        if shown != kept:
+            return f'picture "{shown.name}" is {shown.digest}, recorded {kept.digest}'
     return f"its role is {now.role}, recorded {then.role}" if now.role != then.role else "its pictures"
 
 
