@@ -123,7 +123,6 @@ def test_paths_along_the_route_are_valid_and_at_most_1_7_times_the_shortest() ->
     for start in WORLD.grid.valid:
         for end in ("A1", "E7", "B7"):
             liked, short = GROUND.path(start, end, along_route=True), GROUND.path(start, end)
-            assert liked is not None and short is not None
             assert all(b in WORLD.grid.neighbours[a] for a, b in pairwise(liked))
             length, least = (sum(np.hypot(*np.diff([GROUND.at[n] for n in way], axis=0).T)) for way in (liked, short))
             assert length <= 1.7 * least + 1e-9

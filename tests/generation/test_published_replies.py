@@ -21,13 +21,11 @@ pytestmark = pytest.mark.skipif(DATA is None, reason="the published data is not 
 
 
 def replies() -> list[str]:
-    assert DATA is not None
     files = sorted((DATA / "replies").glob("*/route_1/*.jsonl"))
     return [json.loads(line)["reply"] for file in files for line in file.read_text().splitlines()]
 
 
 def configurations() -> list[tuple[Path, dict[str, Any]]]:
-    assert DATA is not None
     files = sorted(DATA.glob("*/route_*/*/*.json"))
     return [(f, json.loads(f.read_text())) for f in files if not {"scenario", "memory"} & set(f.stem.split("_"))]
 

@@ -25,7 +25,6 @@ def rules(reply: Reply) -> list[str]:
 
 
 def paths(reply: Reply) -> list[list[tuple[str, ...]]]:
-    assert reply.people is not None
     return [[task.path for task in human.tasks] for human in reply.people.humans]
 
 
@@ -122,7 +121,6 @@ def test_extra_humans_are_found_and_left_out_missing_ones_are_fatal() -> None:
     one, two = TWO["humans"]
     extra = read_configuration(json.dumps({"humans": [one, two, {**two, "name": "Boss"}]}), NAMES)
     assert rules(extra) == ["extra-human"]
-    assert extra.people is not None
     assert len(extra.people.humans) == 2
     assert [r.human for r in extra.repairs] == ["Boss"]
     missing = read_configuration(json.dumps({"humans": [one]}), NAMES)
@@ -144,7 +142,6 @@ def test_values_out_of_range_are_found_and_put_right() -> None:
     assert sorted(rules(reply)) == sorted(
         ["speed-out-of-range", "not-a-number", "unknown-behaviour", "bad-group", "long-pause", "bad-pause"]
     )
-    assert reply.people is not None
     human = reply.people.humans[0]
     assert (human.speed_m_s, human.start_delay_s, human.behaviour) == (2.0, 0.0, Behaviour.REGULAR)
     assert [(p.at, p.duration_s) for p in human.tasks[0].pauses] == [("G10", 600.0)]
@@ -179,6 +176,5 @@ def test_path_lines_are_read_and_a_later_block_replaces_an_earlier() -> None:
     ```
     """
     people = read_path_lines(text, NAMES)
-    assert people is not None
     assert [[t.path for t in h.tasks] for h in people.humans] == [[("G10", "G11"), ("G11", "G10")], [("G14", "G15")]]
     assert read_path_lines("Human 1 | a | G1, G2", NAMES) is None

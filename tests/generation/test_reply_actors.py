@@ -27,7 +27,6 @@ def answer(moved: object = None, **person: object) -> str:
 def test_a_child_and_a_trolley_are_read() -> None:
     child = read_configuration(answer(kind="child"), actors=ALL).people
     pushing = read_configuration(answer(trolley={"length_m": 1.2, "width_m": 0.6}, kind="adult"), actors=ALL).people
-    assert child is not None and pushing is not None
     assert (child.humans[0].kind, child.humans[0].radius_m, child.humans[0].speed_m_s) == (PersonKind.CHILD, 0.25, 1.1)
     assert pushing.humans[0].trolley == Trolley(length_m=1.2, width_m=0.6)
 
@@ -36,7 +35,6 @@ def test_objects_are_read_and_written_in_one_form() -> None:
     thing = {"name": "pallet", "x": 1.5, "y": 2.0, "length_m": 1.2, "width_m": 0.8, "height_m": 0.9, "yaw": 0.3}
     reply = read_configuration(answer([thing]), actors=ALL)
     assert reply.moved == (box("pallet", (1.5, 2.0), (1.2, 0.8, 0.9), 0.3, 0.21),)
-    assert reply.people is not None
     assert configuration_object(reply.people, moved=reply.moved)["moved"] == [thing]
     assert read_configuration(answer(), actors=ALL).moved is None
     assert read_configuration(answer([]), actors=ALL).moved == ()

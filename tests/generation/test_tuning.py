@@ -18,7 +18,6 @@ def drafted(seed: int, requirement: str = "R1") -> tuple[Scenario, TuningSpace]:
     needed = load_requirement(requirement).for_time_limit(mission.route.time_limit_s)
     brief = Brief(mission=mission, requirement=needed, seed=seed)
     scenario = HeuristicGenerator().propose(brief, world).scenario
-    assert scenario is not None
     return scenario, TuningSpace(scenario.people, mission, world)
 
 
@@ -36,7 +35,6 @@ def test_every_drawn_configuration_is_valid_plausible_and_keeps_who_works_where(
         mutations = Mutations(space, np.random.default_rng(seed))
         for _ in range(15):
             people, words = mutations.draw()
-            assert people is not None
             assert people != scenario.people
             assert words
             assert not check(people, scenario.mission, space.world)

@@ -30,9 +30,7 @@ def proposed(world: World, seed: int, humans: int = 2) -> Scenario:
     brief = Brief(
         mission=Mission.of(world, route), requirement=load_requirement("R1"), aim=Aim.SHARE, seed=seed, humans=humans
     )
-    scenario = HeuristicGenerator(tries=10).propose(brief, world).scenario
-    assert scenario is not None
-    return scenario
+    return HeuristicGenerator(tries=10).propose(brief, world).scenario
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +96,6 @@ def test_random_people_take_part_as_the_world_allows(hospital: World) -> None:
         scenario = (
             RandomGenerator().propose(Brief(mission=mission, requirement=None, seed=seed, humans=3), every).scenario
         )
-        assert scenario is not None
         assert check(scenario.people, scenario.mission, every) == ()
         found.append(scenario)
     people = [human for scenario in found for human in scenario.people.humans]
@@ -135,7 +132,7 @@ def test_a_campaign_runs_in_the_world_with_what_was_moved(hospital: World) -> No
     seen: list[World] = []
 
     class Looking(KinematicSimulator):
-        def run(self, scenario, world, *, seed):  # type: ignore[no-untyped-def]
+        def run(self, scenario, world, *, seed):
             seen.append(world)
             return super().run(scenario, world, seed=seed)
 

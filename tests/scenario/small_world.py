@@ -55,7 +55,7 @@ MISSION = Mission(world="hall", world_id=WORLD.id, route=WORLD.routes[0])
 def human(*tasks: str | Task, name: str = "Ada", **more: object) -> Human:
     """A person from tasks written "name: A1 A2 B3"."""
     made = tuple(task if isinstance(task, Task) else walk(task) for task in tasks)
-    return Human(name=name, tasks=made, **more)  # type: ignore[arg-type]
+    return Human(name=name, tasks=made, **more)
 
 
 def walk(text: str) -> Task:

@@ -91,7 +91,6 @@ def test_explicit_areas_go_before_the_name_of_the_task() -> None:
 
 def beside_the_robot(gap_m: float, axis: int) -> Mission:
     """Return the mission with the robot this far from A1 along an axis: its front, or its side."""
-    assert MISSION.robot_record is not None
     reach = max(abs(corner[axis]) for corner in MISSION.robot_record.outline) + human(*GOOD).radius_m
     x, y = WORLD.grid.position("A1")
     away = (reach + gap_m, 0.0) if axis == 0 else (0.0, reach + gap_m)
