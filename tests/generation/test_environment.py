@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.coded import coded
@@ -10,10 +11,12 @@ from tests.coded import coded
 from rvsg.core.errors import FileError, GenerationError, InputError
 from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.environment import (
+    LONGEST_NAME,
     EnvironmentDialogue,
     description_of,
     editable,
     edited,
+    propose_area_names,
     read_description_file,
     store_description,
     stored_path,
@@ -132,3 +135,40 @@ def test_a_reason_about_a_given_text_costs_one_call_with_text_and_pictures(wareh
     assert {p.name for p in messages[1].pictures} >= {"labelled map", "grid of waypoints"}
     assert "By hand: no exit." in messages[2].text
     assert "There is an exit." in messages[3].text
+
+
+def said(*names: Any) -> str:
+    return f"Here they are:\n```json\n{json.dumps({'names': names})}\n```"
+
+
+def test_names_are_proposed_with_a_reason_from_the_labelled_map(warehouse: World) -> None:
+    first, second = (area.name for area in warehouse.areas[:2])
+    model = Scripted([said({"area": first, "name": "Packing", "why": "A table\nstands there."})])
+    found = propose_area_names(warehouse, model, Prompts())
+    assert [(n.area, n.name, n.why) for n in found.names] == [(first, "Packing", "A table stands there.")]
+    assert found.unusable == () and len(found.calls) == 1
+    asked = model.asked[0].messages[-1]
+    assert "labelled map" in [p.name for p in asked.pictures]
+    assert first in asked.text and second in asked.text
+
+
+def test_what_cannot_be_accepted_is_left_out_and_told(warehouse: World) -> None:
+    first, second, third = (area.name for area in warehouse.areas[:3])
+    answer = said(
+        {"area": "Nowhere", "name": "X"},
+        {"area": first, "name": "x" * (LONGEST_NAME + 1)},
+        {"area": first, "name": second.upper()},
+        {"area": second, "name": "Packing"},
+        {"area": third, "name": "packing"},
+        {"area": third, "name": third},
+        "text",
+    )
+    found = propose_area_names(warehouse, Scripted([answer]), Prompts())
+    assert [(n.area, n.name) for n in found.names] == [(second, "Packing")]
+    assert len(found.unusable) == 5
+
+
+def test_an_unreadable_answer_is_asked_for_again_and_then_an_error(warehouse: World) -> None:
+    assert propose_area_names(warehouse, Scripted(["prose", said()]), Prompts()).names == ()
+    with pytest.raises(GenerationError):
+        propose_area_names(warehouse, Scripted(["prose", '{"names": "none"}']), Prompts())
