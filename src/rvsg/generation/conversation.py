@@ -11,6 +11,7 @@ cannot be repaired is a Proposal with problems.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -65,6 +66,8 @@ class VlmGenerator(Generator):
     stand in for the shipped ones. The other options are those of `Access`.
     """
 
+    name = "vlm"
+    asks_a_model = True
     code_options = ()
 
     def __init__(
@@ -96,16 +99,6 @@ class VlmGenerator(Generator):
         self.histories: dict[str, tuple[Message, ...]] = {}
         self._undisturbed: dict[str, Rehearsal] = {}
         self._moved = 0
-
-    @property
-    def name(self) -> str:
-        """`vlm`."""
-        return "vlm"
-
-    @property
-    def asks_a_model(self) -> bool:
-        """True."""
-        return True
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -203,7 +196,7 @@ class VlmGenerator(Generator):
         return StoreError(f"{self.access.recording.folder / MEASURED}: {what} damaged.")
 
 
-class Conversation:
+class Conversation(ABC):
     """A conversation about one brief, with all answers as the reader and the checker see them."""
 
     def __init__(self, generator: VlmGenerator, brief: Brief, world: World) -> None:
@@ -221,13 +214,13 @@ class Conversation:
     def _pictures(self, drive: Rehearsal | None) -> tuple[Picture, ...]:
         return pictures_of(self.world, self.brief.mission.route, drive.way if drive else ())
 
+    @abstractmethod
     def first_question(self) -> tuple[str, tuple[Picture, ...]]:
         """Say what comes before the first question; return its template and the pictures it shows."""
-        raise NotImplementedError
 
+    @abstractmethod
     def hold(self) -> None:
         """Ask until there is a valid configuration, or no round of corrections is left."""
-        raise NotImplementedError
 
     def _read(self, answer: Answer) -> Reply:
         """What the reader and the checker find in an answer."""

@@ -149,9 +149,10 @@ class _Changes:
         return changed.model_copy(update=kept), work_of(changed, goods=self.work.goods)
 
     def elsewhere(self, human: Human) -> tuple[Human, str] | None:
-        changed = self.work.underway(human)
-        at = changed.tasks[0].path[0]
-        return (changed, f"is already at {at} when the robot sets off") if changed != human else None
+        tasks = self.work.underway(human.tasks)
+        if tasks == human.tasks:
+            return None
+        return human.model_copy(update={"tasks": tasks}), f"is already at {tasks[0].path[0]} when the robot sets off"
 
     def heedless(self, human: Human) -> tuple[Human, str] | None:
         if human.behaviour is Behaviour.THREATENING:
@@ -183,11 +184,12 @@ class _Changes:
         if not tasks:
             return None
         pauses = [pause for task in human.tasks for pause in task.pauses]
-        kept = tuple(
+        tasks = tuple(
             task.model_copy(update={"pauses": tuple(p for p in pauses if p.at in task.path[1:])}) for task in tasks
         )
-        changed = human.model_copy(update={"tasks": kept})
-        return (self.work.underway(changed) if at_places(human.tasks) != human.tasks else changed), words
+        if at_places(human.tasks) != human.tasks:
+            tasks = self.work.underway(tasks)
+        return human.model_copy(update={"tasks": tasks}), words
 
 
 MATES = {Aim.DELAY: 0.4}
@@ -209,17 +211,14 @@ class HeuristicGenerator(Generator):
     person steps in front of the robot when it is near (HuNavSim's threatening behaviour), a misuse to be foreseen.
     """
 
+    name = "heuristic"
+
     def __init__(
         self, *, tries: int = 60, changes: int = 120, individuals: bool = True, provoking: bool = False
     ) -> None:
         if tries < 1 or changes < 1:
             raise ValueError(f"expected at least one try and one change, got {tries} and {changes}")
         self.tries, self.changes, self.individuals, self.provoking = tries, changes, individuals, provoking
-
-    @property
-    def name(self) -> str:
-        """The name it is chosen by."""
-        return "heuristic"
 
     def propose(self, brief: Brief, world: World) -> Proposal:
         """A new scenario, or a refinement of the one in the feedback."""
@@ -381,7 +380,7 @@ class _Plan:
             for index in reversed([i for i, human in enumerate(humans) if human.group is None and named[k]]):
                 others = humans[:index] + humans[index + 1 :]
                 for _ in range(WORK_TRIES):
-                    human = self.work.at_work(humans[index].name, self.work.role(), named[k])
+                    human = self.work.human(humans[index].name, self.work.role(), named[k])
                     if human is not None and follows(human, named[k]) and self._clear(human, others):
                         kept = {"behaviour": humans[index].behaviour, "factors": humans[index].factors}
                         changed = human.model_copy(update=kept)

@@ -106,24 +106,13 @@ class PeopleSampler:
         """A way of working, as often as it suits the aim."""
         return ROLES[drawn(self._roles, self.rng)]
 
-    def human(self, name: str, role: Role) -> Human | None:
-        """A person at work; None where the drawn places are not joined."""
-        return self._working(name, role, self.stops(role))
+    def human(self, name: str, role: Role, named: Sequence[Sequence[Place]] | None = None) -> Human | None:
+        """A person at work; None where the drawn places are not joined.
 
-    def at_work(self, name: str, role: Role, named: Sequence[Sequence[Place]]) -> Human | None:
-        """A person who goes to the places an activity names, in its order; None where they are not joined."""
-        stops: list[Stop] = []
-        for places in named:
-            taken = {stop.place.name for stop in stops}
-            here = [place for place in places if place.name not in taken]
-            stop = self.at(here[int(self.rng.integers(len(here)))], {s.waypoint for s in stops}) if here else None
-            if stop is not None:
-                stops.append(stop)
-        more = self.stop(stops, role) if len(stops) == 1 else None
-        return self._working(name, role, [*stops, more] if more is not None else stops)
-
-    def _working(self, name: str, role: Role, stops: Sequence[Stop]) -> Human | None:
-        """A person who goes round these stops; None where they are not joined."""
+        Args:
+            named: The places that an activity names, to which the person goes in its order.
+        """
+        stops = self._stops(role) if named is None else self._stops_at(named, role)
         tasks = self.tasks(stops, along_route=role.far and self.aim is not Aim.NONE)
         if not tasks:
             return None
@@ -133,26 +122,37 @@ class PeopleSampler:
         if role.pauses:
             tasks = self._pausing(tasks, role.pauses)
         if self.aim in UNDERWAY and self.rng.random() < UNDERWAY[self.aim]:
-            tasks = self._underway(tasks)
+            tasks = self.underway(tasks)
         behaviour = Behaviour.IMPASSIVE if heedless else Behaviour.REGULAR
         given = {"name": name, "tasks": tasks, "behaviour": behaviour, "speed_m_s": speed, "start_delay_s": delay}
         return SOMEBODY.model_copy(update=given)  # hundreds are drawn for each one kept, within the bounds of a Human
 
-    def underway(self, human: Human) -> Human:
-        """The person already on the way through one of the tasks, sooner where that way is the robot's: the cycle
-        begins there, and ends there with the rest of the task."""
-        tasks = self._underway(human.tasks)
-        return human if tasks is human.tasks else human.model_copy(update={"tasks": tasks})
+    def _stops(self, role: Role) -> list[Stop]:
+        """Two to four places to go round."""
+        count = min(len(self.places), STOPS[int(self.rng.integers(len(STOPS)))])
+        chosen: list[Stop] = []
+        while len(chosen) < count and (stop := self.stop(chosen, role)) is not None:
+            chosen.append(stop)
+        return chosen
 
-    def _underway(self, given: tuple[Task, ...]) -> tuple[Task, ...]:
+    def _stops_at(self, named: Sequence[Sequence[Place]], role: Role) -> list[Stop]:
+        stops: list[Stop] = []
+        for places in named:
+            taken = {stop.place.name for stop in stops}
+            here = [place for place in places if place.name not in taken]
+            stop = self.at(here[int(self.rng.integers(len(here)))], {s.waypoint for s in stops}) if here else None
+            if stop is not None:
+                stops.append(stop)
+        more = self.stop(stops, role) if len(stops) == 1 else None
+        return [*stops, more] if more is not None else stops
+
+    def underway(self, given: tuple[Task, ...]) -> tuple[Task, ...]:
+        """The cycle of tasks of somebody already on the way through one of them, sooner where that way is the robot's:
+        it begins there, and ends there with the rest of the task."""
         tasks = at_places(given)
         inner = [(k, at) for k, task in enumerate(tasks) for at in range(1, len(task.path) - 1)]
-        if not inner:
-            return given
         weights = [math.exp(-self.ground.along(tasks[k].path[at])[1] / 0.5) for k, at in inner]
-        if not sum(weights):
-            return given
-        return begin_at(tasks, *self.pick(inner, weights))
+        return begin_at(tasks, *self.pick(inner, weights)) if sum(weights) else given
 
     def mate(self, name: str, other: Human, group: int) -> Human | None:
         """Somebody who works together with another: the same tasks at the same time, from a start beside or
@@ -176,17 +176,6 @@ class PeopleSampler:
         if other.behaviour is Behaviour.THREATENING:
             changes["behaviour"] = Behaviour.REGULAR
         return other.model_copy(update=changes)
-
-    def stops(self, role: Role) -> list[Stop]:
-        """Two to four places to go round."""
-        count = min(len(self.places), STOPS[int(self.rng.integers(len(STOPS)))])
-        chosen: list[Stop] = []
-        while len(chosen) < count:
-            stop = self.stop(chosen, role)
-            if stop is None:
-                break
-            chosen.append(stop)
-        return chosen
 
     def stop(self, chosen: Sequence[Stop], role: Role) -> Stop | None:
         """One more place: near the robot's route, seldom worked before, far from or near to the last by the role."""

@@ -34,16 +34,13 @@ class RandomGenerator(Generator):
     the first draws the weights of their forces again at every launch; False gives everybody the default weights.
     """
 
+    name = "random"
+
     def __init__(self, *, tasks: tuple[int, int] = (2, 20), individuals: bool = True) -> None:
         if not 2 <= tasks[0] <= tasks[1]:
             raise ValueError(f"expected at least 2 tasks and the smaller number first, got {tasks}")
         self.tasks = tasks
         self.individuals = individuals
-
-    @property
-    def name(self) -> str:
-        """The name it is chosen by."""
-        return "random"
 
     def propose(self, brief: Brief, world: World) -> Proposal:
         """Draw a configuration from the brief's seed."""
