@@ -128,7 +128,8 @@ def missing(options: dict[str, Any]) -> str:
 def asked(given: argparse.Namespace) -> list[Question]:
     """Return the scenarios to drive."""
     import rvsg
-    from rvsg.app.suites import Suite, requirement_of
+    from rvsg.app.suites import Suite
+    from rvsg.campaign.suite_folder import requirement_of
 
     questions = [Question(path.stem, rvsg.load_scenario(path)) for path in given.scenarios]
     if given.suite is not None:
@@ -232,7 +233,7 @@ def built_in(question: Question, runs: int, stack: str) -> Wanted:
 
 def kept(folder: Path | None, name: str, question: Question, wanted: Wanted) -> list[Any]:
     """Return the runs of that name in the folder; those that are not there yet are made and kept."""
-    from rvsg.app.runs import RunSet, load_runs
+    from rvsg.campaign.run_set import RunSet, load_runs
 
     file = None if folder is None else folder / f"{name}.jsonl"
     runs = list(load_runs(file, scenario=question.scenario)) if file is not None and file.is_file() else []
@@ -280,8 +281,7 @@ def figures(runs: list[Any], question: Question) -> dict[str, Any]:
         found["speed"] = float(np.mean([each.get("speed", 0.0) for each in told]))
         found["turned_back"] = int(sum(each.get("turned_back", 0) for each in told))
     if question.requirement is not None:
-        from rvsg.app.judgement import judge
-        from rvsg.app.runs import RunSet
+        from rvsg.campaign.run_set import RunSet, judge
 
         judged = judge(RunSet(tuple(runs)), question.requirement, scenario=question.scenario)
         values = [measured.objective for measured in judged.measurements]
@@ -294,8 +294,7 @@ def each_run(stack: str, driver: str, question: Question, runs: list[Any]) -> li
     """Return one line of the table for each run; `value` is the requirement's, empty where there is none."""
     values: list[Any] = [None] * len(runs)
     if question.requirement is not None:
-        from rvsg.app.judgement import evaluate
-        from rvsg.app.runs import RunSet
+        from rvsg.campaign.run_set import RunSet, evaluate
 
         judged = evaluate(RunSet(tuple(runs)), question.requirement, scenario=question.scenario)
         values = [measured.objective for measured in judged]

@@ -20,11 +20,13 @@ from playwright.sync_api import Browser, sync_playwright
 import rvsg
 from rvsg.app.matrix import Matrix
 from rvsg.app.proposal import proposal_json, propose
+from rvsg.scenario.builder import load_scenario_in
+from rvsg.simulation.archive import runs_text
 from rvsg_studio.listing import Lister
 from rvsg_studio.world_editor import folder_of_world
 
 IMAGES = Path(__file__).parent / "images"
-LAPTOP = {"width": 1280, "height": 860}
+LAPTOP, PHONE = (1280, 860), (390, 780)
 COLOURS = 96
 STACKS = {"nav2-dwb": "runs/stacks/nav2-dwb", "nav2-rpp": "runs/stacks/nav2-rpp"}
 """Two campaigns with the same scenarios and another navigation stack, to compare."""
@@ -60,13 +62,15 @@ def pages(folder: Path) -> dict[str, str]:
         "compare": f"/compare?a={STACKS['nav2-dwb']}&b={STACKS['nav2-rpp']}",
         "both": f"/compare/runs?a={STACKS['nav2-dwb']}&b={STACKS['nav2-rpp']}&first=0&second=0",
         "versions": "/compare/versions?first=before.json&second=now.json",
+        "suite": "/suite?suite=suite",
+        "runs": "/runs?file=three-people.jsonl&scenario=three-people.json",
         "conversations": f"/conversations?folder={chosen.folder}",
     }
 
 
-def picture(browser: Browser, address: str, path: str, name: str) -> None:
+def picture(browser: Browser, address: str, path: str, name: str, size: tuple[int, int], scheme: str) -> None:
     """Make one picture of a page."""
-    context = browser.new_context(viewport=LAPTOP, color_scheme="light")
+    context = browser.new_context(viewport={"width": size[0], "height": size[1]}, color_scheme=scheme)
     context.set_default_timeout(PATIENT_MS)
     tab = context.new_page()
     tab.goto(address)
@@ -113,6 +117,11 @@ def prepare(folder: Path) -> None:
         for version, stack in (("before", None), ("now", EXAMPLES / "stacks" / "wide_inflation.yaml")):
             result = suite.run(stack=stack, version=version, runs=20)
             (folder / f"{version}.json").write_text(result.model_dump_json(indent=2), encoding="utf-8")
+    if not (folder / "three-people.json").exists():
+        shutil.copy(EXAMPLES / "three_people.json", folder / "three-people.json")
+        scenario, world = load_scenario_in(folder / "three-people.json")
+        runs = rvsg.simulate(scenario, range(5), world=world)
+        (folder / "three-people.jsonl").write_text(runs_text(runs), encoding="utf-8")
     if not (folder / "runs" / "matrix").exists():
         settings = {"scenarios": 2, "refinements": 0, "repeats": 2, "confirmations": 10, "jobs": 1}
         routes = {"route": ["route_1", "route_2"], "requirement": ["R1", "R3"]}
@@ -126,6 +135,7 @@ def main(folder: Path, *names: str) -> None:
     """Serve the folder and make the pictures of these names, or all."""
     prepare(folder)
     shown = pages(folder)
+    wanted = names or (*shown, "finding-dark-phone")
     command = [sys.executable, "-m", "rvsg", "studio", str(folder), "--no-browser", "--port", "0"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as server, sync_playwright() as driver:
         assert server.stderr is not None
@@ -134,8 +144,10 @@ def main(folder: Path, *names: str) -> None:
             raise SystemExit("The studio did not start.")
         time.sleep(2)
         browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
-        for name in names or shown:
-            picture(browser, found.group(), shown[name], name)
+        for name in wanted:
+            phone = name == "finding-dark-phone"
+            path = shown["finding" if phone else name]
+            picture(browser, found.group(), path, name, *((PHONE, "dark") if phone else (LAPTOP, "light")))
         server.terminate()
 
 

@@ -4,15 +4,15 @@ from types import ModuleType
 from typing import Any
 
 from rvsg.app.campaign import Campaign as Campaign
-from rvsg.app.exploration import shrink as shrink
-from rvsg.app.judgement import Judgement as Judgement
-from rvsg.app.judgement import evaluate as evaluate
-from rvsg.app.judgement import judge as judge
 from rvsg.app.proposal import propose as propose
-from rvsg.app.runs import RunSet as RunSet
-from rvsg.app.runs import load_runs as load_runs
-from rvsg.app.runs import simulate as simulate
 from rvsg.app.suites import Suite as Suite
+from rvsg.campaign.run_set import Judgement as Judgement
+from rvsg.campaign.run_set import RunSet as RunSet
+from rvsg.campaign.run_set import evaluate as evaluate
+from rvsg.campaign.run_set import judge as judge
+from rvsg.campaign.run_set import load_runs as load_runs
+from rvsg.campaign.run_set import simulate as simulate
+from rvsg.campaign.smallest_scenario import shrink as shrink
 from rvsg.core.errors import InvalidScenario as InvalidScenario
 from rvsg.core.errors import RvsgError as RvsgError
 from rvsg.core.plugins import Spec as Spec

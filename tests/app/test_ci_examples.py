@@ -16,7 +16,7 @@ import yaml
 
 import rvsg
 from rvsg import Spec
-from rvsg.app.runs import load_recordings
+from rvsg.campaign.run_set import load_recordings
 from rvsg.campaign.suite import SuiteResult
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -10,10 +10,11 @@ import pytest
 from PIL import Image
 
 import rvsg
-from rvsg.app.coverage import coverage, write_coverage
+from rvsg.app.coverage import coverage
 from rvsg.campaign.exploration import Exercise
 from rvsg.cli import main
 from rvsg.core.errors import InputError
+from rvsg.report.overview import write_coverage
 
 FAST = "kinematic"
 

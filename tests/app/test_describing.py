@@ -9,7 +9,7 @@ import pytest
 from tests.generation.loopback import says, serving
 
 import rvsg
-from rvsg.app.description import open_session, revised
+from rvsg.generation.environment_session import open_session, revised
 from rvsg.world.world import Description
 from rvsg_studio.model_questions import difference
 

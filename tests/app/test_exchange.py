@@ -10,14 +10,14 @@ import pytest
 import yaml
 
 import rvsg
-from rvsg.app.playback import trace
-from rvsg.app.runs import load_recordings
+from rvsg.campaign.run_set import load_recordings
 from rvsg.cli import main
 from rvsg.core.errors import InputError, UnknownName
 from rvsg.evaluation.metrics.registry import measure
 from rvsg.scenario.builder import save_scenario
 from rvsg.simulation.archive import rounded
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
+from rvsg.simulation.embedded.trace import trace
 from rvsg_exchange.formats import export, foxglove_layout, import_agents
 
 

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import rvsg
-from rvsg.app.exploration import explore, worst_point, write_exploration
-from rvsg.campaign.exploration import Exploration, shares_of
+from rvsg.campaign.exploration import Exploration, explore, shares_of
 from rvsg.cli import main
 from rvsg.core.errors import FileError, InputError
+from rvsg.report.comparison_page import write_exploration
+from rvsg.scenario.builder import scenario_json
 
 FAST = "kinematic"
 LIMIT = rvsg.Requirement(name="near", title="Near", text="Near.", metric="min_distance", worse="smaller", limit=1.0)
@@ -45,7 +46,7 @@ def test_the_points_are_a_latin_hypercube_of_the_seed(file: Path, found: Explora
 
 
 def test_the_worst_point_is_a_scenario_that_repeats_its_run(found: Exploration, tmp_path: Path) -> None:
-    (tmp_path / "worst.json").write_text(worst_point(found))
+    (tmp_path / "worst.json").write_text(scenario_json(found.worst_scenario))
     worst = min((p for p in found.points if p.objective is not None), key=lambda p: p.objective or 0.0)
     scenario = rvsg.load_scenario(tmp_path / "worst.json")
     (run,) = rvsg.simulate(scenario, [worst.seed], simulator=FAST)

@@ -9,12 +9,11 @@ import pytest
 
 import rvsg
 from rvsg.app.campaign import learn_campaign
-from rvsg.app.wiring import read_remembered
 from rvsg.cli import main
 from rvsg.core.errors import FileError
 from rvsg.generation.generator import Generator, Proposal
 from rvsg.scenario.brief import Brief
-from rvsg.store.knowledge_base import KnowledgeBase, open_knowledge, search, tell
+from rvsg.store.knowledge_base import KnowledgeBase, open_knowledge, read_remembered, search, tell
 from rvsg.testing import WalkingGenerator
 from rvsg.world.world import World
 

@@ -14,10 +14,10 @@ import pytest
 
 import rvsg
 from rvsg.app.matrix import Matrix
-from rvsg.app.playback import trace
 from rvsg.app.settings import read_campaign_file
 from rvsg.cli import main
 from rvsg.core.errors import InputError
+from rvsg.simulation.embedded.trace import trace
 from rvsg.stacks import Ended, Observation, StackChoice, Task, WholeStack
 
 EXAMPLE = str(Path(__file__).parents[2] / "examples" / "stacks" / "follow_the_plan.py") + ":FollowThePlan"

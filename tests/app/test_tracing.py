@@ -10,10 +10,11 @@ import pytest
 from tests.coded import coded
 
 import rvsg
-from rvsg.app.playback import trace_again, trace_source
+from rvsg.app.playback import trace_source
 from rvsg.cli import main
 from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.scenario.builder import save_scenario
+from rvsg.simulation.embedded.trace import trace_again
 
 
 @pytest.fixture

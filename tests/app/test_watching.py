@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 import rvsg
-from rvsg.app.watch import LiveSuite, RecordingMonitor, Subject, SuiteAnalyser, approve, watch
+from rvsg.app.watch import approve, watch
 from rvsg.campaign.self_adaptation import Journal, RuleSet
+from rvsg.campaign.suite_watch import LiveSuite, RecordingMonitor, Subject, SuiteAnalyser
 from rvsg.cli import main
 from rvsg.core.errors import InputError
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator

@@ -164,7 +164,7 @@ def test_a_list_of_cells_that_is_damaged_is_told(tmp_path: Path, errors: list[Rv
 
 
 def test_a_report_of_campaigns_that_have_not_begun_says_how_to_begin(tmp_path: Path, errors: list[RvsgError]) -> None:
-    (tmp_path / "cells.json").write_text('{"route": ["route_1", "route_2"]}')
+    (tmp_path / "matrix.json").write_text('{"route": ["route_1", "route_2"]}')
     assert main(["report", str(tmp_path)]) == 2
     assert errors[-1].code == "not-begun"
 

@@ -10,8 +10,10 @@ import sqlite3
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -155,50 +157,27 @@ def test_resuming_with_other_settings_is_refused_and_names_them(finished: Path, 
     assert records(finished) == before
 
 
+def change_settings(ledger_file: Path, change: Callable[[dict[str, Any]], object], kept: int) -> None:
+    """Change the stored settings of a campaign, and keep its first attempts only."""
+    with contextlib.closing(sqlite3.connect(ledger_file)) as connection:
+        (text,) = connection.execute("SELECT settings FROM campaigns").fetchone()
+        settings = json.loads(text)
+        change(settings)
+        connection.execute("UPDATE campaigns SET settings = ?", (json.dumps(settings),))
+        connection.execute("DELETE FROM attempts WHERE position >= ?", (kept,))
+        connection.commit()
+
+
 def test_a_campaign_from_before_a_setting_was_added_is_resumed(finished: Path) -> None:
-    out = finished
-    before = records(out)
-    connection = sqlite3.connect(out / LEDGER)
-    (text,) = connection.execute("SELECT settings FROM campaigns").fetchone()
-    settings = json.loads(text)
-    del settings["plan"]["memory"], settings["config"]["memory"]
-    connection.execute("UPDATE campaigns SET settings = ?", (json.dumps(settings),))
-    connection.execute("DELETE FROM attempts WHERE position >= 6")
-    connection.commit()
-    connection.close()
-    assert main(["run", "--out", str(out)]) == 0
-    assert records(out) == before
-
-
-@pytest.mark.exhaustive
-def test_a_campaign_from_before_attempts_were_in_flight_together_goes_on_one_by_one(tmp_path: Path) -> None:
-    out, small = tmp_path / "one", [*SMALL, "--strategy", "random", "--confirmations", "0"]
-    main(["run", *small, "--out", str(out)])
-    before = records(out)
-    main(["run", *small, "--out", str(tmp_path / "other"), "--max-in-flight", "4"])
-    assert records(tmp_path / "other") != before  # how many are under way decides what is tried
-    connection = sqlite3.connect(out / LEDGER)
-    (text,) = connection.execute("SELECT settings FROM campaigns").fetchone()
-    settings = json.loads(text)
-    del settings["plan"]["max_in_flight"], settings["config"]["max_in_flight"]
-    connection.execute("UPDATE campaigns SET settings = ?", (json.dumps(settings),))
-    connection.execute("DELETE FROM attempts WHERE position > 3")
-    connection.commit()
-    connection.close()
-    assert main(["run", "--out", str(out)]) == 0
-    assert records(out) == before
+    before = records(finished)
+    change_settings(finished / LEDGER, lambda of: (of["plan"].pop("memory"), of["config"].pop("memory")), kept=6)
+    assert main(["run", "--out", str(finished)]) == 0
+    assert records(finished) == before
 
 
 def reworded(ledger_file: Path, **changes: object) -> None:
     """As if the requirement had been other when the campaign was begun."""
-    connection = sqlite3.connect(ledger_file)
-    (text,) = connection.execute("SELECT settings FROM campaigns").fetchone()
-    settings = json.loads(text)
-    settings["plan"]["requirement"] |= changes
-    connection.execute("UPDATE campaigns SET settings = ?", (json.dumps(settings),))
-    connection.execute("DELETE FROM attempts WHERE position > 3")
-    connection.commit()
-    connection.close()
+    change_settings(ledger_file, lambda of: of["plan"]["requirement"].update(changes), kept=4)
 
 
 def test_a_campaign_whose_requirement_is_worded_otherwise_today_is_resumed_in_its_words(

@@ -7,9 +7,9 @@ from tests.coded import coded
 from tests.report.test_page import NASTY, Reader, data_of
 
 import rvsg
-from rvsg.app.judgement import write_page
 from rvsg.core.errors import InputError
 from rvsg.generation.random_search import RandomGenerator
+from rvsg.report.page import write_runs_page
 from rvsg.report.run_facts import EDGES
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Mission
@@ -27,8 +27,8 @@ def test_runs_of_no_campaign_have_a_page_with_verdict_story_and_replay(tmp_path:
     judged = rvsg.judge(runs, "R1", world=world)
     page = tmp_path / "page.html"
     with pytest.raises(InputError, check=coded("no-world")):
-        write_page(page, judged, runs)
-    write_page(page, judged, runs, scenario=scenario if named else None, world=world, notes=[NASTY])
+        write_runs_page(page, judged, runs)
+    write_runs_page(page, judged, runs, scenario=scenario if named else None, world=world, notes=[NASTY])
     text = page.read_text(encoding="utf-8")
     reader = Reader()
     reader.feed(text)

@@ -19,7 +19,8 @@ from tests.studio.test_worlds import MAP, room_map
 
 import rvsg
 from rvsg.app.matrix import Matrix
-from rvsg.app.proposal import proposal_json, propose
+from rvsg.app.proposal import propose
+from rvsg.generation.generator import proposal_json
 from rvsg.scenario.builder import load_scenario_in, save_scenario
 from rvsg.simulation.archive import runs_text
 from rvsg_studio.workspace import notes_of

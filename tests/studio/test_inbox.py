@@ -10,7 +10,8 @@ import pytest
 from tests.studio.conftest import HOSTILE, Server, waited
 
 import rvsg
-from rvsg.app.proposal import proposal_json, propose
+from rvsg.app.proposal import propose
+from rvsg.generation.generator import proposal_json
 from rvsg.scenario.builder import load_scenario_in
 
 Show = Callable[..., Any]

@@ -9,9 +9,10 @@ import pytest
 
 import rvsg
 from rvsg.app.campaign import Campaign
-from rvsg.app.judgement import judge, write_page
+from rvsg.campaign.run_set import judge
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import InvalidScenario, UnknownName
+from rvsg.report.page import write_runs_page
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario, Task
 from rvsg.scenario.validity import check
 from rvsg.scenario.variation import migrate
@@ -185,6 +186,8 @@ objects:
         way = runs[0].trajectory
         assert runs[0].outcome is Outcome.REACHED
         crossed[state] = float(way.y[np.abs(way.x - 6.0).argmin()])
-        write_page(tmp_path / f"{state}.html", judge(runs, "R1", scenario=made), runs, scenario=made, world=tmp_path)
+        write_runs_page(
+            tmp_path / f"{state}.html", judge(runs, "R1", scenario=made), runs, scenario=made, world=tmp_path
+        )
         assert f"South is {state}" in (tmp_path / f"{state}.html").read_text()
     assert crossed["open"] < 4.0 and crossed["closed"] > 6.5

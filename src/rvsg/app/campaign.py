@@ -11,7 +11,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rvsg.app.folder import CONFIG, LEDGER, alone_in, check_out, opened, reading, store_of
-from rvsg.app.record import CampaignRecord, as_stored, check_same, no_campaign, paths_of, record_in, spelled_out
+from rvsg.app.record import (
+    CampaignRecord,
+    as_stored,
+    changed_settings,
+    no_campaign,
+    other_settings,
+    paths_of,
+    record_in,
+    spelled_out,
+)
 from rvsg.app.settings import VLM_OPTIONS, CampaignConfig, effective, option_of
 from rvsg.app.stored_campaign import StoredCampaign
 from rvsg.app.wiring import COPY, Wired, jobs_of, remembered_file, wire
@@ -66,20 +75,26 @@ def resumed(
         raise InputError(
             f"{folder}: its campaign is kept by the store {known[0]!r}, not {config.store!r}.", code="other-store"
         )
-    with opened(folder, *known) as ledger:
-        names = ledger.campaigns()
-        kept = ledger.settings(names[0]) if names else None
-    if kept is None:
-        return None, config, {}
-    stored = CampaignRecord.read(kept)
+    stored = _first_record(folder, *known)
     if stored is None:
-        raise InputError(
-            f"{folder}: this folder holds imported results, no campaign. Choose another --out.", code="imported-results"
-        )
+        return None, config, {}
     paths = paths_of(stored.config, stored.provenance.begun_in)
     values = stored.config | {"store": known[0], "store_options": known[1]}
     asked = effective(values, as_stored(from_file, paths), as_stored(settings, paths))
     return stored, asked, paths
+
+
+def _first_record(folder: Path, store: str, options: dict[str, Any]) -> CampaignRecord | None:
+    """Return the record of the campaign in a folder; None where none has begun."""
+    with opened(folder, store, options) as ledger:
+        names = ledger.campaigns()
+        kept = ledger.settings(names[0]) if names else None
+    record = None if kept is None else CampaignRecord.read(kept)
+    if kept is not None and record is None:
+        raise InputError(
+            f"{folder}: this folder holds imported results, no campaign. Choose another --out.", code="imported-results"
+        )
+    return record
 
 
 def reject_unused_model_options(
@@ -338,12 +353,9 @@ class Campaign(StoredCampaign):
         """
         make_folder(self.folder)
         with alone_in(self.folder), self._ledger() as ledger:
-            if stored is not None:
-                try:
-                    check_same(stored, self.record, self.folder)
-                except InputError:
-                    if not ledger.forget_empty(stored.plan.name):
-                        raise
+            changed = changed_settings(stored, self.record) if stored is not None else {}
+            if stored is not None and changed and not ledger.forget_empty(stored.plan.name):
+                raise other_settings(self.folder, changed)
             if ledger.settings(self.name) is None:
                 ledger.begin(self.name, self.record.data())
             if self.config.knowledge is not None and not (self.folder / COPY).exists():

@@ -14,10 +14,10 @@ import yaml
 from rvsg.app.campaign import Campaign, campaigns_in
 from rvsg.app.folder import store_of
 from rvsg.app.matrix import folders_in
-from rvsg.app.runs import simulate
-from rvsg.app.suites import HEAD, Suite, SuiteCase, read_results, run_cases
-from rvsg.campaign.attempt import Attempt
+from rvsg.app.suites import Suite
+from rvsg.campaign.attempt import Measurement
 from rvsg.campaign.ranking import candidates, search_attempts
+from rvsg.campaign.run_set import simulate
 from rvsg.campaign.runner import Measuring
 from rvsg.campaign.suite import (
     Case,
@@ -28,8 +28,9 @@ from rvsg.campaign.suite import (
     Expectation,
     SuiteResult,
     compare,
-    state_of,
+    compare_attempts,
 )
+from rvsg.campaign.suite_folder import HEAD, SuiteCase, read_results, run_cases
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec, ignore
@@ -44,6 +45,7 @@ from rvsg.report.comparison_page import (
 )
 from rvsg.report.run_facts import run_facts
 from rvsg.scenario.builder import as_robot
+from rvsg.simulation.run import Run
 from rvsg.simulation.simulators import make_simulator
 from rvsg.simulation.stacks.registry import StackChoice
 
@@ -208,7 +210,7 @@ def compare_stacks(
             simulator.prepare(on_message)
             driver = as_robot(robot, simulator.robots) if robot else None
             driven = [each if driver is None else each.with_robot(driver) for each in cases]
-            results = run_cases(driven, simulator, runs=runs, jobs=jobs, places=True, on_message=on_message)
+            results = run_cases(driven, simulator, runs=runs, jobs=jobs, finish=_placed, on_message=on_message)
             variants.append(
                 SuiteResult(
                     suite=str(source),
@@ -222,6 +224,18 @@ def compare_stacks(
             )
         on_result(variants[-1])
     return compare(variants, source=str(source), ranked=True)
+
+
+def _placed(
+    result: CaseResult, tested: SuiteCase, measuring: Measuring, _: Run, runs: Sequence[tuple[Run, Measurement]]
+) -> CaseResult:
+    """Add where the robot is at the decisive moment of each violating run."""
+    decisive = [
+        run_facts(run, measured, measuring.requirement, tested.world, tested.case.scenario).decisive_at
+        for (run, measured), violated in zip(runs, result.violations, strict=True)
+        if violated
+    ]
+    return result.replace(places=tuple((float(at.x), float(at.y)) for at in decisive))
 
 
 def write_comparison(found: Comparison, source: str | Path, folder: str | Path) -> list[Path]:
@@ -271,43 +285,4 @@ def _worst(campaign: Campaign) -> Iterator[SuiteCase]:
 
 def compare_campaigns(first: Campaign, second: Campaign) -> Comparison:
     """Compare the configurations that two campaigns both ran, in the order of the first; a case is an attempt."""
-    measured = [_measured(campaign) for campaign in (first, second)]
-    common = [key for key in measured[0] if key in measured[1]]
-    return compare([
-        SuiteResult(
-            suite=campaign.name,
-            version=campaign.name,
-            simulator=campaign.record.simulator.name,
-            cases=tuple(_case_result(campaign, attempts[key]) for key in common),
-        )
-        for campaign, attempts in zip((first, second), measured, strict=True)
-    ])  # fmt: skip
-
-
-def _measured(campaign: Campaign) -> dict[str, Attempt]:
-    """Return the attempts with runs by what their people do; a confirmation before the search it confirms."""
-    found: dict[str, Attempt] = {}
-    for attempt in campaign.attempts():
-        scenario = attempt.proposal.scenario
-        if scenario is None or attempt.verdict is None or attempt.purpose not in ("search", "confirmation"):
-            continue
-        if scenario.people.id not in found or attempt.purpose == "confirmation":
-            found[scenario.people.id] = attempt
-    return found
-
-
-def _case_result(campaign: Campaign, attempt: Attempt) -> CaseResult:
-    scenario, verdict, requirement = attempt.proposal.scenario, attempt.verdict, campaign.requirement
-    assert scenario is not None and verdict is not None
-    flags = [None if m.objective is None else requirement.violated_by(m.objective) for m in attempt.measurements]
-    return CaseResult(
-        case=f"case-{scenario.people.id}",
-        title=scenario.description[:200] or "Without a description",
-        requirement=requirement.name,
-        expected="pass",
-        state=state_of("pass", verdict),
-        verdict=verdict,
-        seeds=tuple(m.seed for m in attempt.measurements),
-        violations=tuple(flags),
-        attempt=attempt.index,
-    )
+    return compare_attempts([(each.plan, each.record.simulator.name, each.attempts()) for each in (first, second)])

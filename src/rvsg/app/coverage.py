@@ -2,39 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 
 from rvsg.app.campaign import Campaign, campaigns_below
 from rvsg.app.folder import reading
-from rvsg.app.runs import simulate
-from rvsg.app.suites import HEAD, Suite, requirement_of
-from rvsg.campaign.exploration import Coverage, Exercise
+from rvsg.app.suites import Suite
+from rvsg.campaign.exploration import Exercise
+from rvsg.campaign.run_set import simulate
+from rvsg.campaign.suite_folder import HEAD, requirement_of
 from rvsg.core.errors import InputError
-from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec, ignore
-from rvsg.report.overview import coverage_map, coverage_page, coverage_text
+from rvsg.report.overview import WorldCoverage
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.simulation.simulators import Simulator
-from rvsg.world.drawing import png_bytes
 from rvsg.world.world import World
 
 Source = Suite | Campaign | str | Path
-FORMATS = (".html", ".png", ".json")
-
-
-@dataclass(frozen=True)
-class WorldCoverage:
-    """What was exercised of a world, with the world."""
-
-    coverage: Coverage
-    world: World
-
-    @property
-    def text(self) -> str:
-        """The coverage as lines for a terminal."""
-        return coverage_text(self.coverage)
 
 
 def coverage(
@@ -62,34 +46,6 @@ def coverage(
         else:
             _add_campaign(exercises, source)
     return tuple(WorldCoverage(each.coverage(), each.world) for each in exercises.values())
-
-
-def write_coverage(path: str | Path, found: Iterable[WorldCoverage]) -> None:
-    """Write coverage to a file: .html, .png (of one world) or .json.
-
-    Raises:
-        InputError: another ending, or a picture of several worlds.
-    """
-    path, found = Path(path), tuple(found)
-    kind = path.suffix.lower()
-    check_format(path)
-    if kind == ".json":
-        import json
-
-        values = [each.coverage.model_dump(mode="json") for each in found]
-        write_whole(path, json.dumps(values, indent=2, ensure_ascii=False) + "\n")
-    elif kind == ".html":
-        write_whole(path, coverage_page([(each.coverage, each.world) for each in found]))
-    elif len(found) == 1:
-        write_whole(path, png_bytes(coverage_map(found[0].coverage, found[0].world)))
-    else:
-        raise InputError(f"{path}: the scenarios are of {len(found)} worlds, and a picture shows one. Write .html.")
-
-
-def check_format(path: Path) -> None:
-    """Refuse a file whose ending is none that coverage can be written as."""
-    if path.suffix.lower() not in FORMATS:
-        raise InputError(f"{path}: coverage is written as {', '.join(FORMATS)}. Give --out one of these endings.")
 
 
 def _opened(given: Source) -> list[Suite | Campaign]:

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 LEDGER = "ledger.sqlite"
 MATRIX = "matrix.json"
 """The settings of several campaigns of one command, whose folders stand beside it."""
-CELLS = "cells.json"
-"""The name of that file in RVSG 0.1."""
 STORE = "store.json"
 """Says which store keeps the campaign where that is not SQLite, so that resuming and reporting find it."""
 CONFIG = "campaign.yaml"
@@ -45,7 +43,7 @@ def store_of(folder: Path) -> tuple[str, dict[str, Any]] | None:
 
 def is_matrix(folder: Path) -> bool:
     """Return whether a folder holds several campaigns of one command."""
-    return any((folder / name).is_file() for name in (MATRIX, CELLS))
+    return (folder / MATRIX).is_file()
 
 
 def holds_several(folder: Path) -> bool:
@@ -90,14 +88,12 @@ def check_out(folder: Path) -> None:
         raise FileError(
             nearest, f"this is no folder, and --out {folder} needs one. Choose another --out.", code="out-no-folder"
         )
-    if nearest != folder:
-        return
     try:
-        found = {path.name for path in folder.iterdir() if not path.name.startswith(".")}
+        found = {path.name for path in folder.iterdir() if path.name[:1] != "."} if nearest == folder else set()
     except OSError as error:
         raise FileError(folder, f"the folder cannot be read: {error.strerror}. Choose another --out.") from None
     foreign = sorted(found.difference(BEFOREHAND))
-    if foreign and not found.intersection((LEDGER, STORE, MATRIX, CELLS)):
+    if foreign and not found.intersection((LEDGER, STORE, MATRIX)):
         listed = ", ".join(foreign[:3]) + (", ..." if len(foreign) > 3 else "")
         raise FileError(
             folder,

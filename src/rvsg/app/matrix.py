@@ -23,8 +23,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from rvsg.app.campaign import Campaign, campaigns_in
 from rvsg.app.commands import command_for
-from rvsg.app.folder import CELLS, MATRIX, REPORT, alone_in, check_out, holds_several, is_matrix, reading, store_of
-from rvsg.app.record import FROM, as_stored, differences, other_settings, paths_of
+from rvsg.app.folder import MATRIX, REPORT, alone_in, check_out, holds_several, is_matrix, reading, store_of
+from rvsg.app.record import as_stored, differences, other_settings, paths_of
 from rvsg.app.settings import (
     BUDGETS,
     LISTED,
@@ -50,6 +50,8 @@ from rvsg.scenario.requirement import shipped_requirements
 from rvsg.world.world_folder import load_world
 
 Pair = tuple[str, str]
+FROM = "from"
+"""The key of the folder that relative paths are read from."""
 PAIRS = "pairs"
 """The key of the pairs asked for, where they are not every route with every requirement."""
 ENDING_S = 20.0
@@ -311,7 +313,7 @@ def _asked(every: Sequence[Pair], given: Sequence[bool], stored: Sequence[Pair])
 
 def _stored(folder: Path) -> dict[str, Any]:
     """Return the settings of the matrix stored in a folder; empty if there is none."""
-    file = next((folder / name for name in (MATRIX, CELLS) if exists(folder / name)), folder / MATRIX)
+    file = folder / MATRIX
     try:
         if not exists(file):
             return {}

@@ -13,25 +13,22 @@ from rvsg.app.settings import CampaignConfig, effective, read_campaign_file
 from rvsg.app.wiring import Wired, let_rehearse, proposals_of, wire
 from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.ranking import search_attempts
+from rvsg.campaign.strategies import single_brief
 from rvsg.core import plugins
-from rvsg.core.documents import record_of
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
-from rvsg.core.inputs import parse_json, read_text
 from rvsg.core.outputs import make_folder
 from rvsg.core.plugins import Spec
-from rvsg.evaluation.signals import aim_of, moved_by
 from rvsg.evaluation.verdict import load_requirement
 from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.generator import Generator, Proposal
 from rvsg.generation.prompts import template_text
-from rvsg.generation.vlm.model import Message as Message
-from rvsg.generation.vlm.model import Picture, Scripted, estimated_tokens, picture_tokens
+from rvsg.generation.vlm.model import Message, Picture, Scripted, estimated_tokens, picture_tokens
 from rvsg.scenario.brief import Brief, Feedback
-from rvsg.scenario.builder import WORLD_FOLDER, check_route, with_world_folder
+from rvsg.scenario.builder import check_route
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
-from rvsg.scenario.world_lookup import as_world, folder_of
+from rvsg.scenario.world_lookup import as_world
 from rvsg.store.memory import MemoryLedger
 from rvsg.world.world import Route, World
 
@@ -69,7 +66,7 @@ def propose(
     place = as_world(world)
     taken = place.route(route) if isinstance(route, str) else route
     check_route(taken, place)
-    brief = brief_of(
+    brief = single_brief(
         Mission.of(place, taken),
         load_requirement(requirement, taken) if requirement is not None else None,
         humans=humans,
@@ -79,44 +76,12 @@ def propose(
     return make_generator(generator).propose(brief, place)
 
 
-def brief_of(
-    mission: Mission, requirement: Requirement | None, *, humans: int, seed: int, feedback: Feedback | None
-) -> Brief:
-    """Return the brief for one scenario outside a campaign."""
-    return Brief(
-        mission=mission,
-        requirement=requirement,
-        aim=aim_of(requirement),
-        moved_by=moved_by(requirement) if requirement else "",
-        kind="refine" if feedback else "new",
-        humans=humans,
-        seed=seed,
-        configuration_index=1 if feedback else 0,
-        feedback=feedback,
-    )
-
-
 def propose_as(wired: Wired, *, unguided: bool = False, feedback: Feedback | None = None) -> Proposal:
     """Ask the generator of checked settings for one scenario."""
     plan = wired.plan
     requirement = None if unguided else plan.requirement
-    brief = brief_of(plan.mission, requirement, humans=plan.humans, seed=plan.seed, feedback=feedback)
+    brief = single_brief(plan.mission, requirement, humans=plan.humans, seed=plan.seed, feedback=feedback)
     return wired.generator.propose(brief, wired.world)
-
-
-def read_proposal(path: Path) -> Proposal:
-    """Return a proposal from its file; FileError names everything that is wrong."""
-    value = parse_json(read_text(path), path)
-    if isinstance(value, dict):
-        value.pop(WORLD_FOLDER, None)
-    return record_of(path, value, Proposal)
-
-
-def proposal_json(proposal: Proposal) -> str:
-    """Return a proposal as JSON, with the folder of its world beside it where that is not a shipped one."""
-    scenario = proposal.scenario
-    folder = folder_of(scenario.mission.world_id) if scenario is not None else None
-    return with_world_folder(proposal.to_json(), folder)
 
 
 _NO_MODEL: dict[str, Any] = {

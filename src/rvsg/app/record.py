@@ -23,8 +23,6 @@ from rvsg.robots.robot import shipped_robots
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.world.world_folder import shipped_worlds
 
-FROM = "from"
-"""The key under which RVSG 0.1 kept the folder a campaign was begun in."""
 WORDS = ("title", "text", "unit", "measured_as", "note", "source")
 """Fields of a requirement that decide no verdict."""
 
@@ -70,27 +68,16 @@ class CampaignRecord(Record):
     def read(cls, settings: Mapping[str, Any]) -> Self | None:
         """Return the record stored as the settings of a campaign; None if they are of an import or a script.
 
-        Records of RVSG 0.1 are read, too.
-
         Raises:
             InputError: the record cannot be read, e.g. because a newer version wrote it.
         """
         if "plan" not in settings or "config" not in settings:
             return None
-        values = dict(settings)
-        begun_in = values.pop(FROM, None)
         try:
-            stored = dict(values["config"])
-            if "abreast" in stored:  # the name of RVSG 0.1
-                stored["max_in_flight"] = stored.pop("abreast")
-            config = CampaignConfig.model_validate(stored)
-            values["config"] = config.deciding()
-            values.setdefault("generator", config.generator_spec)
-            values.setdefault("strategy", Spec(config.strategy))
-            values.setdefault("provenance", Provenance(begun_in=begun_in, version="0.1"))
-            return cls.model_validate(values)
+            config = CampaignConfig.model_validate(settings["config"])
+            return cls.model_validate({**settings, "config": config.deciding()})
         except (ValidationError, TypeError) as error:
-            version = dict(values.get("provenance") or {}).get("version", "another version of RVSG")
+            version = dict(settings.get("provenance") or {}).get("version", "another version of RVSG")
             raise InputError(
                 f"The campaign was stored by {version}, and this version ({rvsg.__version__}) cannot read it. "
                 f"Open it with that version, or choose another folder. ({error.__class__.__name__})",
@@ -149,31 +136,27 @@ def other_settings(where: object, found: Mapping[str, str]) -> InvalidOptions:
     )
 
 
-def check_same(known: CampaignRecord, asked: CampaignRecord, where: object) -> None:
-    """Refuse to resume a campaign with settings that decide other records."""
-    ignored = {"provenance"}
-    stored, wanted = (record.model_dump(mode="json", exclude=ignored) for record in (known, asked))
+def changed_settings(known: CampaignRecord, asked: CampaignRecord) -> dict[str, str]:
+    """Return the settings of a resumed campaign that would decide other records, as `differences` does."""
+    stored, wanted = (record.model_dump(mode="json", exclude={"provenance"}) for record in (known, asked))
     # What follows from the options is listed only where no option differs.
-    if found := differences(stored["config"], wanted["config"]) or differences(stored, wanted):
-        raise other_settings(where, found)
+    return differences(stored["config"], wanted["config"]) or differences(stored, wanted)
 
 
 def record_in(ledger: Ledger, where: Path, name: str | None = None) -> CampaignRecord:
     """Return the record of the campaign in a store; by default of its only one."""
     records = {known: record for known in ledger.campaigns() if (record := _record(ledger, known))}
-    if name is not None:
-        if name not in records:
-            raise UnknownName("campaign", name, records, hint=f"Store: {where}.")
-        return records[name]
+    if name is not None and name not in records:
+        raise UnknownName("campaign", name, records, hint=f"Store: {where}.")
     if not records:
         raise no_campaign(where, len(ledger.campaigns()))
-    if len(records) > 1:
+    if name is None and len(records) > 1:
         listed = ", ".join(records)
         raise InputError(
             f"{where}: this store holds {len(records)} campaigns. Name one of them: {listed}.",
             code="campaign-ambiguous",
         )
-    return next(iter(records.values()))
+    return records[name or next(iter(records))]
 
 
 def no_campaign(where: Path, others: int) -> InputError:

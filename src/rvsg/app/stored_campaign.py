@@ -13,12 +13,10 @@ from rvsg.app.record import CampaignRecord, paths_of
 from rvsg.app.settings import CampaignConfig, safe_name
 from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.execution import runs_of
-from rvsg.campaign.feedback import MapCell as MapCell
-from rvsg.campaign.feedback import failure_map
+from rvsg.campaign.feedback import MapCell, failure_map
 from rvsg.campaign.findings import DistinctFailure, Finding, distinct_failures, findings
 from rvsg.campaign.ledger import Ledger
-from rvsg.campaign.ranking import Front as Front
-from rvsg.campaign.ranking import best_attempt, candidates, front_of, search_attempts, standing
+from rvsg.campaign.ranking import Front, best_attempt, candidates, front_of, search_attempts, standing
 from rvsg.core.errors import InputError, NothingJudged
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec

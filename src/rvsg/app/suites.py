@@ -1,164 +1,25 @@
-"""Suites of scenarios: a folder of YAML files in your repository, run against every version of the robot.
-
-::
-
-    suite/
-      suite.yaml            title, the error rates of the verdicts
-      blocked-aisle.yaml    one case: title, what is expected of which requirement, the scenario
-"""
+"""Suites of scenarios: a folder in your repository, run against every version of the robot."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import groupby
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
-import yaml
-from filelock import FileLock
-from pydantic import Field
-
-from rvsg.campaign.attempt import Failure, Measurement
-from rvsg.campaign.runner import Measuring, Runner
-from rvsg.campaign.suite import (
-    Case,
-    CaseResult,
-    Expectation,
-    State,
-    SuiteResult,
-    state_of,
-)
-from rvsg.core.documents import read_document, read_record
-from rvsg.core.errors import FileError, InputError, SimulationError, UnknownName
-from rvsg.core.files import write_whole
+from rvsg.campaign.attempt import Measurement
+from rvsg.campaign.runner import Measuring
+from rvsg.campaign.suite import CaseResult, SuiteResult
+from rvsg.campaign.suite_folder import SuiteCase, SuiteFolder, run_cases
 from rvsg.core.plugins import Spec, ignore
-from rvsg.core.records import Record
-from rvsg.evaluation.story import story_of
-from rvsg.evaluation.verdict import DEFAULT, Procedure, load_requirement, next_repeats
 from rvsg.report.film import shot_of_run, write_film
-from rvsg.report.run_facts import run_facts
 from rvsg.robots.robot import Robot
-from rvsg.scenario.builder import as_robot, check_valid, load_scenario_in, with_robot
-from rvsg.scenario.requirement import Requirement
-from rvsg.scenario.scenario import Scenario
-from rvsg.scenario.world_lookup import folder_of, world_of
-from rvsg.simulation.run import Outcome, Run
-from rvsg.simulation.simulators import Simulator, check_robot, simulator_of, with_stack
+from rvsg.scenario.builder import as_robot
+from rvsg.simulation.run import Run
+from rvsg.simulation.simulators import Simulator, simulator_of, with_stack
 from rvsg.simulation.stacks.registry import StackLike
-from rvsg.world.world import Route, World
-
-HEAD = "suite.yaml"
-EXPECTED = ("violation", "pass")
-"""What a case may be kept for: a known failure, or a scenario the robot must master."""
 
 
-class SuiteHead(Record):
-    """What `suite.yaml` holds."""
-
-    title: str = "Scenarios that stay"
-    judging: Procedure = DEFAULT
-    """The error rates of the verdicts, and the runs a case is given at most."""
-
-
-class CaseFile(Record):
-    """What the file of a case holds. `world` is its world folder, relative to the suite; not for shipped worlds."""
-
-    title: str
-    expectations: tuple[Expectation, ...]
-    max_runs: int = Field(default=DEFAULT.max_runs, ge=1, le=10_000)
-    world: str | None = None
-    scenario: Scenario
-
-
-@dataclass(frozen=True)
-class Suite:
-    """A suite in a folder. Make one with `Suite.create` or `Suite.open`."""
-
-    folder: Path
-    head: SuiteHead
-    cases: tuple[Case, ...]
-    worlds: Mapping[str, World]
-    """The world of each case, by the case's name."""
-
-    @classmethod
-    def create(cls, folder: str | Path, *, title: str = SuiteHead().title, judging: Procedure = DEFAULT) -> Suite:
-        """Make an empty suite, or open the one that is there."""
-        folder = Path(folder)
-        if not (folder / HEAD).exists():
-            head = SuiteHead(title=title, judging=judging)
-            write_whole(folder / HEAD, _yaml(head.model_dump(mode="json")))
-        return cls.open(folder)
-
-    @classmethod
-    def open(cls, folder: str | Path) -> Suite:
-        """Open a suite and check every scenario in it.
-
-        Raises:
-            FileError: a file is missing or wrong; DocumentError lists every mistake with its line.
-            InvalidScenario: a scenario breaks a rule.
-            InputError: the world of a scenario cannot be found or has changed.
-        """
-        folder = Path(folder)
-        if not (folder / HEAD).is_file():
-            raise FileError(folder / HEAD, "there is no suite here. Make one with: rvsg suite add FILE --suite DIR")
-        head, _ = read_document(folder / HEAD, SuiteHead)
-        cases, worlds = [], {}
-        for path in sorted(folder.glob("*.yaml")):
-            if path.name != HEAD:
-                case, world = _read_case(path)
-                cases.append(case)
-                worlds[case.name] = world
-        return cls(folder, head, tuple(cases), worlds)
-
-    def add(
-        self,
-        source: Scenario | str | Path,
-        requirement: str = "R1",
-        *,
-        name: str | None = None,
-        title: str | None = None,
-        expected: str = "violation",
-        reason: str = "",
-        world: World | str | Path | None = None,
-        max_runs: int | None = None,
-    ) -> Suite:
-        """Add a scenario, or one more requirement to a case that holds the same scenario; return the new suite.
-
-        Args:
-            source: a scenario, or a file of one (also of a proposal or an attempt, such as `best_scenario.json`).
-            requirement: what it is judged by.
-            name: the case's name and file; by default made from the title.
-            expected: `violation` for a known failure, `pass` for a scenario the robot must master.
-            reason: why a failure is known.
-
-        Raises:
-            UnknownName: there is no such requirement, or `expected` is neither.
-            InvalidScenario: the scenario breaks a rule of validity.
-        """
-        if expected not in EXPECTED:
-            raise UnknownName("expectation", expected, EXPECTED)
-        if isinstance(source, Scenario):
-            scenario, place = source, world_of(source.mission, world)
-        else:
-            scenario, place = load_scenario_in(source, world)
-        check_valid(scenario, place)
-        load_requirement(_requirement(requirement, self.folder), scenario.mission.route)
-        expectation = Expectation.model_validate({"requirement": requirement, "expected": expected, "reason": reason})
-        with FileLock(self.folder / ".lock"):  # another `rvsg suite add` may have changed the case
-            cases = Suite.open(self.folder).cases
-            known = next((case for case in cases if case.scenario.id == scenario.id), None)
-            if known is not None:
-                kept = tuple(each for each in known.expectations if each.requirement != requirement)
-                case = known.replace(expectations=(*kept, expectation))
-            else:
-                words = title or _title(scenario)
-                free = _free_name(name or words, {case.name for case in cases}, given=name is not None)
-                runs = max_runs or self.head.judging.max_runs
-                case = Case(name=free, title=words, expectations=(expectation,), scenario=scenario, max_runs=runs)
-            self._write(case, place)
-            return Suite.open(self.folder)
+class Suite(SuiteFolder):
+    """A suite in a folder that can be run. Make one with `Suite.create` or `Suite.open`."""
 
     def run(
         self,
@@ -196,14 +57,31 @@ class Suite:
             FileError: the suite has no case.
             SimulationError: a run could not be made.
         """
-        chosen = self._chosen(only)
+        chosen = self.chosen(only)
         results = []
+
+        def illustrated(
+            result: CaseResult,
+            tested: SuiteCase,
+            measuring: Measuring,
+            worst: Run,
+            runs: Sequence[tuple[Run, Measurement]],
+        ) -> CaseResult:
+            """Add a picture of the worst run, where one is asked for and a run violates."""
+            if pictures is None or not result.verdict.violations:
+                return result
+            picture = Path(pictures) / f"{result.case}-{measuring.requirement.name}.png"
+            measured = next(measured for run, measured in runs if run is worst)
+            scenario = tested.case.scenario
+            write_film(picture, shot_of_run(worst, measured, measuring.requirement, tested.world, scenario))
+            return result.replace(picture=picture.as_posix())
+
         with simulator_of(simulator, stack, on_message=on_message) as made:
             other = None if robot is None else as_robot(robot, made.robots)
             cases = [self.tested(case.name) for case in chosen]
             driven = [each if other is None else each.driven_by(other) for each in cases]
             for result in run_cases(
-                driven, made, self.head.judging, runs=runs, jobs=jobs, pictures=pictures, on_message=on_message
+                driven, made, self.head.judging, runs=runs, jobs=jobs, finish=illustrated, on_message=on_message
             ):
                 results.append(result)
                 on_result(result)
@@ -217,270 +95,9 @@ class Suite:
             cases=tuple(results),
         )
 
-    def _chosen(self, only: Sequence[str]) -> list[Case]:
-        """Return the named cases in the order of the suite; all where none is named."""
-        if not self.cases:
-            raise FileError(self.folder, "the suite has no case. Add one with: rvsg suite add FILE --suite DIR")
-        names = {case.name for case in self.cases}
-        for name in only:
-            if name not in names:
-                raise UnknownName("case", name, names, hint=f"Suite: {self.folder}.")
-        return [case for case in self.cases if not only or case.name in only]
-
-    def tested(self, name: str) -> SuiteCase:
-        """Return a case with its world and its requirements."""
-        case = next(each for each in self.cases if each.name == name)
-        asked = tuple(requirement_of(each, self.folder) for each in case.expectations)
-        return SuiteCase(case=case, world=self.worlds[name], requirements=asked)
-
-    def update(self, result: SuiteResult) -> tuple[CaseResult, ...]:
-        """Write the verdicts of a run as the new expectations, where they changed; return the changed ones.
-
-        Unclear results change nothing.
-        """
-        changed = tuple(each for each in result.cases if each.state in (State.BROKEN, State.FIXED))
-        for case in self.cases:
-            mine = {each.requirement: each for each in changed if each.case == case.name}
-            if mine:
-                expectations = tuple(_updated(each, mine.get(each.requirement)) for each in case.expectations)
-                self._write(case.replace(expectations=expectations), self.worlds[case.name])
-        return changed
-
-    def _write(self, case: Case, world: World) -> None:
-        folder = folder_of(world.id)
-        values = {
-            "title": case.title,
-            "expectations": [each.model_dump(mode="json", exclude_defaults=True) for each in case.expectations],
-            "max_runs": case.max_runs,
-            "world": None if folder is None else _relative(folder, self.folder),
-            "scenario": case.scenario.model_dump(mode="json"),
-        }
-        write_whole(self.folder / f"{case.name}.yaml", _yaml({k: v for k, v in values.items() if v is not None}))
-
 
 def _asked(simulator: str | Spec | Simulator, stack: StackLike | None) -> Spec | None:
     """Return what was asked for as data, or None if an object was given."""
     if not isinstance(simulator, str | Spec) or not isinstance(stack, str | Path | Spec | Mapping | None):
         return None
     return with_stack(simulator, stack)
-
-
-def describe_result(case: CaseResult) -> str:
-    """Return one line on a case for the terminal."""
-    extra = f"; {case.contacts} runs touch a person" if case.contacts else ""
-    return f"{case.state.value:14} {case.case}, {case.requirement}: {case.verdict.reason}{extra}"
-
-
-def read_results(path: str | Path) -> SuiteResult:
-    """Read the results of a suite from a file that `rvsg suite run --json` wrote."""
-    return read_record(Path(path), SuiteResult)
-
-
-def _read_case(path: Path) -> tuple[Case, World]:
-    file, document = read_document(path, CaseFile)
-    try:
-        near = path.parent / file.world if file.world is not None else None
-        world = world_of(file.scenario.mission, near)
-        check_valid(file.scenario, world)
-        case = Case(
-            name=path.stem,
-            title=file.title,
-            expectations=file.expectations,
-            scenario=file.scenario,
-            max_runs=file.max_runs,
-        )
-        for expectation in case.expectations:
-            requirement_of(expectation, path.parent, file.scenario.mission.route)
-    except FileError:
-        raise
-    except InputError as error:
-        raise FileError(path, str(error), line=document.line("scenario")) from None
-    except ValueError:
-        wanted = "small letters, digits, dots, hyphens and underscores"
-        raise FileError(path, f"a case is named by its file: {wanted}, at most 80.") from None
-    return case, world
-
-
-def requirement_of(expectation: Expectation, folder: Path, route: Route | None = None) -> Requirement:
-    """Return the requirement of an expectation in the suite of that folder."""
-    return load_requirement(_requirement(expectation.requirement, folder), route)
-
-
-def _requirement(name: str, folder: Path) -> str:
-    """Return a requirement's file is looked for beside the suite."""
-    file, hash_, key = name.partition("#")
-    return f"{folder / file}{hash_}{key}" if file.endswith((".yaml", ".yml")) else name
-
-
-def _updated(expectation: Expectation, result: CaseResult | None) -> Expectation:
-    if result is None:
-        return expectation
-    if result.state is State.FIXED:
-        return expectation.replace(expected="pass", reason="")
-    return expectation.replace(expected="violation", reason=f"violated by {result.verdict.violations} of "
-                               f"{result.verdict.runs} runs")  # fmt: skip
-
-
-def _title(scenario: Scenario) -> str:
-    text = " ".join(scenario.description.split()) or f"{len(scenario.people.humans)} people"
-    return f"{scenario.mission.route.name}: {text}"[:200]
-
-
-def _free_name(wanted: str, taken: set[str], *, given: bool) -> str:
-    name = re.sub(r"[^a-z0-9._-]+", "-", wanted.lower()).strip("-._")[:60].strip("-._") or "case"
-    if given and name in taken:
-        raise InputError(f'There is a case "{name}" already, with another scenario. Choose another --name.')
-    return next(each for k in range(1, len(taken) + 2) if (each := name if k == 1 else f"{name}-{k}") not in taken)
-
-
-def _relative(folder: Path, start: Path) -> str:
-    import os
-
-    return os.path.relpath(folder.resolve(), start.resolve())
-
-
-def _yaml(values: dict[str, Any]) -> str:
-    return yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=120)
-
-
-@dataclass(frozen=True, kw_only=True)
-class SuiteCase:
-    """A case with its world and the requirements of its expectations."""
-
-    case: Case
-    world: World
-    requirements: tuple[Requirement, ...]
-
-    def with_robot(self, robot: Robot | str) -> SuiteCase:
-        """Return the case with another robot on the same route."""
-        mission = self.case.scenario.mission.replace(robot=robot)
-        return replace(self, case=self.case.replace(scenario=self.case.scenario.replace(mission=mission)))
-
-    def driven_by(self, robot: Robot | str) -> SuiteCase:
-        """Return the case with another robot.
-
-        Goal and time limit are fitted to a robot of another name. One of the same name is another version of the robot
-        of the case: it has to do what was asked, so that a version that became too slow breaks the case.
-        """
-        if not isinstance(robot, Robot) or robot.name == self.case.scenario.mission.robot_name:
-            return self.with_robot(robot)
-        scenario = with_robot(self.case.scenario, robot, self.world)[0]
-        return replace(self, case=self.case.replace(scenario=scenario))
-
-
-def run_cases(
-    cases: Iterable[SuiteCase],
-    simulator: Simulator,
-    judging: Procedure = DEFAULT,
-    *,
-    runs: int | None = None,
-    jobs: int = 1,
-    pictures: str | Path | None = None,
-    places: bool = False,
-    on_message: Callable[[str], None] = ignore,
-) -> Iterator[CaseResult]:
-    """Run cases and yield a result for each of their requirements.
-
-    Args:
-        runs: runs of every case; by default as few as decide each verdict.
-        pictures: a folder for pictures of the worst run of each case that has a violating run.
-        places: note where the robot is at the decisive moment of each violating run.
-
-    Raises:
-        SimulationError: a run could not be made.
-    """
-    for _, alike in groupby(cases, lambda each: id(each.world)):
-        of_world = list(alike)
-        with Runner(simulator, of_world[0].world, jobs=jobs, notify=on_message) as runner:
-            for tested in of_world:
-                check_robot(tested.case.scenario, simulator)
-                procedure = judging.replace(max_runs=runs or tested.case.max_runs)
-                limit_s = tested.case.scenario.mission.route.time_limit_s
-                requirements = [each.for_time_limit(limit_s) for each in tested.requirements]
-                measuring = [Measuring(each, tested.world, procedure=procedure) for each in requirements]
-                made, rows = _measured_runs(tested.case, measuring, runner, runs)
-                for expectation, each, row in zip(tested.case.expectations, measuring, rows, strict=True):
-                    result = _result(tested.case, expectation, each, made, row)
-                    yield _illustrated(result, tested, each, made, row, pictures, places=places)
-
-
-def _measured_runs(
-    case: Case, measuring: Sequence[Measuring], runner: Runner, runs: int | None
-) -> tuple[list[Run], list[list[Measurement]]]:
-    """Return the runs of a case, and their measurements for each requirement."""
-    made: list[Run] = []
-    rows: list[list[Measurement]] = [[] for _ in measuring]
-    more = runs or _more(measuring, rows)
-    while more:
-        seeds = range(len(made), len(made) + more)
-        for pending in [runner.submit(case.scenario, seed) for seed in seeds]:
-            finished = pending.result()
-            if isinstance(finished, Failure):
-                raise SimulationError(f"{case.name}, seed {finished.seed}: {finished.reason}")
-            made.append(finished.unpack())
-            for row, each in zip(rows, measuring, strict=True):
-                row.append(each.measure(made[-1]))
-        more = 0 if runs else _more(measuring, rows)
-    return made, rows
-
-
-def _more(measuring: Sequence[Measuring], rows: Sequence[Sequence[Measurement]]) -> int:
-    """Return the most runs that any requirement asks for next; all of them where there is no limit."""
-    wanted = []
-    for each, row in zip(measuring, rows, strict=True):
-        if each.requirement.threshold is None:
-            wanted.append(each.procedure.max_runs - len(row))
-        else:
-            wanted.append(next_repeats(each.requirement, [m.objective for m in row], procedure=each.procedure))
-    return max(wanted)
-
-
-def _result(
-    case: Case, expectation: Expectation, measuring: Measuring, made: Sequence[Run], row: Sequence[Measurement]
-) -> CaseResult:
-    requirement, verdict = measuring.requirement, measuring.judge(row)
-    objectives = [m.objective for m in row]
-    return CaseResult(
-        case=case.name,
-        title=case.title,
-        requirement=expectation.requirement,
-        expected=expectation.expected,
-        reason=expectation.reason,
-        state=state_of(expectation.expected, verdict, procedure=measuring.procedure),
-        verdict=verdict,
-        seeds=tuple(run.seed for run in made),
-        violations=tuple(None if value is None else requirement.violated_by(value) for value in objectives),
-        contacts=sum((m.values.get("contacts") or 0.0) > 0.0 for m in row),
-        arrived=sum(run.completed for run in made),
-        failed=sum(run.outcome is Outcome.STACK_FAILED for run in made),
-        seconds=float(sum(run.trajectory.t[-1] for run in made)),
-    )
-
-
-def _illustrated(
-    result: CaseResult,
-    tested: SuiteCase,
-    measuring: Measuring,
-    made: Sequence[Run],
-    row: Sequence[Measurement],
-    pictures: str | Path | None,
-    *,
-    places: bool,
-) -> CaseResult:
-    """Return a result with the story of its worst run, and pictures of it and the places of violations if asked for."""
-    requirement, scenario, world = measuring.requirement, tested.case.scenario, tested.world
-    known = [(requirement.badness(m.objective), -k) for k, m in enumerate(row) if m.objective is not None]
-    if not known:
-        return result
-    worst = -max(known)[1]
-    story = tuple(sentence.text for sentence in story_of(made[worst], world=world, scenario=scenario))
-    result = result.replace(story=story, worst_seed=made[worst].seed)
-    if places:
-        bad = [(run, m) for run, m, flag in zip(made, row, result.violations, strict=True) if flag]
-        decisive = [run_facts(run, m, requirement, world, scenario).decisive_at for run, m in bad]
-        result = result.replace(places=tuple((float(at.x), float(at.y)) for at in decisive))
-    if pictures is not None and result.verdict.violations:
-        picture = Path(pictures) / f"{result.case}-{requirement.name}.png"
-        write_film(picture, shot_of_run(made[worst], row[worst], requirement, world, scenario))
-        result = result.replace(picture=picture.as_posix())
-    return result

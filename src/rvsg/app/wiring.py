@@ -9,8 +9,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
-
 from rvsg.app.settings import BUDGETS, VLM_OPTIONS, CampaignConfig
 from rvsg.campaign.attempt import Plan
 from rvsg.campaign.execution import Limits, Parts
@@ -19,38 +17,21 @@ from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.runner import Executor, Measuring, Runner
 from rvsg.campaign.strategies import Strategy
 from rvsg.core import plugins
-from rvsg.core.errors import FileError, InputError
-from rvsg.core.inputs import read_text
+from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec
 from rvsg.evaluation.verdict import Procedure, load_requirement
 from rvsg.generation.generator import Generator, InformedGenerator
-from rvsg.scenario.brief import Remembered
 from rvsg.scenario.builder import check_mission, check_route, mission_of
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.scenario.world_lookup import doors_in, load_moved, load_world
 from rvsg.simulation.simulators import Simulator, make_simulator
 from rvsg.simulation.stacks.protocol import NavigationStack
+from rvsg.store.knowledge_base import read_remembered
 from rvsg.world.world import Route, World
 
 COPY = "knowledge.json"
 """The copy in the folder of a campaign, which a resumed campaign reads, so that it ends with the same records."""
-_REMEMBERED = TypeAdapter(tuple[Remembered, ...])
-
-
-def read_remembered(path: str | Path) -> tuple[Remembered, ...]:
-    """Read earlier scenarios as `rvsg knowledge search --out FILE` writes them.
-
-    Raises:
-        FileError: the file holds something else.
-    """
-    try:
-        return _REMEMBERED.validate_json(read_text(Path(path)))
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        raise FileError(
-            path, f"expected what `rvsg knowledge search --out FILE` writes: {first['msg']} at {first['loc']}."
-        ) from None
 
 
 @dataclass(frozen=True, kw_only=True)

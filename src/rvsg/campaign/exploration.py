@@ -3,18 +3,29 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.campaign.runner import Measuring, PendingRun, Runner
+from rvsg.core.errors import InputError
+from rvsg.core.plugins import Spec, ignore
 from rvsg.core.records import Record
+from rvsg.core.seeds import seed_for
 from rvsg.evaluation.detection import EncounterKind, encounters_of
-from rvsg.evaluation.statistics import Sensitivity, Surface
+from rvsg.evaluation.statistics import Sensitivity, Surface, clopper_pearson, fit_surface, sensitivities
+from rvsg.evaluation.verdict import load_requirement
+from rvsg.scenario import validity
+from rvsg.scenario.builder import load_family
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, Scenario
-from rvsg.scenario.variation import Range, waypoints_used
+from rvsg.scenario.variation import Range, ScenarioFamily, waypoints_used
+from rvsg.scenario.world_lookup import world_of
 from rvsg.simulation.run import Run
+from rvsg.simulation.simulators import Simulator, simulator_of
 from rvsg.world.world import World
 
 FEWEST = 10
@@ -52,6 +63,12 @@ class Exploration(Record):
     surface: Surface | None = None
     """None with fewer than `FEWEST` runs."""
     sensitivities: tuple[Sensitivity, ...] = ()
+
+    @property
+    def worst_scenario(self) -> Scenario:
+        """The scenario at the point with the worst objective."""
+        worst = max(self.judged, key=lambda point: self.requirement.badness(point.objective or 0.0))
+        return ScenarioFamily(middle=self.scenario, ranges=self.ranges).at(worst.values)
 
     @property
     def judged(self) -> tuple[Point, ...]:
@@ -235,3 +252,115 @@ class Exercise:
             requirements={r: sum(r in self._asked[key] for key in own) for r in asked},
             encounters={kind: self._encounters[(name, kind)] for kind in kinds},
         )
+
+
+def explore(
+    family: ScenarioFamily | str | Path,
+    requirement: Requirement | str = "R1",
+    *,
+    vary: Sequence[str] = (),
+    runs: int = 60,
+    seed: int = 0,
+    jobs: int = 1,
+    simulator: str | Spec | Simulator = "embedded",
+    world: World | str | Path | None = None,
+    on_point: Callable[[Point], None] = ignore,
+    on_message: Callable[[str], None] = ignore,
+) -> Exploration:
+    """Run a scenario at points of its ranges and fit how often it violates a requirement.
+
+    The points are a Latin hypercube. Each is run once, with a seed of its own: for a surface, more points say more
+    than repeated ones.
+
+    Args:
+        runs: points of the Latin hypercube.
+        seed: of the points and of the runs.
+        simulator: a name, a Spec, or an instance, which stays open.
+
+    Raises:
+        InputError: no range, a requirement without a limit, or no point that is valid.
+    """
+    if not isinstance(family, ScenarioFamily):
+        family, found = load_family(family, vary)
+        world = world or found
+    place = world_of(family.middle.mission, world)
+    asked = load_requirement(requirement, family.middle.mission.route)
+    if asked.threshold is None:
+        raise InputError(f"{asked.name} has no limit, so no run violates it. Choose a requirement with a limit.")
+    measuring = Measuring(asked, place)
+    with (
+        simulator_of(simulator, scenario=family.middle, on_message=on_message) as made,
+        Runner(made, place, measuring=measuring, jobs=jobs, notify=on_message) as runner,
+    ):
+        submitted = [
+            _submit(runner, family, values, seed_for(seed, "run", k))
+            for k, values in enumerate(_hypercube(family.ranges, runs, seed))
+        ]
+        points = [_collect(each, asked, on_point) for each in submitted]
+    return _explored(family, asked, points, seed=seed, simulator=made.name)
+
+
+def _hypercube(ranges: Sequence[Range], count: int, seed: int) -> list[tuple[float, ...]]:
+    from scipy.stats import qmc
+
+    sampler = qmc.LatinHypercube(len(ranges), rng=np.random.default_rng(seed_for(seed, "explore")))
+    shares = sampler.random(count)
+    return [tuple(round(r.at(float(s)), 6) for r, s in zip(ranges, row, strict=True)) for row in shares]
+
+
+@dataclass(frozen=True)
+class _Submitted:
+    """A point of the ranges whose run was submitted, or that is no valid scenario."""
+
+    values: tuple[float, ...]
+    seed: int
+    problems: tuple[str, ...]
+    pending: PendingRun | None
+
+
+def _submit(runner: Runner, family: ScenarioFamily, values: tuple[float, ...], seed: int) -> _Submitted:
+    scenario = family.at(values)
+    problems = tuple(str(each) for each in validity.check(scenario.people, scenario.mission, runner.world))
+    return _Submitted(values, seed, problems, None if problems else runner.submit(scenario, seed))
+
+
+def _collect(submitted: _Submitted, requirement: Requirement, on_point: Callable[[Point], None]) -> Point:
+    """Return a point with what its run measured."""
+    point = Point(values=submitted.values, seed=submitted.seed, problems=submitted.problems)
+    if submitted.pending is not None:
+        run = submitted.pending.finished()
+        value = run.measurement.objective
+        violated = None if value is None else requirement.violated_by(value)
+        point = point.replace(objective=value, violated=violated, outcome=run.outcome.value)
+    on_point(point)
+    return point
+
+
+def _explored(
+    family: ScenarioFamily, requirement: Requirement, points: Sequence[Point], *, seed: int, simulator: str
+) -> Exploration:
+    """Return what the points say: how often they violate, the surface and which range matters."""
+    judged = [point for point in points if point.violated is not None]
+    if not judged:
+        raise InputError(f"No point of the ranges can be judged: {'; '.join(points[0].problems) or 'no value'}.")
+    violations = sum(bool(point.violated) for point in judged)
+    surface: Surface | None = None
+    sensitive: tuple[Sensitivity, ...] = ()
+    if len(judged) >= FEWEST:
+        shares = shares_of(family.ranges, judged)
+        surface = fit_surface(shares, [bool(point.violated) for point in judged])
+        badness = [None if p.objective is None else requirement.badness(p.objective) for p in judged]
+        sensitive = sensitivities(surface, [each.name for each in family.ranges], shares, badness, seed=seed)
+    return Exploration(
+        scenario=family.middle,
+        ranges=family.ranges,
+        requirement=requirement,
+        simulator=simulator,
+        seed=seed,
+        points=tuple(points),
+        violations=violations,
+        runs=len(judged),
+        interval=clopper_pearson(violations, len(judged)),
+        surface=surface,
+        sensitivities=sensitive,
+    )

@@ -13,20 +13,26 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 
 from rvsg.campaign.attempt import Attempt, AttemptSummary, Measurement, Plan
 from rvsg.campaign.execution import Attempted, Event, Parts, Shrinks, make, submit
 from rvsg.campaign.findings import distinct_failures, findings
-from rvsg.campaign.runner import Runner
+from rvsg.campaign.runner import Measuring, Runner
 from rvsg.core.errors import InputError
+from rvsg.core.plugins import Spec, ignore
 from rvsg.core.records import Record
 from rvsg.core.seeds import fresh_seeds
-from rvsg.evaluation.verdict import Verdict
+from rvsg.evaluation.verdict import Verdict, load_requirement
+from rvsg.scenario.builder import check_valid
 from rvsg.scenario.repair import repair
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, HumanConfiguration, Scenario, Task
 from rvsg.scenario.validity import check
+from rvsg.scenario.world_lookup import world_of
+from rvsg.simulation.simulators import Simulator, simulator_of
 from rvsg.world.grid import Grid
+from rvsg.world.world import World
 
 
 class Simplification(Record):
@@ -292,3 +298,51 @@ def _shrunk(plan: Plan, confirmation: Attempt, index: int, parts: Parts, runs: i
         trial_runs=shrinking.runs,
     )
     yield from make(attempt, submit(attempt, seeds, parts), parts)
+
+
+def shrink(
+    scenario: Scenario,
+    requirement: str | Path | Requirement = "R1",
+    *,
+    repeats: int = 12,
+    confirmations: int = 20,
+    keep: float = 0.8,
+    seed: int = 0,
+    jobs: int = 1,
+    simulator: str | Spec | Simulator = "embedded",
+    world: World | str | Path | None = None,
+    on_step: Callable[[Simplification], None] = ignore,
+    on_message: Callable[[str], None] = ignore,
+) -> Shrunk:
+    """Find the smallest scenario that violates a requirement about as often.
+
+    People, tasks, pauses and delays are removed one by one as long as the violations stay.
+
+    Args:
+        repeats: runs of every simpler scenario.
+        confirmations: runs with new seeds of the original and of the smallest.
+        keep: the share of the original's violations that has to stay.
+        simulator: a name, a Spec, or an instance, which stays open.
+
+    Raises:
+        InvalidScenario: the scenario breaks a rule.
+        InputError: the requirement has no limit, or the scenario does not violate it.
+    """
+    place = world_of(scenario.mission, world)
+    check_valid(scenario, place)
+    asked = load_requirement(requirement, scenario.mission.route)
+    measuring = Measuring(asked, place)
+    with (
+        simulator_of(simulator, scenario=scenario, on_message=on_message) as made,
+        Runner(made, place, measuring=measuring, jobs=jobs, notify=on_message) as runner,
+    ):
+        return Shrinking(
+            requirement=asked,
+            runner=runner,
+            judge=measuring.judge,
+            seed=seed,
+            repeats=repeats,
+            confirmations=confirmations,
+            keep=keep,
+            watch=on_step,
+        )(scenario)

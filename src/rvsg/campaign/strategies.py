@@ -22,7 +22,8 @@ from rvsg.evaluation.signals import aim_of, moved_by
 from rvsg.evaluation.verdict import judge
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief, Feedback
-from rvsg.scenario.scenario import Scenario
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.simulation.archive import PackedRun, arrays_of
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
@@ -388,3 +389,20 @@ def _refuses(action: Callable[[], object], what: str) -> None:
     except StoreError:
         return
     raise AssertionError(f"the ledger accepts {what}; a StoreError is due")
+
+
+def single_brief(
+    mission: Mission, requirement: Requirement | None, *, humans: int, seed: int, feedback: Feedback | None
+) -> Brief:
+    """Return the brief for one scenario outside a campaign."""
+    return Brief(
+        mission=mission,
+        requirement=requirement,
+        aim=aim_of(requirement),
+        moved_by=moved_by(requirement) if requirement else "",
+        kind="refine" if feedback else "new",
+        humans=humans,
+        seed=seed,
+        configuration_index=1 if feedback else 0,
+        feedback=feedback,
+    )

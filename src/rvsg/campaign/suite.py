@@ -18,12 +18,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.core.errors import NothingJudged
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
 from rvsg.evaluation.statistics import ShareDifference, holm, share_difference, wilson
 from rvsg.evaluation.verdict import DEFAULT, Procedure, Status, Verdict, counted, violated
 from rvsg.robots.robot import Robot
+from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 
 Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[a-z0-9][a-z0-9._-]*$")]
@@ -354,3 +356,53 @@ def _settled(verdict: Verdict) -> bool | None:
 def counts(changes: Sequence[CaseChange]) -> dict[Change, int]:
     """Return how many cases changed how; every kind is there."""
     return {change: sum(each.change is change for each in changes) for change in Change}
+
+
+def compare_attempts(campaigns: Sequence[tuple[Plan, str, Sequence[Attempt]]]) -> Comparison:
+    """Compare the configurations that campaigns have in common, in the order of the first; a case is an attempt.
+
+    Args:
+        campaigns: the plan, the simulator's name and the attempts of each.
+    """
+    measured = [_measured(attempts) for _, _, attempts in campaigns]
+    common = [key for key in measured[0] if all(key in others for others in measured[1:])]
+    return compare(
+        [
+            SuiteResult(
+                suite=plan.name,
+                version=plan.name,
+                simulator=simulator,
+                cases=tuple(_case_result(attempts[key], plan.requirement) for key in common),
+            )
+            for (plan, simulator, _), attempts in zip(campaigns, measured, strict=True)
+        ]
+    )
+
+
+def _measured(attempts: Sequence[Attempt]) -> dict[str, Attempt]:
+    """Return the attempts with runs by what their people do; a confirmation before the search it confirms."""
+    found: dict[str, Attempt] = {}
+    for attempt in attempts:
+        scenario = attempt.proposal.scenario
+        if scenario is None or attempt.verdict is None or attempt.purpose not in ("search", "confirmation"):
+            continue
+        if scenario.people.id not in found or attempt.purpose == "confirmation":
+            found[scenario.people.id] = attempt
+    return found
+
+
+def _case_result(attempt: Attempt, requirement: Requirement) -> CaseResult:
+    scenario, verdict = attempt.proposal.scenario, attempt.verdict
+    assert scenario is not None and verdict is not None
+    flags = [None if m.objective is None else requirement.violated_by(m.objective) for m in attempt.measurements]
+    return CaseResult(
+        case=f"case-{scenario.people.id}",
+        title=scenario.description[:200] or "Without a description",
+        requirement=requirement.name,
+        expected="pass",
+        state=state_of("pass", verdict),
+        verdict=verdict,
+        seeds=tuple(m.seed for m in attempt.measurements),
+        violations=tuple(flags),
+        attempt=attempt.index,
+    )

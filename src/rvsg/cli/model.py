@@ -19,8 +19,8 @@ from rvsg.cli.console import as_started, print_json, say
 from rvsg.cli.options import AsJson, CallsShown, CallTimeout, Prices, Record, Strict, setting_options
 
 if TYPE_CHECKING:
-    from rvsg.app.description import EnvironmentSession
     from rvsg.app.wiring import Wired
+    from rvsg.generation.environment_session import EnvironmentSession
     from rvsg.generation.generator import Proposal
     from rvsg.generation.vlm.access import CallNews, ModelAccess
     from rvsg.generation.vlm.model import Message
@@ -47,10 +47,11 @@ def propose(
 
     Writes the proposal as JSON; `rvsg simulate` reads it. With --feedback the proposal refines an earlier scenario.
     """
-    from rvsg.app.proposal import proposal_json, propose_as
+    from rvsg.app.proposal import propose_as
     from rvsg.app.wiring import wire
     from rvsg.core.documents import read_record
     from rvsg.core.outputs import check_writable, write_text
+    from rvsg.generation.generator import proposal_json
     from rvsg.scenario.brief import Feedback
 
     check_writable(out)
@@ -101,7 +102,8 @@ def describe(
     world.yaml (for a shipped world, in your data folder) and is part of every later prompt. Without --model, show the
     stored description; with --review, review it.
     """
-    from rvsg.app.description import open_session, store, stored
+    from rvsg.generation.environment_session import open_session, store, stored
+    from rvsg.report.terminal import describe_calls
     from rvsg.world.world_folder import load_world
 
     loaded = load_world(world)
@@ -111,7 +113,7 @@ def describe(
     if session is not None:
         with CallsShown(_watch(session.model)), _kept(session.model):
             description = session.dialogue.describe()
-        for note in session.notes():
+        for note in (describe_calls(session.dialogue.calls), *session.notes()):
             say(note)
     else:
         description = stored(

@@ -142,10 +142,16 @@ def explore(
     The points are a Latin hypercube over the ranges. A logistic surface through the runs gives the violation
     probability, its boundary, and the sensitivity to each range.
     """
-    from rvsg.app.exploration import check_outputs, describe_exploration, write_outputs
-    from rvsg.app.exploration import explore as run_points
+    from rvsg.campaign.exploration import explore as run_points
+    from rvsg.core.outputs import check_writable, write_text
+    from rvsg.report.comparison_page import check_exploration_file, write_exploration
+    from rvsg.report.terminal import describe_exploration
+    from rvsg.scenario.builder import scenario_json
 
-    check_outputs(out, worst)
+    if out is not None:
+        check_exploration_file(out)
+    if worst is not None:
+        check_writable(worst)
     found = run_points(
         scenario,
         requirement,
@@ -157,7 +163,10 @@ def explore(
         world=world,
         on_message=say,
     )
-    write_outputs(found, out, worst)
+    if out is not None:
+        write_exploration(out, found)
+    if worst is not None:
+        write_text(worst, scenario_json(found.worst_scenario))
     if json:
         print_json(found.model_dump(mode="json"))
     else:

@@ -114,14 +114,17 @@ def evaluate(
     if not runs:
         raise InputError("Give at least one file of runs, or --metric all for the list of the metrics.")
     import rvsg
-    from rvsg.app import judgement
-    from rvsg.app.judgement import describe_judgement
-    from rvsg.app.runs import load_any
-    from rvsg.core.outputs import write_text
+    from rvsg.campaign.run_set import feedback as feedback_of
+    from rvsg.campaign.run_set import load_any
+    from rvsg.core.outputs import check_writable, write_text
+    from rvsg.report.page import write_runs_page
+    from rvsg.report.terminal import describe_judgement
     from rvsg.scenario.builder import load_scenario_in
 
     if feedback is not None:
-        judgement.check_feedback_file(feedback, scenario)
+        check_writable(feedback)
+        if scenario is None:
+            raise InputError("--feedback needs the scenario of the runs: add --scenario FILE.", code="no-scenario")
     asked = rvsg.load_requirement(requirement)
     loaded = load_any(runs, world=world, route=route, people_topic=people_topic, robot_topic=robot_topic)
     for note in loaded.notes:
@@ -129,9 +132,9 @@ def evaluate(
     known, place = load_scenario_in(scenario, world) if scenario is not None else (None, world)
     judged = rvsg.judge(loaded.runs, asked, scenario=known, world=place)
     if feedback is not None and known is not None:
-        write_text(feedback, judgement.feedback(judged, loaded.runs, known).to_json())
+        write_text(feedback, feedback_of(judged, loaded.runs, known).to_json())
     if html is not None:
-        judgement.write_page(html, judged, loaded.runs, scenario=known, world=place, notes=loaded.notes)
+        write_runs_page(html, judged, loaded.runs, scenario=known, world=place, notes=loaded.notes)
         say(f"Page: {html}")
     if json:
         print_json(judged.to_dict() | {"notes": list(loaded.notes)})

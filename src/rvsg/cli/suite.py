@@ -73,9 +73,9 @@ def run(
     and `rvsg suite update` writes it into the suite.
     """
     from rvsg import Suite
-    from rvsg.app.suites import describe_result
     from rvsg.core.outputs import check_writable, write_text
     from rvsg.report.summary import suite_junit
+    from rvsg.report.terminal import describe_case
 
     if junit is not None:
         check_writable(junit)
@@ -89,7 +89,7 @@ def run(
         only=only or (),
         robot=robot,
         pictures=pictures,
-        on_result=lambda case: say(describe_result(case)),
+        on_result=lambda case: say(describe_case(case)),
         on_message=say,
     )
     if junit is not None:
@@ -108,7 +108,7 @@ def update(
 ) -> None:
     """Write fixed and broken cases of a run into the suite as the new expectations. Unclear results change nothing."""
     from rvsg import Suite
-    from rvsg.app.suites import read_results
+    from rvsg.campaign.suite_folder import read_results
 
     for case in Suite.open(suite).update(read_results(results)):
         say(f"{case.case}, {case.requirement}: {case.state.value}; the suite expects this from now on.")
@@ -183,13 +183,11 @@ def coverage(
     Places, behaviours and requirements come from the scenarios. Encounters come from the runs: a person within 1.5 m of
     the robot, and the side the person comes from.
     """
-    from rvsg.app.coverage import check_format, write_coverage
     from rvsg.app.coverage import coverage as measure
-    from rvsg.core.outputs import check_writable
+    from rvsg.report.overview import check_coverage_file, write_coverage
 
     if out is not None:
-        check_format(out)
-        check_writable(out)
+        check_coverage_file(out)
     chosen = effective(None, {}, settings).simulator_spec
     found = measure(*sources, runs=runs, jobs=jobs, simulator=chosen, on_message=say)
     if out is not None:

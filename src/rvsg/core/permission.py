@@ -106,8 +106,8 @@ def _texts(named: Iterable[Any]) -> frozenset[str]:
 
                 try:
                     found |= {_canonical(each) for each in _strings(yaml.safe_load(text))}
-                except (yaml.YAMLError, ValueError, RecursionError):
-                    break  # the option is refused where it is read
+                except yaml.YAMLError:
+                    break
             # `--stack-option command=./planner` and `exec:./planner` name `./planner`
             head, mark, rest = text.partition("=")
             text = rest if mark and " " not in head else text.removeprefix("exec:") if text.startswith("exec:") else ""

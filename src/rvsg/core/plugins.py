@@ -34,6 +34,7 @@ KINDS = {
     "recording": "rvsg.recordings",
     "robot": "rvsg.robots",
     "tables": "rvsg.tables",
+    "page": "rvsg.pages",
 }
 """Every kind of plug-in, with its entry point group."""
 

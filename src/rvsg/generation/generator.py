@@ -5,16 +5,21 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from pydantic import Field
 
+from rvsg.core.documents import record_of
+from rvsg.core.inputs import parse_json, read_text
 from rvsg.core.records import Record
 from rvsg.generation.vlm.access import Tell
 from rvsg.scenario.brief import Arrival, Brief, Remembered, Row
+from rvsg.scenario.builder import WORLD_FOLDER, with_world_folder
 from rvsg.scenario.rules import Finding, Repair
 from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
+from rvsg.scenario.world_lookup import folder_of
 from rvsg.world.world import World
 
 LATE_S = 2.0
@@ -232,3 +237,18 @@ def rng_of(brief: Brief, name: str) -> np.random.Generator:
     """The random numbers of a generator for a brief: of its seed, its place in the campaign and the name."""
     key = (zlib.crc32(name.encode()), brief.scenario_index, brief.configuration_index)
     return np.random.default_rng(np.random.SeedSequence(entropy=brief.seed, spawn_key=key))
+
+
+def read_proposal(path: Path) -> Proposal:
+    """Return a proposal from its file; FileError names everything that is wrong."""
+    value = parse_json(read_text(path), path)
+    if isinstance(value, dict):
+        value.pop(WORLD_FOLDER, None)
+    return record_of(path, value, Proposal)
+
+
+def proposal_json(proposal: Proposal) -> str:
+    """Return a proposal as JSON, with the folder of its world beside it where that is not a shipped one."""
+    scenario = proposal.scenario
+    folder = folder_of(scenario.mission.world_id) if scenario is not None else None
+    return with_world_folder(proposal.to_json(), folder)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, count, cycle, pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,9 @@ from numpy.typing import NDArray
 
 from rvsg.campaign.exploration import Exploration
 from rvsg.campaign.suite import CaseChange, Change, Comparison, VariantPair, counts
+from rvsg.core.errors import InputError
+from rvsg.core.files import write_whole
+from rvsg.core.outputs import check_writable
 from rvsg.evaluation.verdict import counted, number, percent
 from rvsg.report.charts import COLOURS, Scale, ticks
 from rvsg.report.page_contents import manner
@@ -377,3 +381,25 @@ def _colour(probability: float) -> str:
     """Return a colour from white for 0 to red for 1."""
     red, green, blue = (round(255 + probability * (end - 255)) for end in (222, 92, 80))
     return f"#{red:02x}{green:02x}{blue:02x}"
+
+
+EXPLORATION_FORMATS = (".html", ".svg", ".json")
+
+
+def check_exploration_file(path: Path) -> None:
+    """Refuse a file that cannot be written, or whose ending is none that an exploration is written as."""
+    if path.suffix.lower() not in EXPLORATION_FORMATS:
+        listed = ", ".join(EXPLORATION_FORMATS)
+        raise InputError(f"{path}: an exploration is written as {listed}. Give --out one of these endings.")
+    check_writable(path)
+
+
+def write_exploration(path: str | Path, found: Exploration) -> None:
+    """Write an exploration as a page (.html), as its picture (.svg) or as the numbers (.json)."""
+    path = Path(path)
+    check_exploration_file(path)
+    kind = path.suffix.lower()
+    if kind == ".json":
+        write_whole(path, found.to_json())
+    else:
+        write_whole(path, response_page(found) if kind == ".html" else response_svg(found, alone=True))

@@ -6,7 +6,8 @@ As with a report, the page is a function of the records, and of where the report
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Mapping, Sequence
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -21,7 +22,9 @@ from PIL import Image, ImageDraw
 from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.exploration import Coverage
 from rvsg.campaign.findings import Finding
+from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
+from rvsg.core.outputs import check_writable
 from rvsg.evaluation.verdict import Status, counted, number, still_open, value_in_words, violated
 from rvsg.report.answer import CAUSE_WORDS, headline, robot_words
 from rvsg.report.renderer import render
@@ -411,3 +414,48 @@ def _with_legend(image: Image.Image, unit: float) -> Image.Image:
 
 def _data_uri(image: Image.Image) -> str:
     return f"data:image/png;base64,{base64.b64encode(png_bytes(image)).decode()}"
+
+
+COVERAGE_FORMATS = (".html", ".png", ".json")
+
+
+@dataclass(frozen=True)
+class WorldCoverage:
+    """What was exercised of a world, with the world."""
+
+    coverage: Coverage
+    world: World
+
+    @property
+    def text(self) -> str:
+        """The coverage as lines for a terminal."""
+        return coverage_text(self.coverage)
+
+
+def write_coverage(path: str | Path, found: Iterable[WorldCoverage]) -> None:
+    """Write coverage to a file: .html, .png (of one world) or .json.
+
+    Raises:
+        InputError: another ending, or a picture of several worlds.
+    """
+    path, found = Path(path), tuple(found)
+    kind = path.suffix.lower()
+    check_coverage_file(path)
+    if kind == ".json":
+        values = [each.coverage.model_dump(mode="json") for each in found]
+        write_whole(path, json.dumps(values, indent=2, ensure_ascii=False) + "\n")
+    elif kind == ".html":
+        write_whole(path, coverage_page([(each.coverage, each.world) for each in found]))
+    elif len(found) == 1:
+        write_whole(path, png_bytes(coverage_map(found[0].coverage, found[0].world)))
+    else:
+        raise InputError(f"{path}: the scenarios are of {len(found)} worlds, and a picture shows one. Write .html.")
+
+
+def check_coverage_file(path: Path) -> None:
+    """Refuse a file that cannot be written, or whose ending is none that coverage is written as."""
+    if path.suffix.lower() not in COVERAGE_FORMATS:
+        raise InputError(
+            f"{path}: coverage is written as {', '.join(COVERAGE_FORMATS)}. Give --out one of these endings."
+        )
+    check_writable(path)

@@ -14,12 +14,16 @@ from typing import Any
 
 from markupsafe import Markup, escape
 
-from rvsg.campaign.attempt import Attempt, Measurement, Plan
+from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.feedback import MapCell, failure_map, separable
 from rvsg.campaign.findings import distinct_failures, findings
 from rvsg.campaign.observation import met
 from rvsg.campaign.ranking import rule
+from rvsg.campaign.run_set import Judgement, RunSet
+from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
+from rvsg.core.outputs import check_writable
+from rvsg.core.records import Pose
 from rvsg.evaluation.verdict import Verdict, counted, how_sure, number, outcome_in_words, why_ended
 from rvsg.generation.generator import Proposal
 from rvsg.generation.people_sampler import added
@@ -55,9 +59,10 @@ from rvsg.report.summary import Summary, summarise, tried_of
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission, Scenario
+from rvsg.scenario.world_lookup import as_world, world_of
 from rvsg.simulation.run import Run
 from rvsg.world.drawing.svg import FloorPlan, floor_plan
-from rvsg.world.world import World
+from rvsg.world.world import Route, World
 
 
 def data_of(
@@ -297,23 +302,30 @@ def _curse(plan: Plan, summary: Summary, selected: Verdict | None) -> str:
 
 def write_runs_page(
     path: Path,
-    runs: Sequence[Run],
-    measurements: Sequence[Measurement],
-    verdict: Verdict,
+    judged: Judgement,
+    runs: RunSet,
     *,
-    requirement: Requirement,
-    mission: Mission,
-    world: World,
     scenario: Scenario | None = None,
+    world: World | str | Path | None = None,
     notes: Sequence[str] = (),
 ) -> None:
-    """Write the page of runs and their verdict, whole or not at all.
+    """Write the page of judged runs: verdict, story, replay.
 
     Args:
-        mission: What the robot was to do.
-        scenario: What the people were asked to do, where that is known.
-        notes: What the runs rest on, and what recordings lack.
+        scenario: what the people were asked to do, where the runs do not know it.
+        world: the world, where neither the runs nor the scenario know it.
+        notes: what the runs rest on, and what recordings lack.
+
+    Raises:
+        InputError: the world of the runs is not known.
     """
+    scenario, given = scenario or runs.scenario, world if world is not None else runs.world
+    if given is None and scenario is None:
+        raise InputError("A page needs the world of the runs: add --scenario FILE or --world.", code="no-world")
+    where = world_of(scenario.mission, given) if scenario is not None else as_world(given or "")
+    check_writable(path)
+    mission = scenario.mission if scenario is not None else _driven(runs[0], where)
+    requirement, verdict, measurements = judged.requirement, judged.verdict, judged.measurements
     brief = Brief(mission=mission, requirement=requirement, seed=0, humans=max(1, len(runs[0].human_names)))
     attempt = Attempt(
         campaign="by hand",
@@ -324,12 +336,12 @@ def write_runs_page(
         measurements=tuple(measurements),
         verdict=verdict,
     )
-    told = tuple(run_facts(run, m, requirement, world, scenario) for run, m in zip(runs, measurements, strict=True))
+    told = tuple(run_facts(run, m, requirement, where, scenario) for run, m in zip(runs, measurements, strict=True))
     facts = AttemptFacts(attempt=attempt, runs=told)
     plan = Plan(name="by hand", mission=mission, requirement=requirement)
-    floor = floor_plan(world, tooltips=False)
+    floor = floor_plan(where, tooltips=False)
     shown = Shown(
-        plan=plan, world=world, attempts=[attempt], summary=summarise(plan, []), facts=[facts], findings=(), floor=floor
+        plan=plan, world=where, attempts=[attempt], summary=summarise(plan, []), facts=[facts], findings=(), floor=floor
     )
     label = counted(len(runs), "run")
     text = render(
@@ -343,3 +355,12 @@ def write_runs_page(
         runs=run_rows_of(facts, requirement.unit),
     )
     write_whole(path, text)
+
+
+def _driven(run: Run, world: World) -> Mission:
+    """Return the mission of a run of which only the way is known."""
+    path, (x, y, yaw) = run.trajectory, run.goal
+    start = Pose(x=float(path.x[0]), y=float(path.y[0]), yaw=float(path.yaw[0]))
+    goal = Pose(x=x, y=y, yaw=yaw)
+    route = Route(name="as recorded", start=start, goal=goal, time_limit_s=run.time_limit_s)
+    return Mission.of(world, route, robot="as recorded")  # no robot's name, so pages draw the body that the run has

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
+from rvsg.campaign.exploration import FEWEST, Exploration
 from rvsg.campaign.findings import DistinctFailure, Finding, Removal
+from rvsg.campaign.run_set import Judgement
+from rvsg.campaign.suite import CaseResult
 from rvsg.evaluation.verdict import (
     counted,
     difference_in_words,
@@ -143,3 +146,44 @@ def describe_calls(calls: Sequence[Call]) -> str:
     return (
         f"{counted(len(calls), 'call')} of {calls[0].model}: {about}{given} input and {written} output tokens, {cost}."
     )
+
+
+def describe_case(case: CaseResult) -> str:
+    """Return one line on a case of a suite."""
+    extra = f"; {case.contacts} runs touch a person" if case.contacts else ""
+    return f"{case.state.value:14} {case.case}, {case.requirement}: {case.verdict.reason}{extra}"
+
+
+def describe_exploration(found: Exploration) -> str:
+    """Return what was found as lines for a terminal."""
+    low, high = found.interval
+    lines = [
+        f"{found.requirement.name} is violated in {found.violations} of {found.runs} runs over the ranges "
+        f"({100 * low:.0f} to {100 * high:.0f} %)."
+    ]
+    if invalid := sum(bool(point.problems) for point in found.points):
+        lines.append(f"{invalid} of {len(found.points)} points are no valid scenario and were not run.")
+    if found.surface is None:
+        return "\n".join([*lines, f"A surface needs at least {FEWEST} runs."])
+    if found.surface.degree == 0:
+        lines.append("The runs show no dependence on the ranges.")
+    for each in sorted(found.sensitivities, key=lambda s: -s.share):
+        told = f"  {each.name}: {100 * each.at_low:.0f} % at the low end, {100 * each.at_high:.0f} % at the high end"
+        if each.p is not None and each.correlation is not None:
+            told += f"; rank correlation with the objective {each.correlation:+.2f} (p {each.p:.2g})"
+        lines.append(told)
+    return "\n".join(lines)
+
+
+def describe_judgement(judged: Judgement) -> Iterator[str]:
+    """Yield a line for each run, one for the verdict, and one for what can decide it."""
+    for measured in judged.measurements:
+        yield f"seed {measured.seed}: {number(measured.objective, judged.requirement.unit)}, {measured.outcome}"
+    yield str(judged)
+    if judged.more_runs:
+        procedure, verdict = judged.procedure, judged.verdict
+        left = procedure.max_runs - len(judged.measurements)
+        fewest = procedure.fewest_for(verdict.violations, verdict.runs).items()
+        each = ", ".join(f"{count} for {status.value}" for status, count in fewest if count <= left)
+        can = f"More runs can decide it: at least {each}" if each else f"{left} more cannot decide it"
+        yield f"{can} (budget: {procedure.max_runs} in all)."

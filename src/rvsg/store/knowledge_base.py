@@ -18,7 +18,7 @@ from typing import Any, Self, get_args
 import numpy as np
 import sqlalchemy as sa
 from numpy.typing import NDArray
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 from sqlalchemy.dialects.postgresql import insert as postgresql_insert
 from sqlalchemy.dialects.sqlite import insert as sqlite_insert
 from sqlalchemy.exc import ArgumentError, DatabaseError, NoSuchModuleError
@@ -26,7 +26,9 @@ from sqlalchemy.exc import ArgumentError, DatabaseError, NoSuchModuleError
 from rvsg.campaign.findings import Entry, Kind, remembered
 from rvsg.core.errors import FileError, InputError, StoreError, UnknownName, how_to_install
 from rvsg.core.files import write_whole
+from rvsg.core.inputs import read_text
 from rvsg.core.records import Record, canonical_json, text_id
+from rvsg.scenario.brief import Remembered
 from rvsg.store.sqlite import write_ahead
 
 _meta = sa.MetaData()
@@ -338,3 +340,21 @@ def describe_match(match: Match) -> str:
     lines = [f"{entry.kind}{close}  {entry.world}, {entry.route}, {entry.requirement}{said}  {entry.id}"]
     lines += [f"    {' '.join(text.split())[:200]}" for text in (entry.description, *entry.lessons) if text.strip()]
     return "\n".join(lines)
+
+
+_REMEMBERED = TypeAdapter(tuple[Remembered, ...])
+
+
+def read_remembered(path: str | Path) -> tuple[Remembered, ...]:
+    """Read earlier scenarios as `rvsg knowledge search --out FILE` writes them.
+
+    Raises:
+        FileError: the file holds something else.
+    """
+    try:
+        return _REMEMBERED.validate_json(read_text(Path(path)))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        raise FileError(
+            path, f"expected what `rvsg knowledge search --out FILE` writes: {first['msg']} at {first['loc']}."
+        ) from None

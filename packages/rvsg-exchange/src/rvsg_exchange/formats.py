@@ -17,8 +17,7 @@ from jinja2 import Environment, PackageLoader
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from rvsg.app.playback import trace as traced_run
-from rvsg.app.runs import RunSet, simulate
+from rvsg.campaign.run_set import RunSet, simulate
 from rvsg.core import plugins
 from rvsg.core.errors import InputError, UnknownName, how_to_install
 from rvsg.core.files import write_whole
@@ -29,6 +28,7 @@ from rvsg.scenario.builder import scenario as scenario_of
 from rvsg.scenario.scenario import Human, HumanAgent, Pause, Scenario, Task, decode
 from rvsg.scenario.world_lookup import as_world, world_of
 from rvsg.simulation.archive import once, read_runs
+from rvsg.simulation.embedded.trace import trace as traced_run
 from rvsg.simulation.exporter import Exportable, Exporter
 from rvsg.simulation.run import Run
 from rvsg.simulation.stacks.registry import StackLike

@@ -23,8 +23,8 @@ from nicegui import run
 import rvsg
 from rvsg import Scenario, Spec, World
 from rvsg.app.comparison import VersionComparison, compare_versions
-from rvsg.app.playback import kept_trace, trace_source, trace_text
-from rvsg.app.runs import RunSet
+from rvsg.app.playback import kept_trace, trace_source
+from rvsg.campaign.run_set import RunSet
 from rvsg.core import permission
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import write_whole
@@ -360,7 +360,7 @@ def trace(workspace: Workspace, given: dict[str, Any]) -> Response:
     with _tracing:  # one at a time: each holds about 100 MB
         if given.get("file"):
             file, scenario = (workspace.existing(text_of(given, key)) for key in ("file", "scenario"))
-            text = trace_text(trace_source(file, run=run, scenario=scenario))
+            text = trace_source(file, run=run, scenario=scenario).text()
         else:
             folder = workspace.existing(text_of(given, "campaign"))
             text = kept_trace(rvsg.Campaign.open(folder, given.get("name") or None), run)

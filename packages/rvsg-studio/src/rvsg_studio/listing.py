@@ -15,9 +15,9 @@ from pydantic import Field, ValidationError
 
 from rvsg.app.campaign import Campaign, campaigns_in
 from rvsg.app.folder import LEDGER, STORE
-from rvsg.app.suites import HEAD
 from rvsg.campaign.execution import calls_of
 from rvsg.campaign.ranking import confirmations, search_attempts
+from rvsg.campaign.suite_folder import HEAD
 from rvsg.core.errors import RvsgError
 from rvsg.core.files import write_whole
 from rvsg.core.records import Record
@@ -207,7 +207,7 @@ class Lister:
 def suite_results_in(folder: Path, *, most: int = 200) -> tuple[str, ...]:
     """Return the files of results of suites in a folder and below it, relative to it with `/`; `most` at most.
 
-    A file counts by its first key. Whether it can be read, `rvsg.app.suites.read_results` says.
+    A file counts by its first key. Whether it can be read, `rvsg.campaign.suite_folder.read_results` says.
     """
     found = list[str]()
     for path, names in _folders(folder):

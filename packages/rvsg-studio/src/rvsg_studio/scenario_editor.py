@@ -11,8 +11,8 @@ import pydantic
 from pydantic import Field
 
 from rvsg.app.campaign import Campaign
-from rvsg.app.runs import RunSet, simulate
 from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.run_set import RunSet, simulate
 from rvsg.campaign.runner import Measuring
 from rvsg.core.documents import mistakes_of
 from rvsg.core.errors import InputError

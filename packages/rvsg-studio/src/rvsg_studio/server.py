@@ -12,11 +12,11 @@ import threading
 import webbrowser
 from collections.abc import Awaitable, Callable, MutableMapping
 from http.cookies import CookieError, SimpleCookie
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qsl, quote, urlencode
 
+from rvsg.core import plugins
 from rvsg.core.errors import FileError, InputError, how_to_install
 
 if TYPE_CHECKING:
@@ -84,8 +84,8 @@ def _inner(workspace: Workspace) -> FastAPI:
 
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     add_data(app, workspace)
-    for entry in sorted(entry_points(group="rvsg.pages")):
-        entry.load()(workspace)
+    for name in plugins.names("page"):
+        plugins.find("page", name)(workspace)
     ui.run_with(
         app,
         title="RVSG studio",

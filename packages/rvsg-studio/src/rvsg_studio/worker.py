@@ -15,15 +15,16 @@ from types import FrameType
 from typing import Any, TextIO
 
 import rvsg
-from rvsg.app.description import open_session, propose_names, revised
 from rvsg.app.matrix import Ended, Matrix
-from rvsg.app.proposal import proposal_json, propose_as
+from rvsg.app.proposal import propose_as
 from rvsg.app.settings import effective, safe_name
 from rvsg.app.wiring import wire
 from rvsg.campaign.execution import Attempted, Confirming, Event, Explaining, Message, ModelCall, Proposing, RunMade
 from rvsg.core import permission
 from rvsg.core.errors import RvsgError
 from rvsg.core.files import write_whole
+from rvsg.generation.environment_session import open_session, propose_names, revised
+from rvsg.generation.generator import proposal_json
 from rvsg.generation.vlm.access import CallNews
 from rvsg.report.terminal import describe_calls
 from rvsg.scenario.builder import load_scenario_in, save_scenario
@@ -190,7 +191,12 @@ def describe(work: Work) -> dict[str, Any]:
     session.model.tell = partial(tell_call, work)
     start = Description(**given["start"]) if given["start"] is not None else None
     made = revised(session, start, given["reasons"])
-    return {"state": "finished", "layout": made.layout, "grid": made.grid, "said": " ".join(session.notes())}
+    return {
+        "state": "finished",
+        "layout": made.layout,
+        "grid": made.grid,
+        "said": " ".join([describe_calls(session.dialogue.calls), *session.notes()]),
+    }
 
 
 def name_areas(work: Work) -> dict[str, Any]:

@@ -11,14 +11,22 @@ run stays the run.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.errors import InputError
+from rvsg.core.plugins import Spec, ignore
 from rvsg.robots.robot import Robot, load_robot
+from rvsg.scenario.builder import check_valid
 from rvsg.scenario.scenario import ROBOT, Scenario
+from rvsg.scenario.world_lookup import world_of
+from rvsg.simulation.archive import PackedRun, rounded
 from rvsg.simulation.embedded import base, dwb
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.behaviour_tree import ODOMETRY_DEADBAND
@@ -37,6 +45,8 @@ from rvsg.simulation.embedded.rollouts import SAMPLE_SIDE, SAMPLE_STEPS, SAMPLE_
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.simulation.embedded.state import State
 from rvsg.simulation.run import Run
+from rvsg.simulation.simulators import make_simulator
+from rvsg.simulation.stacks.registry import StackLike
 from rvsg.world.world import World
 
 Ints = NDArray[np.int64]
@@ -446,3 +456,69 @@ def _cast(episode: Episode, side: int) -> Floats:
         episode.scene.edges, state.legs[side],
     )  # fmt: skip
     return np.where((ranges > mount[LIDAR_MAX]) | (ranges < mount[LIDAR_MIN]), np.inf, ranges)
+
+
+OF_RECORD = ("version", "default_robot")
+"""Options of a stored run that the simulator adds by itself."""
+
+
+def trace(
+    scenario: Scenario,
+    seed: int = 0,
+    *,
+    simulator: str | Spec = "embedded",
+    stack: StackLike | None = None,
+    world: World | str | Path | None = None,
+    on_message: Callable[[str], None] = ignore,
+) -> Trace:
+    """Simulate a scenario with everything recorded: scans, costmaps, plans, trajectories tried, behaviour tree.
+
+    A stack that is given as an instance stays open.
+
+    Raises:
+        InputError: the simulator records no traces, or the scenario cannot be simulated.
+    """
+    place = world_of(scenario.mission, world)
+    check_valid(scenario, place)
+    made = make_simulator(simulator, stack)
+    if not isinstance(made, EmbeddedSimulator):
+        raise InputError(f'The simulator "{made.name}" records no traces; "embedded" does.')
+    with closing(made):
+        made.prepare(on_message)
+        return _as_stored(trace_run(scenario, place, seed=seed, simulator=made))
+
+
+def _as_stored(found: Trace) -> Trace:
+    """Return a trace whose run is rounded as runs are before they are measured, so that its bag measures the same."""
+    return replace(found, run=rounded(found.run))
+
+
+def trace_again(run: Run, scenario: Scenario, world: World, *, on_message: Callable[[str], None] = ignore) -> Trace:
+    """Simulate a stored run again with everything recorded, and check that it is the same run.
+
+    Raises:
+        InputError: the run is of another scenario or simulator, or this version simulates it otherwise.
+    """
+    if run.scenario_id != scenario.id:
+        raise InputError(f"The run {run.id} is of another scenario ({run.scenario_id}, not {scenario.id}).")
+    if run.simulator != "embedded":
+        raise InputError(f'The run {run.id} is of the simulator "{run.simulator}", which records no traces.')
+    told = run.details.get("stack")
+    if isinstance(told, Mapping) and not told.get("repeatable", True):
+        raise InputError(
+            f"The run {run.id} is of a real system, which gives another run every time. It cannot be traced. "
+            "`--stack` with the scenario records a new one.",
+            code="run-not-repeatable",
+        )
+    options = {name: value for name, value in run.options.items() if name not in OF_RECORD}
+    made = EmbeddedSimulator(**options)  # type: ignore[arg-type]  # checked by it
+    with closing(made):
+        made.prepare(on_message)
+        found = trace_run(scenario, world, seed=run.seed, simulator=made)
+    if found.run.id != run.id or PackedRun.of(rounded(found.run)).data != PackedRun.of(rounded(run)).data:
+        made_by = run.options.get("version")
+        raise InputError(
+            f"The run {run.id} cannot be repeated: it was simulated by rules of version {made_by}, and these are of "
+            f"version {made.options['version']}. Run the campaign again, or trace it with the RVSG that made it."
+        )
+    return _as_stored(found)

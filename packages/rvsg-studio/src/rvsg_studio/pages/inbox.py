@@ -11,10 +11,9 @@ from typing import Any
 from nicegui import ui
 
 import rvsg
-from rvsg.app.proposal import read_proposal
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.evaluation.verdict import counted
-from rvsg.generation.generator import Proposal
+from rvsg.generation.generator import Proposal, read_proposal
 from rvsg.scenario.builder import load_scenario_in, save_scenario
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.world.world_folder import shipped_worlds

@@ -1,4 +1,4 @@
-"""Runs of a scenario: simulate, save, load and draw them."""
+"""Runs of a scenario: simulate, save, load, draw and judge them."""
 
 from __future__ import annotations
 
@@ -6,14 +6,30 @@ import html
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, Any, overload
 
-from rvsg.campaign.runner import Runner
+from rvsg.campaign.attempt import Attempt, Measurement
+from rvsg.campaign.feedback import feedback_of
+from rvsg.campaign.runner import Measuring, Runner
 from rvsg.core import plugins
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec, ignore
+from rvsg.evaluation.verdict import (
+    DEFAULT,
+    Procedure,
+    Status,
+    Verdict,
+    load_requirement,
+    next_repeats,
+    status_in_words,
+    value_in_words,
+    violated,
+)
+from rvsg.generation.generator import Proposal
+from rvsg.scenario.brief import Brief, Feedback
 from rvsg.scenario.builder import check_valid
+from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.world_lookup import as_world, world_of
 from rvsg.simulation.archive import once, read_runs, runs_text
@@ -314,3 +330,134 @@ def is_recording(path: str | Path) -> bool:
     """Return whether a path is a recording: a rosbag2 folder, an MCAP or an SQLite file."""
     path = Path(path)
     return path.suffix in RECORDINGS or (path / "metadata.yaml").is_file()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judgement:
+    """The verdict on a scenario from its runs, with what it was judged by."""
+
+    requirement: Requirement
+    """With its limit worked out for the route's time limit."""
+    verdict: Verdict
+    measurements: tuple[Measurement, ...]
+    procedure: Procedure
+    """The error rates and the budget of runs."""
+
+    @property
+    def outcome(self) -> Status:
+        """PASS, FAIL, FLAKY, INCONCLUSIVE, or UNJUDGED where the requirement has no limit."""
+        return self.verdict.status
+
+    @property
+    def violated(self) -> bool:
+        """Return whether the requirement is violated more than rarely, with the error rate of the procedure."""
+        return violated(self.verdict, procedure=self.procedure)
+
+    @property
+    def violation_probability(self) -> float | None:
+        """The share of runs that violate the requirement; None if none is judged."""
+        return self.verdict.violation_probability
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """The Clopper-Pearson interval of the violation probability."""
+        return self.verdict.violation_interval
+
+    @property
+    def more_runs(self) -> int:
+        """The fewest further runs that can decide the verdict; 0 if it is decided or the budget is spent."""
+        objectives = [measured.objective for measured in self.measurements]
+        return next_repeats(self.requirement, objectives, procedure=self.procedure)
+
+    def __str__(self) -> str:
+        unit = self.requirement.unit
+        head = f"{self.requirement.name} {self.requirement.title}: {status_in_words(self.verdict)}"
+        return f"{head}; {value_in_words(self.verdict, unit)}. {self.verdict.reason}."
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as plain data."""
+        return {
+            "requirement": self.requirement.model_dump(mode="json"),
+            "verdict": self.verdict.model_dump(mode="json"),
+            "next_repeats": self.more_runs,
+            "measurements": [measured.model_dump(mode="json") for measured in self.measurements],
+        }
+
+
+def evaluate(
+    runs: RunSet | Run | Iterable[Run],
+    requirement: str | Path | Requirement = "R1",
+    *,
+    scenario: Scenario | None = None,
+    world: World | str | Path | None = None,
+) -> tuple[Measurement, ...]:
+    """Return every metric of every run, and its value of the requirement's metric as `objective`.
+
+    Metrics that concern obstacles have no value where the world is not known: give `scenario` or `world` for runs
+    from a file.
+    """
+    return judge(runs, requirement, scenario=scenario, world=world).measurements
+
+
+def judge(
+    runs: RunSet | Run | Iterable[Run],
+    requirement: str | Path | Requirement = "R1",
+    *,
+    scenario: Scenario | None = None,
+    world: World | str | Path | None = None,
+    procedure: Procedure = DEFAULT,
+) -> Judgement:
+    """Judge the runs of one scenario by a requirement.
+
+    A limit that is a share of the route's time limit is worked out for these runs.
+
+    Args:
+        scenario: the scenario of the runs, where they are not from `simulate`.
+        world: the world, where neither the runs nor the scenario know it.
+        procedure: the error rates of the verdict.
+
+    Raises:
+        InputError: there is no run, or they are of different scenarios.
+    """
+    given = one_of(runs)
+    if not given.runs:
+        raise InputError("There is no run to judge.")
+    if len({run.scenario_id for run in given}) > 1:
+        raise InputError("The runs are of different scenarios; a verdict is on one. Judge them one by one.")
+    known = scenario or given.scenario
+    if known is not None:
+        check_of(known, given)
+    place = given.world
+    if world is not None or (place is None and known is not None):
+        place = world_of(known.mission, world) if known is not None else as_world(world or "")
+    asked = load_requirement(requirement, time_limit_s=given[0].time_limit_s)
+    measuring = Measuring(asked, place, procedure=procedure, time_limit_s=given[0].time_limit_s)
+    measurements = tuple(measuring.measure(run) for run in given)
+    return Judgement(
+        requirement=asked, verdict=measuring.judge(measurements), measurements=measurements, procedure=procedure
+    )
+
+
+def feedback(judged: Judgement, runs: RunSet | Iterable[Run], scenario: Scenario) -> Feedback:
+    """Return what a generator learns from judged runs of a scenario; `propose` takes it.
+
+    Raises:
+        InputError: no run has a value of the requirement's metric.
+    """
+    given = one_of(runs)
+    check_of(scenario, given)
+    if judged.verdict.mean is None:
+        raise InputError("None of the runs has a value of the requirement's metric, so there is nothing to learn from.")
+    brief = Brief(
+        mission=scenario.mission, requirement=judged.requirement, seed=0, humans=max(1, len(scenario.people.humans))
+    )
+    attempt = Attempt(
+        campaign="by hand",
+        index=0,
+        strategy="by hand",
+        brief=brief,
+        proposal=Proposal(generator="by hand", scenario=scenario),
+        measurements=judged.measurements,
+        verdict=judged.verdict,
+    )
+    return feedback_of(attempt, given.runs, requirement=judged.requirement, world=world_of(scenario.mission))

@@ -18,7 +18,6 @@ from rvsg.generation.environment import (
 from rvsg.generation.prompts import Prompts
 from rvsg.generation.vlm.access import ModelAccess, model_access
 from rvsg.generation.vlm.model import Access
-from rvsg.report.terminal import describe_calls
 from rvsg.world.world import Description, World
 from rvsg.world.world_folder import shipped_worlds
 
@@ -46,9 +45,9 @@ class EnvironmentSession:
     model: ModelAccess
 
     def notes(self) -> list[str]:
-        """Return what the calls cost, what came from the record, and where a replay differs from its record."""
+        """Return what came from the record of an earlier session, and where a replay differs from its record."""
         earlier = answered_from_record(self.model)
-        return [describe_calls(self.dialogue.calls), *([earlier] if earlier else []), *self.model.notes()]
+        return [*([earlier] if earlier else []), *self.model.notes()]
 
 
 def open_session(
