@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.ledger import Ledger
 from rvsg.core.errors import StoreError
 from rvsg.core.files import write_whole
 from rvsg.core.records import canonical_json
@@ -15,7 +16,7 @@ from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json
 from rvsg.simulation.run import Run
 
 
-class JsonLedger:
+class JsonLedger(Ledger):
     def __init__(self, path: Path, *, ending: str = "json") -> None:
         self.path, self.ending = path, ending
 

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 import typer
 
+import rvsg.cli
 from rvsg.cli import MOVED, main, verbs
 from rvsg.cli.console import as_started
 from rvsg.cli.frame import GROUPS, MOST_OPTIONS, Verb, command_line, full_command, options_of, verb
@@ -165,3 +166,12 @@ def test_help_answers_fast_and_loads_no_backend() -> None:
         times.append(after.children_user + after.children_system - before.children_user - before.children_system)
     assert out.splitlines()[-1] == "[]"
     assert min(times) < 1.0
+
+
+@pytest.mark.parametrize("name", ["export", "import", "ros2", "studio"])
+def test_a_verb_of_an_absent_package_says_how_to_install_it(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(rvsg.cli, "installed_verbs", lambda known: {name: (verb,) for name, verb in known.items()})
+    assert rvsg.cli.main([name, "--help"]) == 2
+    assert "-e ./packages/rvsg-" in capsys.readouterr().err

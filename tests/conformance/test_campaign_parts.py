@@ -9,7 +9,7 @@ import pytest
 from tests.campaign.parts import WalkGenerator, plan, warehouse
 
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.strategies import Ask, StudyStrategy, check_ledger, check_strategy
+from rvsg.campaign.strategies import Ask, StudyStrategy, brief_of, check_ledger, check_strategy
 from rvsg.core import plugins
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
@@ -57,7 +57,7 @@ def test_a_ledger_keeps_its_promises(name: str, tmp_path: Path) -> None:
 class Greedy(StudyStrategy):
     def ask(self) -> tuple[Ask, ...]:
         asks = super().ask()
-        more = Ask(brief=self._brief(len(self.attempts), (0, 0)))
+        more = Ask(brief=brief_of(self.plan, "new", len(self.attempts), (0, 0)))
         return asks if asks or len(self.attempts) > self.plan.attempts else (more,)
 
 

@@ -22,7 +22,7 @@ import rvsg
 from rvsg.cli.console import as_started
 from rvsg.cli.interruption import interruptible
 from rvsg.core import permission
-from rvsg.core.errors import InputError, Interrupted, RvsgError
+from rvsg.core.errors import InputError, Interrupted, RvsgError, how_to_install
 
 HELP = """Find, confirm and explain human behaviours that make a mobile robot violate its requirements, in simulation.
 
@@ -41,6 +41,8 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)
 """Errors for a name that no file system can hold."""
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
+BESIDE = {"export": "exchange", "import": "exchange", "ros2": "ros2", "studio": "studio"}
+"""Verbs of other distributions, with the extra that installs them."""
 
 
 class Verb(NamedTuple):
@@ -200,6 +202,11 @@ class Frame(TyperGroup):
         """Return the verb that is named, with its options; an earlier name of a verb is refused with its new one."""
         if args[0] in self.moved:
             raise InputError(f"`rvsg {args[0]}` is now `rvsg {self.moved[args[0]]}`.", code="verb-moved")
+        if args[0] in BESIDE and args[0] not in self.verbs:
+            raise InputError(
+                f"`rvsg {args[0]}` needs a package that is not installed: {how_to_install(BESIDE[args[0]])}.",
+                code="verb-not-installed",
+            )
         name, found, rest = super().resolve_command(ctx, args)
         if not name or not found:
             return name, found, rest

@@ -31,10 +31,20 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+DISTRIBUTIONS = {
+    "bag": ("exchange",),
+    "exchange": ("exchange",),
+    "ros2": ("exchange", "ros2"),
+    "studio": ("studio",),
+    "study": ("study",),
+}
+"""The distributions beside this one that an extra needs; a clone holds them in `packages`."""
+
 
 def how_to_install(extra: str) -> str:
     """Return the command that installs an extra into the environment that the README sets up."""
-    return f"in your clone, .venv/bin/pip install -c constraints.txt -e '.[{extra}]'"
+    beside = "".join(f" -e ./packages/rvsg-{name}" for name in DISTRIBUTIONS.get(extra, ()))
+    return f"in your clone, .venv/bin/pip install -c constraints.txt -e '.[{extra}]'{beside}"
 
 
 class RvsgError(Exception):
