@@ -106,7 +106,7 @@ def _texts(named: Iterable[Any]) -> frozenset[str]:
 
                 try:
                     found |= {_canonical(each) for each in _strings(yaml.safe_load(text))}
-                except yaml.YAMLError:
+                except (yaml.YAMLError, ValueError, RecursionError):  # refused where the option is read
                     break
             # `--stack-option command=./planner` and `exec:./planner` name `./planner`
             head, mark, rest = text.partition("=")
