@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields
 from typing import Annotated, Literal, TypeVar
 
@@ -14,7 +14,7 @@ from rvsg.evaluation.verdict import Verdict
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Requirement
-from rvsg.scenario.scenario import Mission
+from rvsg.scenario.scenario import Mission, Scenario
 
 Purpose = Literal["search", "confirmation", "baseline", "removal", "shrinking"]
 
@@ -35,6 +35,10 @@ class Failure(Record):
 
     seed: int
     reason: str
+
+
+BY_HAND = "by hand"
+"""In the place of a campaign, a strategy and a generator where there is none."""
 
 
 class Attempt(Record):
@@ -66,6 +70,28 @@ class Attempt(Record):
     """The index of the attempt whose configuration the generator proposed again; the runs of that attempt stand."""
     trial_runs: int = 0
     """Runs of simpler scenarios on the way to this one, which are not stored."""
+
+    @classmethod
+    def by_hand(
+        cls,
+        mission: Mission,
+        requirement: Requirement,
+        scenario: Scenario | None,
+        *,
+        people: int,
+        measurements: Iterable[Measurement],
+        verdict: Verdict,
+    ) -> Attempt:
+        """Return runs that no campaign made as an attempt, for feedback, pages and replays, which read attempts."""
+        return cls(
+            campaign=BY_HAND,
+            index=0,
+            strategy=BY_HAND,
+            brief=Brief(mission=mission, requirement=requirement, seed=0, humans=max(1, people)),
+            proposal=Proposal(generator=BY_HAND, scenario=scenario),
+            measurements=tuple(measurements),
+            verdict=verdict,
+        )
 
     def violating(self, requirement: Requirement) -> list[Measurement]:
         """Return the measurements that violate a requirement by their objective."""

@@ -26,8 +26,7 @@ from rvsg.evaluation.verdict import (
     value_in_words,
     violated,
 )
-from rvsg.generation.generator import Proposal
-from rvsg.scenario.brief import Brief, Feedback
+from rvsg.scenario.brief import Feedback
 from rvsg.scenario.builder import check_valid
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
@@ -448,15 +447,11 @@ def feedback(judged: Judgement, runs: RunSet | Iterable[Run], scenario: Scenario
     check_of(scenario, given)
     if judged.verdict.mean is None:
         raise InputError("None of the runs has a value of the requirement's metric, so there is nothing to learn from.")
-    brief = Brief(
-        mission=scenario.mission, requirement=judged.requirement, seed=0, humans=max(1, len(scenario.people.humans))
-    )
-    attempt = Attempt(
-        campaign="by hand",
-        index=0,
-        strategy="by hand",
-        brief=brief,
-        proposal=Proposal(generator="by hand", scenario=scenario),
+    attempt = Attempt.by_hand(
+        scenario.mission,
+        judged.requirement,
+        scenario,
+        people=len(scenario.people.humans),
         measurements=judged.measurements,
         verdict=judged.verdict,
     )

@@ -14,7 +14,7 @@ from typing import Any
 
 from markupsafe import Markup, escape
 
-from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.attempt import BY_HAND, Attempt, Plan
 from rvsg.campaign.feedback import MapCell, failure_map, separable
 from rvsg.campaign.findings import distinct_failures, findings
 from rvsg.campaign.observation import met
@@ -25,7 +25,6 @@ from rvsg.core.files import write_whole
 from rvsg.core.outputs import check_writable
 from rvsg.core.records import Pose
 from rvsg.evaluation.verdict import Verdict, counted, how_sure, number, outcome_in_words, why_ended
-from rvsg.generation.generator import Proposal
 from rvsg.generation.people_sampler import added
 from rvsg.generation.vlm.recording import Recording
 from rvsg.report.answer import (
@@ -56,7 +55,6 @@ from rvsg.report.replay_data import ReplayGroup, replay_payload
 from rvsg.report.run_facts import AttemptFacts, RunFacts, facts_of, row_at, run_facts
 from rvsg.report.stills import frame, narrow_names, nearest_in_words, overview, plan_markup
 from rvsg.report.summary import Summary, summarise, tried_of
-from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.scenario.world_lookup import as_world, world_of
@@ -326,19 +324,11 @@ def write_runs_page(
     check_writable(path)
     mission = scenario.mission if scenario is not None else _driven(runs[0], where)
     requirement, verdict, measurements = judged.requirement, judged.verdict, judged.measurements
-    brief = Brief(mission=mission, requirement=requirement, seed=0, humans=max(1, len(runs[0].human_names)))
-    attempt = Attempt(
-        campaign="by hand",
-        index=0,
-        strategy="by hand",
-        brief=brief,
-        proposal=Proposal(generator="by hand", scenario=scenario),
-        measurements=tuple(measurements),
-        verdict=verdict,
-    )
+    people = len(runs[0].human_names)
+    attempt = Attempt.by_hand(mission, requirement, scenario, people=people, measurements=measurements, verdict=verdict)
     told = tuple(run_facts(run, m, requirement, where, scenario) for run, m in zip(runs, measurements, strict=True))
     facts = AttemptFacts(attempt=attempt, runs=told)
-    plan = Plan(name="by hand", mission=mission, requirement=requirement)
+    plan = Plan(name=BY_HAND, mission=mission, requirement=requirement)
     floor = floor_plan(where, tooltips=False)
     shown = Shown(
         plan=plan, world=where, attempts=[attempt], summary=summarise(plan, []), facts=[facts], findings=(), floor=floor

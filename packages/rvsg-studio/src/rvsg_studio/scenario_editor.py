@@ -18,11 +18,9 @@ from rvsg.core.documents import mistakes_of
 from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
-from rvsg.generation.generator import Proposal
 from rvsg.report.page import data_of
 from rvsg.report.run_facts import AttemptFacts, facts_of, run_facts
 from rvsg.report.stills import area_colours, floor_svg
-from rvsg.scenario.brief import Brief
 from rvsg.scenario.builder import check_route, walk
 from rvsg.scenario.repair import repair
 from rvsg.scenario.requirement import Requirement
@@ -205,14 +203,11 @@ def replay_of_runs(runs: RunSet, requirement: Requirement) -> dict[str, Any]:
         raise InputError("A replay needs the scenario and the world of the runs.")
     measuring = Measuring(requirement, world)
     measured = tuple(measuring.measure(run) for run in runs)
-    people = len(scenario.people.humans)
-    brief = Brief(mission=scenario.mission, requirement=requirement, seed=0, humans=max(1, people))
-    attempt = Attempt(
-        campaign="by hand",
-        index=0,
-        strategy="by hand",
-        brief=brief,
-        proposal=Proposal(generator="by hand", scenario=scenario),
+    attempt = Attempt.by_hand(
+        scenario.mission,
+        requirement,
+        scenario,
+        people=len(scenario.people.humans),
         measurements=measured,
         verdict=measuring.judge(measured),
     )
