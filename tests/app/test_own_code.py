@@ -194,6 +194,31 @@ def test_code_is_named_whole_or_not_at_all(
                 permission.check("stack", "exec", code)
 
 
+@pytest.mark.parametrize(
+    ("text", "code", "allowed"),
+    [
+        ("stack: evil.py:Evil", "{folder}/evil.py:Evil", True),
+        ("stack: ./evil.py:Evil", "{folder}/evil.py:Evil", True),
+        ("stack: evil.py:Evil", "{folder}/other/evil.py:Evil", False),
+        ("stack: exec:./planner x", "./planner x", True),
+        ("out: runs/planner", "./planner", False),
+        ("out: runs/x", "touch /x", False),
+    ],
+)
+def test_a_trusted_file_allows_only_what_it_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, code: str, allowed: bool
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    file = tmp_path / "campaign.yaml"
+    file.write_text(text)
+    with permission.only_in_process([], trusted=file):
+        if allowed:
+            permission.check("stack", "exec", code.format(folder=tmp_path))
+        else:
+            with pytest.raises(InputError, check=coded("code-not-allowed")):
+                permission.check("stack", "exec", code.format(folder=tmp_path))
+
+
 def test_a_damaged_memory_allows_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     (tmp_path / "rvsg").mkdir()

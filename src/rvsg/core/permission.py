@@ -160,9 +160,12 @@ def _key(kind: str, name: str, code: str) -> str:
 
 
 def _is_named_in(source: Path, code: str) -> bool:
-    files = [path for path in source.iterdir() if path.is_file()] if source.is_dir() else [source]
-    written = {form.encode() for form in (code, json.dumps(code)[1:-1], Path(code).name)}
-    return any(form in path.read_bytes() for path in files for form in written)
+    """Return whether a file, or a file of a folder, names the code: as it is, or relative to the file."""
+    folder, files = (source, source.iterdir()) if source.is_dir() else (source.parent, iter([source]))
+    forms = [code, os.path.relpath(code, folder)] if ".py:" in code else [code]
+    written = [text.encode() for form in forms for text in (form, json.dumps(form)[1:-1])]
+    contents = (path.read_bytes() for path in files if path.is_file())
+    return any(text in content for content in contents for text in written)
 
 
 def _memory() -> Path:
