@@ -1,5 +1,6 @@
-"""Plug-ins by name. This is the only module that reads entry points; built-in plug-ins use them, too.
+"""Plug-ins by name, from the entry points of installed packages; built-in plug-ins use them, too.
 
+Only the command line reads its verbs itself (`rvsg.cli.frame`): a list of verbs loads no pydantic, which this needs.
 A plug-in is loaded when it is asked for. An unknown name raises UnknownName, which suggests the nearest one.
 """
 
