@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields
 from typing import Annotated, Literal, TypeVar
 
-from pydantic import AliasChoices, ConfigDict, Field
+from pydantic import Field
 
 from rvsg.core.records import Record
 from rvsg.evaluation.verdict import Verdict
@@ -205,8 +205,6 @@ AnyAttempt = TypeVar("AnyAttempt", Attempt, AttemptSummary)
 
 
 Count = Annotated[int, Field(ge=1, le=100_000)]
-InFlight = Annotated[int, Field(ge=1, le=1000, validation_alias=AliasChoices("max_in_flight", "abreast"))]
-"""`abreast` is how RVSG 0.1 wrote it."""
 
 
 class Plan(Record):
@@ -217,8 +215,6 @@ class Plan(Record):
     that violated the requirement are confirmed, worst first, in at most `confirmations` runs together; see
     `rvsg.campaign.confirmation`.
     """
-
-    model_config = ConfigDict(populate_by_name=True)
 
     name: Annotated[str, Field(min_length=1)]
     mission: Mission
@@ -241,7 +237,7 @@ class Plan(Record):
     every configuration."""
     memory: Annotated[int, Field(ge=0, le=1000)] = 10
     """Earlier scenarios that a new one must differ from."""
-    max_in_flight: InFlight = 1
+    max_in_flight: Annotated[int, Field(ge=1, le=1000)] = 1
     """Attempts that may be in progress at a time. More of them keep more workers busy, and the strategy learns the
     result of each later. That changes what it tries, so it belongs to the plan; the number of workers does not."""
     seed: Annotated[int, Field(ge=0)] = 0
