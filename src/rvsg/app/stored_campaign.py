@@ -217,7 +217,7 @@ class StoredCampaign:
                 simulator=described(self.record.simulator),
                 overview=f"../{REPORT}" if page.parent == self.folder and (overview or known) else "",
                 traces=traces_beside(page, {m.run_id for attempt in attempts for m in attempt.measurements}),
-                recording=self._recording(),
+                recording=self.recording,
                 replayed=self.config.replay is not None,
             )
         write_whole(page, text)
@@ -226,8 +226,9 @@ class StoredCampaign:
             write_whole(self.folder / BEST, scenario_json(best.proposal.scenario))
         return page
 
-    def _recording(self) -> Recording | None:
-        """Return the calls of its model, where they are kept: in its folder, else in the folder it replays."""
+    @property
+    def recording(self) -> Recording | None:
+        """The calls of its model, where they are kept: in its folder, else in the folder it replays."""
         folders = [self.folder / "vlm"]
         if self.config.replay is not None:
             folders.append(Path(self._paths.get(self.config.replay, self.config.replay)))

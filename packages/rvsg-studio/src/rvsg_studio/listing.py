@@ -96,18 +96,15 @@ class Listing(Record):
         return sum(campaign.unread for campaign in self.campaigns)
 
 
-class _Kept(Record):
-    """The campaigns of a store as they were when its files had this stamp (name, change in ns, bytes)."""
-
-    stamp: tuple[tuple[str, int, int], ...]
-    campaigns: tuple[FoundCampaign, ...]
+Stamp = tuple[tuple[str, int, int], ...]
+"""Name, change in ns and bytes of each file of a store."""
 
 
 class _Index(Record):
-    """What was read of each store, kept between two sessions."""
+    """The campaigns of each store with its stamp when they were read, kept between two sessions."""
 
-    format: Literal[4] = 4
-    stores: dict[str, _Kept] = Field(default_factory=dict)
+    format: Literal[5] = 5
+    stores: dict[str, tuple[Stamp, tuple[FoundCampaign, ...]]] = Field(default_factory=dict)
 
 
 class Lister:
@@ -126,7 +123,7 @@ class Lister:
         self._reading = threading.Lock()
         """Held while stores are read, so that none is read twice."""
         self._background: threading.Thread | None = None
-        self._known: dict[str, _Kept] = {}
+        self._known: dict[str, tuple[Stamp, tuple[FoundCampaign, ...]]] = {}
         if cache is not None:
             with contextlib.suppress(OSError, ValidationError):  # missing, damaged, of another version: only a cache
                 self._known = _Index.model_validate_json(cache.read_bytes()).stores
@@ -171,24 +168,22 @@ class Lister:
 
     def _changed(self, place: str) -> bool:
         known = self._known.get(place)
-        return known is None or known.stamp != _stamp(self.folder / place)
+        return known is None or known[0] != _stamp(self.folder / place)
 
     def _campaigns(self, place: str) -> tuple[FoundCampaign, ...]:
         """Return what is known of a store, marked where that is old."""
         known = self._known.get(place)
         if known is None:
             return (FoundCampaign(folder=place, unread=True, changed_s=_changed_s(self.folder / place)),)
-        if not self._changed(place):
-            return known.campaigns
-        return tuple(each.model_copy(update={"unread": True}) for each in known.campaigns)
+        unread = self._changed(place)
+        return tuple(each.model_copy(update={"unread": unread}) for each in known[1])
 
     def _read_changed(self, stores: list[str]) -> None:
         saved = time.monotonic()
         with self._reading:
             changed = [place for place in stores if self._changed(place)]
             for place in changed:
-                stamp = _stamp(self.folder / place)
-                kept = _Kept(stamp=stamp, campaigns=_read(self.folder / place, place))
+                kept = (_stamp(self.folder / place), _read(self.folder / place, place))
                 with self._lock:
                     self._known[place] = kept
                 if time.monotonic() - saved > SAVE_EVERY_S:
@@ -232,7 +227,7 @@ def _folders(top: Path) -> Iterator[tuple[Path, frozenset[str]]]:
         yield here, frozenset(files)
 
 
-def _stamp(folder: Path) -> tuple[tuple[str, int, int], ...]:
+def _stamp(folder: Path) -> Stamp:
     """Return what changes when the store does: time and size of the ledger and of the log it writes ahead."""
     found = []
     for path in sorted(folder.glob("ledger.*")):

@@ -269,19 +269,10 @@ class Conversation:
 
 def conversations_of(campaign: Campaign) -> tuple[Conversation, ...]:
     """Return how each configuration of the search came to be, in order."""
-    recording = recording_of(campaign)
+    recording = campaign.recording
     by_key = {} if recording is None else {call.key: call for call in recording}
     found = [attempt for attempt in campaign.attempts() if attempt.purpose == "search"]
     return tuple(Conversation(each, tuple(_turns(each.proposal.calls, by_key, recording))) for each in found)
-
-
-def recording_of(campaign: Campaign) -> Recording | None:
-    """Return the record of a campaign's calls: beside it, or the one it was replayed from; None if there is none."""
-    replayed = campaign.config.replay
-    for folder in (campaign.folder / "vlm", *([Path(replayed)] if replayed else [])):
-        if (folder / "calls.jsonl").is_file():
-            return Recording(folder)
-    return None
 
 
 def picture_of_call(campaign: Campaign, digest: str) -> bytes:
@@ -290,7 +281,7 @@ def picture_of_call(campaign: Campaign, digest: str) -> bytes:
     Raises:
         InputError: there is none of that digest.
     """
-    recording = recording_of(campaign)
+    recording = campaign.recording
     if recording is not None and digest.isalnum() and len(digest) <= LONGEST_DIGEST:
         path = _picture(recording, digest)
         if path.is_file():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,13 +30,8 @@ PATIENCE = 6.0
 SHOWN = 40
 
 
-@dataclass(frozen=True)
-class State:
-    """A campaign as it is stored now."""
-
-    campaign: rvsg.Campaign
-    attempts: list[Attempt]
-    summary: Summary
+State = tuple[rvsg.Campaign, list[Attempt], Summary]
+"""A campaign as it is stored now."""
 
 
 def add(workspace: Workspace) -> None:
@@ -66,7 +60,7 @@ def read(workspace: Workspace, folder: str, name: str) -> State:
     def made() -> State:
         opened = rvsg.Campaign.open(path, name or None)
         attempts = opened.attempts()  # read once: a running campaign has more a moment later
-        return State(opened, attempts, opened.summary(attempts))
+        return opened, attempts, opened.summary(attempts)
 
     found: State = workspace.kept(("campaign", folder, name), path, made)
     return found
@@ -76,13 +70,14 @@ class Live:
     """The page of a campaign, which follows it while it runs."""
 
     def __init__(self, made: Page, folder: str, state: State) -> None:
-        self.page, self.folder, self.state = made, folder, state
+        self.page, self.folder = made, folder
+        self.campaign, self.attempts, self.summary = state
         self.workspace = made.workspace
         self._at, self._next, self._shown_worst = 0, 0.0, -1
         self._following: str | None = None
         self._last = ""
         self._buttons_for: tuple[bool, bool] | None = None
-        plan = state.campaign.plan
+        plan = self.campaign.plan
         tag("p", f"{plan.requirement.name}: {plan.requirement.title} · {plan.mission.world}, "
                  f"{plan.mission.route.name} · robot {plan.mission.robot_name}", cls="soft")  # fmt: skip
         with tag("div", cls="st-status"):
@@ -102,8 +97,8 @@ class Live:
             with section("Latest reasoning", "thought"):
                 self.reasoning = tag("p", "", cls="reasoning small")
         self.lists = tag("div")
-        made.command("Start it again elsewhere", state.campaign.command)
-        made.command("Resume", resume_command(state.campaign.config))
+        made.command("Start it again elsewhere", self.campaign.command)
+        made.command("Resume", resume_command(self.campaign.config))
         made.command("Report", f"rvsg report {folder}")
         self._show(self._job())
         self.timer = ui.timer(EVERY_S, made.guarded(self._follow))
@@ -128,7 +123,8 @@ class Live:
         changed = any(event["kind"] in ("attempt", "run") for event in events) or not job.running
         if changed and time.monotonic() >= self._next and not (not events and not job.running):
             begun = time.monotonic()
-            self.state = await load(read, self.workspace, self.folder, self.state.campaign.name)
+            state = await load(read, self.workspace, self.folder, self.campaign.name)
+            self.campaign, self.attempts, self.summary = state
             self._next = time.monotonic() + max(EVERY_S, PATIENCE * (time.monotonic() - begun))
             self._show(job)
         elif events or job.state != self._last:
@@ -152,24 +148,23 @@ class Live:
 
     def _show(self, job: Job | None) -> None:
         self._status(job)
-        attempts = self.state.attempts
-        chart = search_chart(self.state.campaign.plan, attempts)
+        chart = search_chart(self.campaign.plan, self.attempts)
         self.course.clear()
         with self.course:
             if chart:
                 svg(chart)
             else:
                 tag("p", "No configuration is measured yet.", cls="soft")
-        texts = [each.proposal.reasoning for each in attempts if each.purpose == "search"]
+        texts = [each.proposal.reasoning for each in self.attempts if each.purpose == "search"]
         self.reasoning.set_text(next((text for text in reversed(texts) if text), "No reasoning yet."))
         self._worst()
         self._lists()
 
     def _status(self, job: Job | None) -> None:
         self._last = job.state if job is not None else ""
-        plan, account = self.state.campaign.plan, self.state.summary.accounting
+        plan, account = self.campaign.plan, self.summary.accounting
         words = job.state if job is not None else "not finished"
-        if self.state.summary.complete and not (job is not None and job.running):
+        if self.summary.complete and not (job is not None and job.running):
             words = "finished"
         self.chip.set_text(words)
         if job is not None and job.state == "failed":
@@ -181,14 +176,14 @@ class Live:
         tried = tried_of(account.search_attempts, plan.attempts)
         self.progress.set_text(f"{tried} configurations tried, {made} of {plan.search_runs} search runs, "
                                f"{account.confirmation_runs} of at most {plan.confirmations} to confirm")  # fmt: skip
-        share = 1.0 if self.state.summary.complete else min(1.0, made / max(1, plan.search_runs)) * 0.9
+        share = 1.0 if self.summary.complete else min(1.0, made / max(1, plan.search_runs)) * 0.9
         self.bar._props["value"] = f"{share:.3f}"
         self.bar.update()
         self.spend.set_text(self._spent(job))
         self._buttons(job)
 
     def _spent(self, job: Job | None) -> str:
-        account = self.state.summary.accounting
+        account = self.summary.accounting
         if not account.calls:
             return "no model called"
         cost = "cost unknown" if account.cost_usd is None else f"{account.cost_usd:.2f} USD"
@@ -197,7 +192,7 @@ class Live:
 
     def _buttons(self, job: Job | None) -> None:
         running = job is not None and job.running
-        wanted = (running, self.state.summary.complete)
+        wanted = (running, self.summary.complete)
         if self._buttons_for == wanted:
             return
         self._buttons_for = wanted
@@ -205,54 +200,53 @@ class Live:
         with self.actions:
             if running and job is not None:
                 job_buttons(self.page, job, self.news.set_text, command="Ctrl-C in `rvsg run`")
-            elif not self.state.summary.complete:
+            elif not self.summary.complete:
                 self.page.button("Resume", self._resume, cls="st-primary",
-                                 command=resume_command(self.state.campaign.config))  # fmt: skip
-            if self.state.attempts:
+                                 command=resume_command(self.campaign.config))  # fmt: skip
+            if self.attempts:
                 self.page.button("Write the report", self._report, command=f"rvsg report {self.folder}")
 
     def _resume(self) -> None:
-        campaign, before = self.state.campaign, self.workspace.jobs.of(self.folder)
+        before = self.workspace.jobs.of(self.folder)
         machine = before.arguments.get("machine", {}) if before is not None else {}
-        told = {"folder": self.folder, "name": campaign.name, "machine": machine}
-        command = resume_command(campaign.config)
+        told = {"folder": self.folder, "name": self.campaign.name, "machine": machine}
+        command = resume_command(self.campaign.config)
         self.workspace.jobs.start("campaign", title="Campaign", command=command, target=self.folder, **told)
         self.news.set_text("Resuming…")
 
     async def _report(self) -> None:
-        written = await load(self.state.campaign.report)
+        written = await load(self.campaign.report)
         self.page.say(f"Written: {self.workspace.relative(Path(written))}")
 
     def _worst(self) -> None:
-        worst = best_attempt(self.state.attempts, self.state.campaign.requirement)
+        worst = best_attempt(self.attempts, self.campaign.requirement)
         if worst is None:
             self.about.set_text("No run yet.")
             return
-        verdict, requirement = worst.verdict, self.state.campaign.requirement
+        verdict, requirement = worst.verdict, self.campaign.requirement
         if verdict is not None:
             scenario = f"Scenario {worst.brief.scenario_index + 1}"
             self.about.set_text(f"{scenario}: {value_in_words(verdict, requirement.unit)}, {verdict.violations} of "
                                 f"{counted(verdict.runs, 'run')} violate it.")  # fmt: skip
         if worst.index != self._shown_worst:
             self._shown_worst = worst.index
-            shown = {"campaign": self.folder, "name": self.state.campaign.name, "attempt": worst.index}
+            shown = {"campaign": self.folder, "name": self.campaign.name, "attempt": worst.index}
             self.replay._props["data-url"] = address("/data/replay", **shown, alone=1)
             self.replay.update()
 
     def _lists(self) -> None:
-        state = self.state
         self.lists.clear()
         with self.lists:
-            confirmed = confirmations(state.attempts)
+            confirmed = confirmations(self.attempts)
             if confirmed:
                 tag("h2", "Findings")
                 for attempt in confirmed:
                     self._line(attempt)
             done = {attempt.confirms for attempt in confirmed}
-            open_ = [entry for entry in state.summary.ranking if entry.attempt not in done]
+            open_ = [entry for entry in self.summary.ranking if entry.attempt not in done]
             if open_:
                 tag("h2", "Candidates and other scenarios, the worst first")
-                by_index = {attempt.index: attempt for attempt in state.attempts}
+                by_index = {attempt.index: attempt for attempt in self.attempts}
                 for entry in open_[:SHOWN]:
                     self._line(by_index[entry.attempt])
                 if len(open_) > SHOWN:
@@ -262,14 +256,13 @@ class Live:
         verdict, scenario = attempt.verdict, attempt.proposal.scenario
         if verdict is None or scenario is None:
             return
-        campaign = self.state.campaign
         with tag("div", cls="st-row"):
             with tag("span", cls="st-row-head"):
                 chip(verdict.status.value, bad=verdict.violations > 0, good=verdict.status.value == "PASS")
                 tag("span", f"{verdict.violations} of {verdict.runs}; mean "
-                            f"{number(verdict.mean, campaign.requirement.unit)}", cls="small")  # fmt: skip
+                            f"{number(verdict.mean, self.campaign.requirement.unit)}", cls="small")  # fmt: skip
             link(scenario.description or "Without a description", "/finding", campaign=self.folder,
-                 name=campaign.name, attempt=attempt.index, cls="st-clip")  # fmt: skip
+                 name=self.campaign.name, attempt=attempt.index, cls="st-clip")  # fmt: skip
             if attempt.purpose == "search" and verdict.violations:
                 label = f"Confirm attempt {attempt.index} now"
                 made = self.page.button("Confirm now", lambda: self._confirm(attempt), aria_label=label)
@@ -277,9 +270,9 @@ class Live:
 
     def _confirm(self, attempt: Attempt) -> None:
         """Confirm a candidate; while the search runs, in fresh runs beside the campaign, whose records stay its own."""
-        job, campaign = self._job(), self.state.campaign
+        job, campaign = self._job(), self.campaign
         told: dict[str, Any] = {"folder": self.folder, "name": campaign.name}
-        if self.state.summary.complete and not (job is not None and job.running):
+        if self.summary.complete and not (job is not None and job.running):
             command = confirm_command(Path(self.folder), attempt.index)
             self.workspace.jobs.start("confirm", title="Confirm", command=command, target=self.folder,
                                       candidate=attempt.index, **told)  # fmt: skip
