@@ -40,11 +40,22 @@ def coverage(
         InputError: a folder holds neither a suite nor a campaign.
     """
     exercises: dict[str, Exercise] = {}
+
+    def exercise_of(world: World) -> Exercise:
+        return exercises.setdefault(world.id, Exercise(world, tuple(shipped_requirements())))
+
     for source in (each for given in sources for each in _opened(given)):
-        if isinstance(source, Suite):
-            _add_suite(exercises, source, runs, jobs, simulator, on_message)
-        else:
-            _add_campaign(exercises, source)
+        if isinstance(source, Campaign):
+            _add_campaign(exercise_of(source.world), source)
+            continue
+        for case in source.cases:
+            world = source.worlds[case.name]
+            exercise = exercise_of(world)
+            exercise.add(case.scenario, [requirement_of(each, source.folder).name for each in case.expectations])
+            if runs:
+                made = simulate(case.scenario, runs, jobs=jobs, simulator=simulator, world=world, on_message=on_message)
+                for run in made:
+                    exercise.add_run(run)
     return tuple(WorldCoverage(each.coverage(), each.world) for each in exercises.values())
 
 
@@ -59,30 +70,7 @@ def _opened(given: Source) -> list[Suite | Campaign]:
     return list(campaigns_below(folder))
 
 
-def _exercise(exercises: dict[str, Exercise], world: World) -> Exercise:
-    return exercises.setdefault(world.id, Exercise(world, tuple(shipped_requirements())))
-
-
-def _add_suite(
-    exercises: dict[str, Exercise],
-    suite: Suite,
-    runs: int,
-    jobs: int,
-    simulator: str | Spec | Simulator,
-    on_message: Callable[[str], None],
-) -> None:
-    for case in suite.cases:
-        world = suite.worlds[case.name]
-        exercise = _exercise(exercises, world)
-        exercise.add(case.scenario, [requirement_of(each, suite.folder).name for each in case.expectations])
-        if runs:
-            made = simulate(case.scenario, runs, jobs=jobs, simulator=simulator, world=world, on_message=on_message)
-            for run in made:
-                exercise.add_run(run)
-
-
-def _add_campaign(exercises: dict[str, Exercise], campaign: Campaign) -> None:
-    exercise = _exercise(exercises, campaign.world)
+def _add_campaign(exercise: Exercise, campaign: Campaign) -> None:
     with reading(campaign.source) as ledger:
         attempts = [a for a in ledger.attempts(campaign.name) if a.purpose in ("search", "confirmation")]
         for attempt in attempts:

@@ -9,7 +9,7 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rvsg.app.campaign import Campaign, campaigns_in
+from rvsg.app.campaign import campaigns_in
 from rvsg.app.folder import LEDGER, alone_in, reading
 from rvsg.app.proposal import make_generator
 from rvsg.app.suites import Suite
@@ -49,14 +49,19 @@ class CampaignMonitor:
 
     def new(self, seen: frozenset[str]) -> Iterator[Watched]:
         """Yield the runs that are not among those seen."""
-        for place in _ledgers(self.folder):
+        for folder in _campaign_folders(self.folder):
             try:
-                campaigns = campaigns_in(place, optional=True)
+                campaigns = campaigns_in(folder, optional=True)
             except RvsgError as error:
-                self._new.append(f"{place.name} cannot be read yet: {error}")
+                self._new.append(f"{folder.name} cannot be read yet: {error}")
                 continue
             for campaign in campaigns:
-                yield from _runs_of(campaign, seen)
+                version, route = str(campaign.record.simulator), campaign.plan.mission.route.name
+                with reading(campaign.source) as ledger:
+                    attempts = [a for a in ledger.attempts(campaign.name) if a.purpose in ("search", "confirmation")]
+                    for run_id in (m.run_id for attempt in attempts for m in attempt.measurements):
+                        if run_id not in seen:
+                            yield Watched(source=run_id, route=route, version=version, run=ledger.run(run_id))
 
     def troubles(self) -> Sequence[str]:
         """Return what could not be read."""
@@ -64,26 +69,8 @@ class CampaignMonitor:
         return found
 
 
-def is_campaign(folder: Path) -> bool:
-    """Return whether a folder holds campaigns rather than recordings."""
-    return bool(_ledgers(folder))
-
-
-def _ledgers(folder: Path) -> list[Path]:
+def _campaign_folders(folder: Path) -> list[Path]:
     return [path.parent for path in sorted([*folder.glob(LEDGER), *folder.glob(f"*/{LEDGER}")])]
-
-
-def _runs_of(campaign: Campaign, seen: frozenset[str]) -> Iterator[Watched]:
-    version = str(campaign.record.simulator)
-    with reading(campaign.source) as ledger:
-        for attempt in ledger.attempts(campaign.name):
-            if attempt.purpose not in ("search", "confirmation"):
-                continue
-            for measured in attempt.measurements:
-                if measured.run_id not in seen:
-                    run = ledger.run(measured.run_id)
-                    route = campaign.plan.mission.route.name
-                    yield Watched(source=measured.run_id, route=route, version=version, run=run)
 
 
 RULES = "rules.yaml"
@@ -146,7 +133,8 @@ def watch(
     subject = Subject.of(simulator, stack, ready)
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    time_left = _time_left(seconds, clock)
+    end = math.inf if seconds is None else clock() + seconds
+    done = 0
     with closing(subject), alone_in(folder), open_knowledge(knowledge or folder / KNOWLEDGE) as known:
         world, journal = cases.world, Journal(folder / JOURNAL)
         loop = Loop(
@@ -171,28 +159,14 @@ def watch(
             renew=lambda: [*cases.renew(), *subject.renew()],
             version=lambda: subject.version,
             tell=on_note,
-            stop=lambda: time_left() <= 0,
+            stop=lambda: clock() >= end,
         )
-        _repeat(loop.cycle, cycles, time_left, lambda: sleep(max(0.0, min(every_s, time_left()))))
+        while clock() < end and (cycles is None or done < cycles):
+            busy = loop.cycle()
+            done += 1
+            if not busy and clock() < end and done != cycles:
+                sleep(max(0.0, min(every_s, end - clock())))
     return loop.journal
-
-
-def _time_left(seconds: float | None, clock: Callable[[], float]) -> Callable[[], float]:
-    """Return a function that returns the seconds that are left, infinite without an end."""
-    end = math.inf if seconds is None else clock() + seconds
-    return lambda: math.inf if end == math.inf else end - clock()
-
-
-def _repeat(
-    cycle: Callable[[], bool], most: int | None, time_left: Callable[[], float], pause: Callable[[], None]
-) -> None:
-    """Run cycles to the last one or to the end of the time, with a pause after each that found nothing to do."""
-    done = 0
-    while time_left() > 0 and (most is None or done < most):
-        busy = cycle()
-        done += 1
-        if not busy and time_left() > 0 and done != most:
-            pause()
 
 
 def approve(out: str | Path, plan: str, *, on_message: Callable[[str], None] = ignore) -> None:
@@ -227,7 +201,7 @@ def _rules(suite: Suite, given: RuleSet | str | Path | None) -> RuleSet:
 def _monitor(folder: Path, world: World, route: str | None) -> Monitor:
     if not folder.is_dir():
         raise InputError(f"{folder}: this is no folder. Give one of recordings or of campaigns.")
-    if is_campaign(folder):
+    if _campaign_folders(folder):
         return CampaignMonitor(folder)
     if route is not None:
         world.route(route)
