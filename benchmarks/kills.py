@@ -23,7 +23,7 @@ from rvsg.campaign.execution import Parts
 from rvsg.campaign.feedback import StoredFeedback
 from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.loop import run_campaign
-from rvsg.campaign.runner import Measuring, Runner
+from rvsg.campaign.runner import Evaluator, Runner
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.campaign.worker_pool import Processes
 from rvsg.core import plugins
@@ -47,7 +47,7 @@ class Campaign(threading.Thread):
             confirmations=4, seed=seed,
         )  # fmt: skip
         self.world, self.ledger = world, MemoryLedger()
-        measuring = Measuring(requirement, world)
+        measuring = Evaluator(requirement, world)
         self.executor = Processes(2)
         self.runner = Runner(
             plugins.make("simulator", simulator, {}),

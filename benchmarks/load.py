@@ -19,7 +19,7 @@ from collections import deque
 from pathlib import Path
 
 from rvsg.campaign.ledger import CachedLedger
-from rvsg.campaign.runner import FinishedRun, Measuring, PendingRun, Runner
+from rvsg.campaign.runner import Evaluator, FinishedRun, PendingRun, Runner
 from rvsg.core import plugins
 from rvsg.core.seeds import seed_for
 from rvsg.scenario.brief import Brief
@@ -90,7 +90,7 @@ def measured(jobs: int, runs: int, sleep_s: float, name: str | None) -> dict[str
     scenario = generator.propose(Brief(mission=mission, requirement=requirement, seed=1), world).scenario
     assert scenario is not None
     simulator = plugins.make("simulator", name, {}) if name else Sleeping(sleep_s)
-    measuring = Measuring(requirement, world)
+    measuring = Evaluator(requirement, world)
     warm = 2 * jobs
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "ledger.sqlite"

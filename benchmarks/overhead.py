@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from rvsg import Campaign
-from rvsg.campaign.execution import RunMade
+from rvsg.campaign.execution import RunFinished
 from rvsg.campaign.loop import FeedbackFrom
 from rvsg.campaign.runner import RunMaker
 from rvsg.generation.heuristic import HeuristicGenerator
@@ -60,7 +60,7 @@ def main() -> int:
         campaign.prepare()
         began, runs = time.process_time(), 0
         for event in campaign.run(jobs=1):
-            runs += isinstance(event, RunMade)
+            runs += isinstance(event, RunFinished)
             if runs >= options.share * campaign.plan.search_runs and options.share < 1.0:
                 break
         total, began = time.process_time() - began, time.process_time()

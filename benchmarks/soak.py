@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 
 from rvsg import Campaign
-from rvsg.campaign.execution import RunMade
+from rvsg.campaign.execution import RunFinished
 
 
 def resident_kb(pid: int | str = "self") -> int:
@@ -67,7 +67,7 @@ def main() -> int:
         )
         began, cpu, done = time.monotonic(), time.process_time(), 0
         for event in campaign.run(jobs=options.jobs):
-            done += isinstance(event, RunMade)
+            done += isinstance(event, RunFinished)
             for share, name in wanted.items():
                 if name not in looks and done >= share * options.runs:
                     looks[name] = memory() | {"runs": done}

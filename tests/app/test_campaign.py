@@ -42,18 +42,18 @@ def violated(tmp_path_factory: pytest.TempPathFactory) -> rvsg.Campaign:
     folder = tmp_path_factory.mktemp("campaign")
     (folder / "r.yaml").write_text(f"always: {ALWAYS}\n", encoding="utf-8")
     campaign = create(folder / "one", requirement=f"{folder / 'r.yaml'}#always")
-    assert [type(event) for event in campaign.run(jobs=1)][-1] is execution.Finished
+    assert [type(event) for event in campaign.run(jobs=1)][-1] is execution.CampaignFinished
     return campaign
 
 
 def test_events_tell_what_happens_in_order(tmp_path: Path) -> None:
     campaign = create(tmp_path / "one")
     seen = list(campaign.run(jobs=1))
-    assert isinstance(seen[0], execution.Started) and seen[0].attempts == 0
+    assert isinstance(seen[0], execution.CampaignStarted) and seen[0].attempts == 0
     kinds = [type(event).__name__ for event in seen]
-    assert kinds[1:6] == ["Proposing", "RunMade", "RunMade", "Attempted", "Proposing"]
-    assert "Confirming" in kinds and "Explaining" in kinds
-    assert isinstance(seen[-1], execution.Finished) and seen[-1].complete
+    assert kinds[1:6] == ["ProposalStarted", "RunFinished", "RunFinished", "AttemptFinished", "ProposalStarted"]
+    assert "ConfirmationStarted" in kinds and "ExplanationStarted" in kinds
+    assert isinstance(seen[-1], execution.CampaignFinished) and seen[-1].complete
     assert campaign.finished and len(campaign.attempts()) == seen[-1].attempts
 
 
@@ -63,9 +63,9 @@ def test_a_cancelled_campaign_resumes_to_the_same_records(tmp_path: Path) -> Non
     campaign = create(tmp_path / "one")
     last = None
     for last in campaign.run(jobs=1):
-        if isinstance(last, execution.Attempted):
+        if isinstance(last, execution.AttemptFinished):
             campaign.cancel()
-    assert isinstance(last, execution.Finished) and not last.complete
+    assert isinstance(last, execution.CampaignFinished) and not last.complete
     again = rvsg.Campaign.open(tmp_path / "one")
     list(again.run(jobs=1))
     assert [a.to_json() for a in again.attempts()] == [a.to_json() for a in whole.attempts()]

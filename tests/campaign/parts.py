@@ -17,7 +17,7 @@ from rvsg.campaign.execution import Parts
 from rvsg.campaign.feedback import StoredFeedback
 from rvsg.campaign.ledger import CachedLedger, Ledger
 from rvsg.campaign.loop import run_campaign
-from rvsg.campaign.runner import FinishedRun, Measuring, PendingRun, Runner
+from rvsg.campaign.runner import Evaluator, FinishedRun, PendingRun, Runner
 from rvsg.campaign.strategies import Strategy, StudyStrategy
 from rvsg.core.errors import GenerationError
 from rvsg.evaluation.verdict import Status, Verdict
@@ -71,7 +71,7 @@ def measure(run: Run, _place: object = None) -> Measurement:
     return Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values={"dto": value}, objective=value)
 
 
-class Distance(Measuring):
+class Distance(Evaluator):
     """Measures by `measure`, or by what is given."""
 
     def __init__(

@@ -13,7 +13,7 @@ from rvsg.campaign.confirmation import Confirmations
 from rvsg.campaign.findings import Finding, distinct_failures, worst_confirmation
 from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.observation import FailureMode, encounter_of, met, mode_of, observe, usual
-from rvsg.campaign.runner import FinishedRun, Measuring, Runner
+from rvsg.campaign.runner import Evaluator, FinishedRun, Runner
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.evaluation.statistics import clopper_pearson
 from rvsg.evaluation.verdict import Status, Verdict
@@ -160,7 +160,7 @@ def test_one_of_every_kind_of_failure_is_confirmed_before_the_second_of_one(monk
 def test_a_run_in_which_the_stack_failed_is_measured_and_not_judged() -> None:
     path = trajectory([0, 1], 0, humans=[(2, 0)])
     failed, made = measured_run(path, outcome=Outcome.STACK_FAILED), measured_run(path)
-    measuring = Measuring(REQUIREMENT)
+    measuring = Evaluator(REQUIREMENT)
     assert measuring.measure(failed).values["dto"] == measuring.measure(made).values["dto"] == 2.0
     assert measuring.measure(failed).objective is None and measuring.judged(failed).objective is None
     assert measuring.measure(made).objective == measuring.judged(made).objective == 2.0

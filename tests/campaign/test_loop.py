@@ -27,10 +27,10 @@ from tests.coded import coded
 
 from rvsg.campaign.attempt import Attempt, Measurement, Plan
 from rvsg.campaign.confirmation import Confirmations
-from rvsg.campaign.execution import Attempted, account
+from rvsg.campaign.execution import AttemptFinished, account
 from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.ranking import best_attempt, confirmations, ranking, rule
-from rvsg.campaign.runner import Measuring, Runner
+from rvsg.campaign.runner import Evaluator, Runner
 from rvsg.campaign.strategies import Ask, RandomStrategy, StudyStrategy, UnguidedStrategy
 from rvsg.core.errors import BudgetSpent, SimulationError
 from rvsg.core.seeds import fresh_seeds
@@ -57,7 +57,7 @@ def confirming(value_of: Callable[[Run], float], the_plan: Plan, strategy: type 
         value = value_of(made)
         return Measurement(run_id=made.id, seed=made.seed, outcome="goal", values={"dto": value}, objective=value)
 
-    changes = {"judge": Measuring(the_plan.requirement).judge}
+    changes = {"judge": Evaluator(the_plan.requirement).judge}
     return searched(strategy, the_plan, ledger, measure=measured, changes=changes, **how)
 
 
@@ -182,11 +182,11 @@ def test_a_further_configuration_that_cannot_always_violate_is_dropped_early() -
         value = 2.0 if made.seed in (seeds[10], seeds[12]) else 0.5
         return Measurement(run_id=made.id, seed=made.seed, outcome="goal", values={"dto": value}, objective=value)
 
-    made = dataclasses.replace(parts(MemoryLedger(), measure=measured), judge=Measuring(REQUIREMENT).judge)
+    made = dataclasses.replace(parts(MemoryLedger(), measure=measured), judge=Evaluator(REQUIREMENT).judge)
     with made.runner:
         confirming = Confirmations(the_plan, [made.ledger.summary(a) for a in first], made)
         *_, last = confirming.confirm(first[1], budget=30, only_fail=True)
-    assert isinstance(last, Attempted) and last.attempt.verdict is not None
+    assert isinstance(last, AttemptFinished) and last.attempt.verdict is not None
     assert (last.attempt.verdict.violations, last.attempt.verdict.runs) == (11, 13)
 
 

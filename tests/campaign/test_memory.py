@@ -12,7 +12,7 @@ from tests.campaign.parts import parts, plan, warehouse
 
 from rvsg.campaign import ledger, runner
 from rvsg.campaign.attempt import Attempt, AttemptSummary, Measurement
-from rvsg.campaign.execution import Attempted
+from rvsg.campaign.execution import AttemptFinished
 from rvsg.campaign.feedback import StoredFeedback
 from rvsg.campaign.hybrid import HybridStrategy, MapElitesStrategy
 from rvsg.campaign.ledger import CachedLedger, Ledger
@@ -65,7 +65,7 @@ def test_a_campaign_holds_few_measurements_at_a_time(tmp_path: Path) -> None:
         strategy = StudyStrategy(wanted, StoredFeedback(made.ledger, wanted, warehouse()), warehouse())
         before = _measurements()
         running = stream_campaign(wanted, strategy, made)
-        most = max(_measurements() - before for event in running if isinstance(event, Attempted))
+        most = max(_measurements() - before for event in running if isinstance(event, AttemptFinished))
     assert len(strategy.attempts) == 12 and all(type(each) is AttemptSummary for each in strategy.attempts)
     assert most <= 3 * (2 + 1), "two attempts in the cache, and the last runs"
 

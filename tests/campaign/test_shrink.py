@@ -22,8 +22,8 @@ from tests.coded import coded
 from rvsg.campaign.attempt import Attempt, Measurement, Plan
 from rvsg.campaign.execution import account
 from rvsg.campaign.findings import DistinctFailure, Smallest, distinct_failures, findings
-from rvsg.campaign.runner import Measuring, Runner
-from rvsg.campaign.smallest_scenario import Shrinking, simpler, size
+from rvsg.campaign.runner import Evaluator, Runner
+from rvsg.campaign.smallest_scenario import Shrinker, simpler, size
 from rvsg.campaign.strategies import RandomStrategy
 from rvsg.cli import main
 from rvsg.core.errors import InputError
@@ -57,11 +57,11 @@ def crowd() -> Scenario:
     )
 
 
-def shrinking(simulator: Counted | None = None, **more: object) -> Shrinking:
-    return Shrinking(
+def shrinking(simulator: Counted | None = None, **more: object) -> Shrinker:
+    return Shrinker(
         requirement=more.pop("requirement", LIMIT),  # type: ignore[arg-type]
         runner=Runner(simulator or Counted(), WORLD, measuring=Distance(measure)),  # type: ignore[arg-type]
-        judge=Measuring(LIMIT).judge,
+        judge=Evaluator(LIMIT).judge,
         repeats=3,
         confirmations=4,
         **more,  # type: ignore[arg-type]
@@ -185,7 +185,7 @@ def the_plan(requirement: Requirement = EASY) -> Plan:
 
 
 def campaign(ledger: MemoryLedger, requirement: Requirement = EASY, **changes: object) -> list[Attempt]:
-    given = {"shrink_runs": 300, "judge": Measuring(requirement).judge, **changes}
+    given = {"shrink_runs": 300, "judge": Evaluator(requirement).judge, **changes}
     return searched(RandomStrategy, the_plan(requirement), ledger, changes=given)
 
 

@@ -7,7 +7,7 @@ from rich.console import Console
 from tests.campaign.parts import plan
 
 from rvsg.campaign.attempt import Attempt, Failure
-from rvsg.campaign.execution import Attempted, Explaining, Proposing, RunMade
+from rvsg.campaign.execution import AttemptFinished, ExplanationStarted, ProposalStarted, RunFinished
 from rvsg.cli import progress
 from rvsg.cli.progress import CampaignProgress
 from rvsg.generation.generator import Proposal
@@ -24,11 +24,11 @@ def test_progress_shows_done_total_and_time_left_on_a_narrow_terminal(
     shown = CampaignProgress(the_plan, [])
     assert shown.bar is not None
     brief = Brief(mission=the_plan.mission, requirement=the_plan.requirement, seed=1, scenario_index=41)
-    shown(Proposing(campaign="test", index=41, brief=brief))
+    shown(ProposalStarted(campaign="test", index=41, brief=brief))
     shown.runs = 1233
     shown.bar.update(shown.task, completed=1233)
     shown.worst = 1.2345
-    shown(Proposing(campaign="test", index=41, brief=brief))
+    shown(ProposalStarted(campaign="test", index=41, brief=brief))
     with told.capture() as captured:
         told.print(shown.bar.get_renderable())
     (line,) = captured.get().splitlines()
@@ -37,7 +37,7 @@ def test_progress_shows_done_total_and_time_left_on_a_narrow_terminal(
     assert " left " in line and ("-:--:--" in line or "0:" in line)
     if width == 80:
         assert "scenario 42" in line
-    shown(Explaining(campaign="test", without=("Human 1",), people=1, runs=15))
+    shown(ExplanationStarted(campaign="test", without=("Human 1",), people=1, runs=15))
     with told.capture() as captured:
         told.print(shown.bar.get_renderable())
     assert "1233/1248 runs" in " ".join(captured.get().split())  # such runs are none of the plan's
@@ -52,13 +52,15 @@ def test_the_estimate_does_not_count_the_wait_for_other_campaigns(
     shown = CampaignProgress(the_plan, [], name="second")
     now[0] = 5000.0
     brief = Brief(mission=the_plan.mission, requirement=the_plan.requirement, seed=1)
-    shown(Proposing(campaign="test", index=0, brief=brief))
+    shown(ProposalStarted(campaign="test", index=0, brief=brief))
     for seed in range(5):
         now[0] += 2.0
-        shown(RunMade(campaign="test", index=0, purpose="search", run=Failure(seed=seed, reason="it did not start")))
+        shown(
+            RunFinished(campaign="test", index=0, purpose="search", run=Failure(seed=seed, reason="it did not start"))
+        )
     made = Attempt(
         campaign="test", index=0, strategy="study", brief=brief, proposal=Proposal(generator="none", scenario=None)
     )
-    shown(Attempted(campaign="test", attempt=made))
+    shown(AttemptFinished(campaign="test", attempt=made))
     left = (the_plan.runs - 5) * 2
     assert f"about {left} s left" in capsys.readouterr().err

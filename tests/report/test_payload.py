@@ -13,7 +13,7 @@ from tests.campaign.parts import REQUIREMENT, MemoryLedger, warehouse
 from tests.evaluation.runs import run_of, trajectory
 from tests.report.test_page import campaign, default_campaign, default_page, page
 
-from rvsg.campaign.runner import Measuring
+from rvsg.campaign.runner import Evaluator
 from rvsg.evaluation.metrics.registry import METRICS
 from rvsg.evaluation.sampled import Sampled
 from rvsg.evaluation.verdict import objective
@@ -51,7 +51,7 @@ def unpacked(data: bytes) -> list[int]:
 
 
 def payload(run: Run) -> dict[str, object]:
-    facts = run_facts(run, Measuring(REQUIREMENT, warehouse()).measure(run), REQUIREMENT, warehouse())
+    facts = run_facts(run, Evaluator(REQUIREMENT, warehouse()).measure(run), REQUIREMENT, warehouse())
     return replay_payload(
         [ReplayGroup(id="0", label="runs", purpose="search", runs=(facts,))],
         mission=campaign(MemoryLedger())[0].mission,

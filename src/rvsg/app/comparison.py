@@ -18,7 +18,7 @@ from rvsg.app.suites import Suite
 from rvsg.campaign.attempt import Measurement
 from rvsg.campaign.ranking import candidates, search_attempts
 from rvsg.campaign.run_set import simulate
-from rvsg.campaign.runner import Measuring
+from rvsg.campaign.runner import Evaluator
 from rvsg.campaign.suite import (
     Case,
     CaseChange,
@@ -88,7 +88,7 @@ class VersionComparison:
         names = [each.requirement for each in tested.case.expectations]
         route = tested.case.scenario.mission.route
         requirement = tested.requirements[names.index(change.requirement)].for_time_limit(route.time_limit_s)
-        measuring = Measuring(requirement, tested.world)
+        measuring = Evaluator(requirement, tested.world)
         mine, theirs = (
             {case.key: case.flags for case in variant.cases}[change.case, change.requirement]
             for variant in self.found.variants
@@ -227,7 +227,7 @@ def compare_stacks(
 
 
 def _placed(
-    result: CaseResult, tested: SuiteCase, measuring: Measuring, _: Run, runs: Sequence[tuple[Run, Measurement]]
+    result: CaseResult, tested: SuiteCase, measuring: Evaluator, _: Run, runs: Sequence[tuple[Run, Measurement]]
 ) -> CaseResult:
     """Add where the robot is at the decisive moment of each violating run."""
     decisive = [

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from rvsg.campaign.attempt import Measurement
-from rvsg.campaign.runner import Measuring
+from rvsg.campaign.runner import Evaluator
 from rvsg.campaign.suite import CaseResult, SuiteResult
 from rvsg.campaign.suite_folder import SuiteCase, SuiteFolder, run_cases
 from rvsg.core.plugins import Spec, ignore
@@ -63,7 +63,7 @@ class Suite(SuiteFolder):
         def illustrated(
             result: CaseResult,
             tested: SuiteCase,
-            measuring: Measuring,
+            measuring: Evaluator,
             worst: Run,
             runs: Sequence[tuple[Run, Measurement]],
         ) -> CaseResult:

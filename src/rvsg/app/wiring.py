@@ -14,7 +14,7 @@ from rvsg.campaign.attempt import Plan
 from rvsg.campaign.execution import Limits, Parts
 from rvsg.campaign.feedback import StoredFeedback, rehearsing
 from rvsg.campaign.ledger import CachedLedger
-from rvsg.campaign.runner import Executor, Measuring, Runner
+from rvsg.campaign.runner import Evaluator, Executor, Runner
 from rvsg.campaign.strategies import Strategy
 from rvsg.core import plugins
 from rvsg.core.errors import InputError
@@ -81,7 +81,7 @@ class Wired:
         return Runner(
             self.simulator,
             self.world,
-            measuring=Measuring(self.plan.requirement, self.world),
+            measuring=Evaluator(self.plan.requirement, self.world),
             jobs=jobs,
             ledger=ledger,
             executor=executor or self.executor,
@@ -93,7 +93,7 @@ class Wired:
         self, plan: Plan, judging: Procedure, ledger: CachedLedger, runner: Runner, cancelled: Callable[[], bool]
     ) -> Parts:
         """Return what the loop works with."""
-        measuring = Measuring(
+        measuring = Evaluator(
             plan.requirement, self.world, procedure=judging, time_limit_s=plan.mission.route.time_limit_s
         )
         return Parts(

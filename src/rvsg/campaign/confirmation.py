@@ -12,10 +12,10 @@ from typing import Literal
 
 from rvsg.campaign.attempt import Attempt, AttemptSummary, Plan
 from rvsg.campaign.execution import (
-    Attempted,
-    Confirming,
+    AttemptFinished,
+    ConfirmationStarted,
     Event,
-    Explaining,
+    ExplanationStarted,
     Parts,
     Results,
     collect,
@@ -87,7 +87,7 @@ class Confirmations:
                 break
             budget = min(left, share)
             of = len(order) if another else scenarios
-            yield Confirming(campaign=plan.name, candidate=candidate.record, number=number, of=of, runs=budget)
+            yield ConfirmationStarted(campaign=plan.name, candidate=candidate.record, number=number, of=of, runs=budget)
             more = any(not self._is_confirmed(other) for other in order[number:])
             reserve = procedure.fewest_for(0, 0).get(Status.FAIL, 0) if more else 0
             spare = max(0, reserve - (left - budget))
@@ -125,7 +125,9 @@ class Confirmations:
             attempt, candidate = summary.record, by_index[summary.confirms].record
             if not self._reachable(_objectives(attempt), procedure.replace(max_runs=max(1, budget))):
                 continue
-            yield Confirming(campaign=plan.name, candidate=candidate, number=number, of=len(undecided), runs=budget)
+            yield ConfirmationStarted(
+                campaign=plan.name, candidate=candidate, number=number, of=len(undecided), runs=budget
+            )
             yield from self.confirm(candidate, budget=budget, known=attempt)
 
     def confirm(
@@ -225,18 +227,18 @@ class Confirmations:
             confirms=None if purpose == "baseline" else confirmation.index,
             without=without,
         )
-        yield Explaining(campaign=self.plan.name, without=without, people=len(people), runs=len(seeds))
+        yield ExplanationStarted(campaign=self.plan.name, without=without, people=len(people), runs=len(seeds))
         for event in make(attempt, submit(attempt, seeds, self.parts), self.parts):
-            yield self._add(event.attempt) if isinstance(event, Attempted) else event
+            yield self._add(event.attempt) if isinstance(event, AttemptFinished) else event
 
     @property
     def next_index(self) -> int:
         """The index of the next attempt."""
         return max((attempt.index for attempt in self.attempts), default=-1) + 1
 
-    def _add(self, attempt: Attempt) -> Attempted:
+    def _add(self, attempt: Attempt) -> AttemptFinished:
         self.attempts.append(self.parts.ledger.summary(attempt))
-        return Attempted(campaign=self.plan.name, attempt=attempt)
+        return AttemptFinished(campaign=self.plan.name, attempt=attempt)
 
     def _all(self) -> list[AttemptSummary]:
         return [attempt for attempt in self.attempts if attempt.purpose == "confirmation"]

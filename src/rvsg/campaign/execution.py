@@ -29,7 +29,7 @@ class Event:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Started(Event):
+class CampaignStarted(Event):
     """The campaign begins, or resumes after `attempts` finished attempts with `runs` runs."""
 
     plan: Plan
@@ -45,7 +45,7 @@ class Message(Event):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Proposing(Event):
+class ProposalStarted(Event):
     """The generator is asked for attempt `index`."""
 
     index: int
@@ -60,7 +60,7 @@ class ModelCall(Event):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunMade(Event):
+class RunFinished(Event):
     """A run of attempt `index` is finished, was already known, or could not be made."""
 
     index: int
@@ -69,14 +69,14 @@ class RunMade(Event):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Attempted(Event):
+class AttemptFinished(Event):
     """An attempt is complete and stored."""
 
     attempt: Attempt
 
 
 @dataclass(frozen=True, kw_only=True)
-class Confirming(Event):
+class ConfirmationStarted(Event):
     """The confirmation of a candidate begins: number `number` of `of`, in at most `runs` runs."""
 
     candidate: Attempt
@@ -86,7 +86,7 @@ class Confirming(Event):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Explaining(Event):
+class ExplanationStarted(Event):
     """Runs begin that show what people contribute: those without the people in `without`; `people` are left."""
 
     without: tuple[str, ...]
@@ -95,7 +95,7 @@ class Explaining(Event):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Shrinks(Event):
+class ReductionStarted(Event):
     """The scenario of a confirmation is shrunk, in at most `runs` runs."""
 
     confirmation: Attempt
@@ -103,7 +103,7 @@ class Shrinks(Event):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Finished(Event):
+class CampaignFinished(Event):
     """The campaign ended; not `complete` where it was cancelled."""
 
     complete: bool
@@ -241,14 +241,14 @@ def collect(attempt: Attempt, pending: Iterable[PendingRun], results: Results, p
         if isinstance(result, FinishedRun):
             parts.ledger.keep(result.packed)
         results.append(result)
-        yield RunMade(campaign=attempt.campaign, index=attempt.index, purpose=attempt.purpose, run=result)
+        yield RunFinished(campaign=attempt.campaign, index=attempt.index, purpose=attempt.purpose, run=result)
 
 
 def make(attempt: Attempt, pending: Iterable[PendingRun], parts: Parts) -> Iterator[Event]:
     """Wait for the runs of an attempt, and store it."""
     results: Results = []
     yield from collect(attempt, pending, results, parts)
-    yield Attempted(campaign=attempt.campaign, attempt=store(attempt, results, parts))
+    yield AttemptFinished(campaign=attempt.campaign, attempt=store(attempt, results, parts))
 
 
 def store(attempt: Attempt, results: Results, parts: Parts, *, budget: int | None = None) -> Attempt:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.campaign.runner import Measuring, PendingRun, Runner
+from rvsg.campaign.runner import Evaluator, PendingRun, Runner
 from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec, ignore
 from rvsg.core.records import Record
@@ -287,7 +287,7 @@ def explore(
     asked = load_requirement(requirement, family.middle.mission.route)
     if asked.threshold is None:
         raise InputError(f"{asked.name} has no limit, so no run violates it. Choose a requirement with a limit.")
-    measuring = Measuring(asked, place)
+    measuring = Evaluator(asked, place)
     with (
         simulator_of(simulator, scenario=family.middle, on_message=on_message) as made,
         Runner(made, place, measuring=measuring, jobs=jobs, notify=on_message) as runner,

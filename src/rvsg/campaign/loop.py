@@ -14,14 +14,14 @@ from itertools import islice
 from rvsg.campaign.attempt import Attempt, AttemptSummary, Plan
 from rvsg.campaign.confirmation import confirm_all
 from rvsg.campaign.execution import (
-    Attempted,
+    AttemptFinished,
+    CampaignFinished,
+    CampaignStarted,
     Cancelled,
     Event,
-    Finished,
     Message,
     Parts,
-    Proposing,
-    Started,
+    ProposalStarted,
     make,
     submit,
 )
@@ -60,19 +60,19 @@ def stream_campaign(plan: Plan, strategy: Strategy, parts: Parts) -> Iterator[Ev
         if attempt.purpose == "search":
             strategy.tell(attempt)
     attempts = known.attempts
-    yield Started(campaign=plan.name, plan=plan, attempts=len(attempts), runs=sum(a.runs for a in attempts))
+    yield CampaignStarted(campaign=plan.name, plan=plan, attempts=len(attempts), runs=sum(a.runs for a in attempts))
     complete = True
     try:
         if len(search_attempts(attempts)) == len(attempts):
             yield from _search(plan, strategy, known, parts)
         for rest in (confirm_all, shrink_all):
             for event in rest(plan, tuple(attempts), parts):
-                if isinstance(event, Attempted):
+                if isinstance(event, AttemptFinished):
                     known.add(event.attempt)
                 yield event
     except Cancelled:
         complete = False
-    yield Finished(campaign=plan.name, complete=complete, attempts=len(attempts))
+    yield CampaignFinished(campaign=plan.name, complete=complete, attempts=len(attempts))
 
 
 class _Known:
@@ -131,7 +131,7 @@ def _search(plan: Plan, strategy: Strategy, known: _Known, parts: Parts) -> Iter
             ask = upcoming.popleft()
             parts.check()
             if ask.proposal is None:
-                yield Proposing(campaign=plan.name, index=index, brief=ask.brief)
+                yield ProposalStarted(campaign=plan.name, index=index, brief=ask.brief)
             try:
                 in_progress.append(_begin(plan, strategy.name, index, ask, parts, known))
             except GenerationError as error:
@@ -144,7 +144,7 @@ def _search(plan: Plan, strategy: Strategy, known: _Known, parts: Parts) -> Iter
         if not in_progress:
             break
         for event in make(*in_progress.popleft(), parts):
-            if isinstance(event, Attempted):
+            if isinstance(event, AttemptFinished):
                 known.add(event.attempt)
                 strategy.tell(event.attempt)
             yield event

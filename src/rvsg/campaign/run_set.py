@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.feedback import feedback_of
-from rvsg.campaign.runner import Measuring, Runner
+from rvsg.campaign.runner import Evaluator, Runner
 from rvsg.core import plugins
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
@@ -430,7 +430,7 @@ def judge(
     if world is not None or (place is None and known is not None):
         place = world_of(known.mission, world) if known is not None else as_world(world or "")
     asked = load_requirement(requirement, time_limit_s=given[0].time_limit_s)
-    measuring = Measuring(asked, place, procedure=procedure, time_limit_s=given[0].time_limit_s)
+    measuring = Evaluator(asked, place, procedure=procedure, time_limit_s=given[0].time_limit_s)
     measurements = tuple(measuring.measure(run) for run in given)
     return Judgement(
         requirement=asked, verdict=measuring.judge(measurements), measurements=measurements, procedure=procedure

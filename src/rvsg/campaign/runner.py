@@ -30,7 +30,7 @@ RECENT = 1000
 """Results that are kept in memory, packed to some 5 kB each: strategies that race ask for the same runs again."""
 
 
-class Measuring:
+class Evaluator:
     """Measures runs by every metric, and judges them by `requirement`.
 
     Args:
@@ -117,7 +117,7 @@ class RunMaker:
 
     simulator: Simulator
     world: World
-    measuring: Measuring | None = None
+    measuring: Evaluator | None = None
     """Measures every run; None: nobody judges them."""
     observes: bool = False
     """Whether every run that is stored is observed."""
@@ -257,7 +257,7 @@ class Runner:
         simulator: Simulator,
         world: World,
         *,
-        measuring: Measuring | None = None,
+        measuring: Evaluator | None = None,
         jobs: int = 1,
         executor: Executor | None = None,
         ledger: CachedLedger | None = None,

@@ -16,9 +16,9 @@ from functools import partial
 from pathlib import Path
 
 from rvsg.campaign.attempt import Attempt, AttemptSummary, Measurement, Plan
-from rvsg.campaign.execution import Attempted, Event, Parts, Shrinks, make, submit
+from rvsg.campaign.execution import AttemptFinished, Event, Parts, ReductionStarted, make, submit
 from rvsg.campaign.findings import distinct_failures, findings
-from rvsg.campaign.runner import Measuring, Runner
+from rvsg.campaign.runner import Evaluator, Runner
 from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec, ignore
 from rvsg.core.records import Record
@@ -59,7 +59,7 @@ class Shrunk(Record):
 
 
 @dataclass(kw_only=True)
-class Shrinking:
+class Shrinker:
     """The parts of a shrinking: what makes runs and what judges them, and how often a scenario is run.
 
     `keep` is the share of the original's violations that a simpler scenario has to show. `limit` is the number of runs
@@ -265,7 +265,7 @@ def shrink_all(plan: Plan, attempts: Sequence[AttemptSummary], parts: Parts) -> 
             continue
         index += 1
         for event in _shrunk(plan, next(a for a in done if a.index == confirmed), index, parts, share):
-            if isinstance(event, Attempted):
+            if isinstance(event, AttemptFinished):
                 done.append(event.attempt)
             yield event
 
@@ -274,9 +274,9 @@ def _shrunk(plan: Plan, confirmation: Attempt, index: int, parts: Parts, runs: i
     """Shrink one confirmed scenario in at most `runs` runs, the check at the end included."""
     scenario = confirmation.proposal.scenario
     assert scenario is not None
-    yield Shrinks(campaign=plan.name, confirmation=confirmation, runs=runs)
+    yield ReductionStarted(campaign=plan.name, confirmation=confirmation, runs=runs)
     seeds = [m.seed for m in confirmation.measurements][:CHECKED]
-    shrinking = Shrinking(
+    shrinking = Shrinker(
         requirement=plan.requirement,
         runner=parts.runner,
         judge=parts.judge,
@@ -331,12 +331,12 @@ def shrink(
     place = world_of(scenario.mission, world)
     check_valid(scenario, place)
     asked = load_requirement(requirement, scenario.mission.route)
-    measuring = Measuring(asked, place)
+    measuring = Evaluator(asked, place)
     with (
         simulator_of(simulator, scenario=scenario, on_message=on_message) as made,
         Runner(made, place, measuring=measuring, jobs=jobs, notify=on_message) as runner,
     ):
-        return Shrinking(
+        return Shrinker(
             requirement=asked,
             runner=runner,
             judge=measuring.judge,

@@ -21,7 +21,7 @@ from filelock import FileLock
 from pydantic import Field
 
 from rvsg.campaign.attempt import Measurement
-from rvsg.campaign.runner import Measuring, Runner
+from rvsg.campaign.runner import Evaluator, Runner
 from rvsg.campaign.suite import (
     Case,
     CaseResult,
@@ -297,7 +297,7 @@ class SuiteCase:
         return replace(self, case=self.case.replace(scenario=scenario))
 
 
-Finish = Callable[[CaseResult, SuiteCase, Measuring, Run, Sequence[tuple[Run, Measurement]]], CaseResult]
+Finish = Callable[[CaseResult, SuiteCase, Evaluator, Run, Sequence[tuple[Run, Measurement]]], CaseResult]
 """Adds to a result what a report shows of its runs; it is given the worst run and all runs with their measurements."""
 
 
@@ -328,14 +328,14 @@ def run_cases(
                 procedure = judging.replace(max_runs=runs or tested.case.max_runs)
                 limit_s = tested.case.scenario.mission.route.time_limit_s
                 requirements = [each.for_time_limit(limit_s) for each in tested.requirements]
-                measuring = [Measuring(each, tested.world, procedure=procedure) for each in requirements]
+                measuring = [Evaluator(each, tested.world, procedure=procedure) for each in requirements]
                 made, rows = _measured_runs(tested.case, measuring, runner, runs)
                 for expectation, each, row in zip(tested.case.expectations, measuring, rows, strict=True):
                     yield _result(tested, expectation, each, made, row, finish)
 
 
 def _measured_runs(
-    case: Case, measuring: Sequence[Measuring], runner: Runner, runs: int | None
+    case: Case, measuring: Sequence[Evaluator], runner: Runner, runs: int | None
 ) -> tuple[list[Run], list[list[Measurement]]]:
     """Return the runs of a case, and their measurements for each requirement."""
     made: list[Run] = []
@@ -348,7 +348,7 @@ def _measured_runs(
     return made, rows
 
 
-def _more(measuring: Sequence[Measuring], rows: Sequence[Sequence[Measurement]]) -> int:
+def _more(measuring: Sequence[Evaluator], rows: Sequence[Sequence[Measurement]]) -> int:
     """Return the most runs that any requirement asks for next; all of them where there is no limit."""
     wanted = []
     for each, row in zip(measuring, rows, strict=True):
@@ -362,7 +362,7 @@ def _more(measuring: Sequence[Measuring], rows: Sequence[Sequence[Measurement]])
 def _result(
     tested: SuiteCase,
     expectation: Expectation,
-    measuring: Measuring,
+    measuring: Evaluator,
     made: Sequence[Run],
     row: Sequence[Measurement],
     finish: Finish,

@@ -12,15 +12,15 @@ from rich.table import Column
 
 from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.execution import (
-    Attempted,
-    Confirming,
+    AttemptFinished,
+    ConfirmationStarted,
     Event,
-    Explaining,
+    ExplanationStarted,
     Message,
     ModelCall,
-    Proposing,
-    RunMade,
-    Shrinks,
+    ProposalStarted,
+    ReductionStarted,
+    RunFinished,
 )
 from rvsg.cli.console import console, say
 from rvsg.evaluation.verdict import counted, number, status_in_words
@@ -89,28 +89,28 @@ class CampaignProgress:
     def __call__(self, event: Event) -> None:
         """Show an event."""
         self.check()
-        if self.begin is None and isinstance(event, Proposing | RunMade):
+        if self.begin is None and isinstance(event, ProposalStarted | RunFinished):
             self.begin = time.monotonic()  # campaigns of a matrix are prepared together and start one after the other
         match event:
             case Message():
                 say(f"{self.name}{event.text}")
-            case Proposing():
+            case ProposalStarted():
                 self._proposing(event.brief)
             case ModelCall():
                 self._calling(event.news)
-            case RunMade():
+            case RunFinished():
                 self._made(event)
-            case Attempted():
+            case AttemptFinished():
                 self._attempted(event.attempt)
-            case Confirming():
+            case ConfirmationStarted():
                 self._describe(f"confirming {event.number} of {event.of}")
-            case Explaining():
+            case ExplanationStarted():
                 which = "without people" if event.people == 0 else f"without {', '.join(event.without)}"
                 self._after_confirming(which, event.runs)
-            case Shrinks():
+            case ReductionStarted():
                 self._after_confirming("shrinking a failure", event.runs)
 
-    def _made(self, event: RunMade) -> None:
+    def _made(self, event: RunFinished) -> None:
         """Count a run, unless an earlier attempt made it."""
         run_id = getattr(event.run, "id", None)
         if run_id is not None and run_id in self.known:

@@ -13,7 +13,7 @@ from pydantic import Field
 from rvsg.app.campaign import Campaign
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.run_set import RunSet, simulate
-from rvsg.campaign.runner import Measuring
+from rvsg.campaign.runner import Evaluator
 from rvsg.core.documents import mistakes_of
 from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec
@@ -105,7 +105,7 @@ def try_out(
     check_robot(scenario, made)
     with _making:  # one at a time: a simulator is not shared between threads
         runs = simulate(scenario, seeds, simulator=made, world=world)
-    measuring = Measuring(requirement, world)
+    measuring = Evaluator(requirement, world)
     values = tuple(measuring.measure(run).objective for run in runs)
     violated = tuple(value is not None and requirement.violated_by(value) for value in values)
     first = runs[0]
@@ -201,7 +201,7 @@ def replay_of_runs(runs: RunSet, requirement: Requirement) -> dict[str, Any]:
     scenario, world = runs.scenario, runs.world
     if scenario is None or world is None:
         raise InputError("A replay needs the scenario and the world of the runs.")
-    measuring = Measuring(requirement, world)
+    measuring = Evaluator(requirement, world)
     measured = tuple(measuring.measure(run) for run in runs)
     attempt = Attempt.by_hand(
         scenario.mission,

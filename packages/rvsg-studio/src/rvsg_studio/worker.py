@@ -19,7 +19,16 @@ from rvsg.app.matrix import Ended, Matrix
 from rvsg.app.proposal import propose_as
 from rvsg.app.settings import effective, safe_name
 from rvsg.app.wiring import wire
-from rvsg.campaign.execution import Attempted, Confirming, Event, Explaining, Message, ModelCall, Proposing, RunMade
+from rvsg.campaign.execution import (
+    AttemptFinished,
+    ConfirmationStarted,
+    Event,
+    ExplanationStarted,
+    Message,
+    ModelCall,
+    ProposalStarted,
+    RunFinished,
+)
 from rvsg.core import permission
 from rvsg.core.errors import RvsgError
 from rvsg.core.files import write_whole
@@ -126,17 +135,17 @@ def tell_event(work: Work, event: Event, **where: str) -> None:
     match event:
         case Message():
             tell("message", text=event.text)
-        case Proposing(brief=brief):
+        case ProposalStarted(brief=brief):
             tell("proposing", scenario=brief.scenario_index, configuration=brief.configuration_index)
         case ModelCall():
             tell_call(work, event.news, **where)
-        case RunMade():
+        case RunFinished():
             tell("run", attempt=event.index, purpose=event.purpose)
-        case Attempted(attempt=attempt):
+        case AttemptFinished(attempt=attempt):
             tell("attempt", attempt=attempt.index, purpose=attempt.purpose)
-        case Confirming():
+        case ConfirmationStarted():
             tell("confirming", number=event.number, of=event.of, runs=event.runs)
-        case Explaining():
+        case ExplanationStarted():
             tell("explaining", without=list(event.without), runs=event.runs)
 
 
