@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -15,21 +16,14 @@ from rvsg.app.stored_campaign import check_same_route
 from rvsg.campaign import execution
 from rvsg.core.errors import InputError
 from rvsg.robots.robot import shipped_robots
+from rvsg.scenario import world_lookup
 from rvsg.scenario.builder import check_mission, mission_of
 from rvsg.store.sqlite import SqliteLedger
 from rvsg.testing import WalkingGenerator
-from rvsg.world.world_folder import shipped_worlds
+from rvsg.world.world_folder import SHIPPED, shipped_worlds
 
-SMALL: dict[str, Any] = {
-    "world": "warehouse",
-    "simulator": "kinematic",
-    "scenarios": 2,
-    "refinements": 0,
-    "repeats": 2,
-    "confirmations": 4,
-    "seed": 7,
-    "strategy": "random",
-}
+SMALL: dict[str, Any] = {"world": "warehouse", "simulator": "kinematic", "strategy": "random", "seed": 7}
+SMALL |= {"scenarios": 2, "refinements": 0, "repeats": 2, "confirmations": 4}
 ALWAYS = "{title: T, text: Keep away., metric: dto, worse: smaller, limit: 99.0}"
 
 
@@ -147,11 +141,6 @@ def test_a_generator_of_ones_own_needs_no_registration(tmp_path: Path) -> None:
 
 
 def test_a_report_of_a_world_whose_routes_changed_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import shutil
-
-    from rvsg.scenario import world_lookup
-    from rvsg.world.world_folder import SHIPPED
-
     shutil.copytree(SHIPPED / "warehouse", tmp_path / "mine")
     campaign = create(tmp_path / "one", world=str(tmp_path / "mine"))
     list(campaign.run(jobs=1))

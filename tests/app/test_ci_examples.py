@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from tests.app.parts import crossing, suite_of
 
 import rvsg
 from rvsg import Spec
@@ -37,10 +38,7 @@ def gitlab_steps() -> list[tuple[str, str]]:
 @pytest.fixture
 def repository(tmp_path: Path) -> Path:
     """A user's repository with a suite of one case that a kinematic robot masters, and one that it fails, as known."""
-    world = rvsg.load_world("warehouse")
-    crossing = rvsg.scenario(world, "route_1", [rvsg.walk("Anna", "E15", "H15")])
-    made = rvsg.Suite.create(tmp_path / "suite", title="Aisle").add(crossing, "R3", name="aisle", expected="pass")
-    made.add(rvsg.scenario(world, "route_2", [rvsg.walk("Ben", "E15", "E12")]), "R3", name="along", expected="pass")
+    suite_of(tmp_path / "suite").add(crossing("route_2", ("E15", "E12")), "R3", name="along", expected="pass")
     bin_ = tmp_path / "bin"
     bin_.mkdir()
     # The install step is run too, by a pip that only notes what it was asked for: the tests have no network.

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from tests.app.parts import crossing
 
 import rvsg
 from rvsg.app.coverage import coverage
@@ -22,12 +23,9 @@ FAST = "kinematic"
 @pytest.fixture(scope="module")
 def suite(tmp_path_factory: pytest.TempPathFactory) -> rvsg.Suite:
     folder = tmp_path_factory.mktemp("suite") / "suite"
-    world = rvsg.load_world("warehouse")
-    crossing = rvsg.scenario(world, "route_1", [rvsg.walk("Anna", "E15", "H15", behaviour="scared")])
-    made = rvsg.Suite.create(folder).add(crossing, "R1", name="crossing")
-    made = made.add(crossing, "R3")
-    other = rvsg.scenario(world, "route_2", [rvsg.walk("Ben", "E15", "E12")])
-    return made.add(other, "R3", name="along")
+    scared = crossing(behaviour="scared")
+    made = rvsg.Suite.create(folder).add(scared, "R1", name="crossing").add(scared, "R3")
+    return made.add(crossing("route_2", ("E15", "E12")), "R3", name="along")
 
 
 def test_what_the_scenarios_ask_for_is_counted_once_per_scenario(suite: rvsg.Suite) -> None:
@@ -89,15 +87,14 @@ def test_the_map_the_page_and_the_numbers_are_written(suite: rvsg.Suite, tmp_pat
     assert values == found[0].coverage.model_dump(mode="json")
 
 
-def test_bad_input_is_refused(suite: rvsg.Suite, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_verb_prints_json_and_refuses_bad_input(
+    suite: rvsg.Suite, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["coverage", str(suite.folder), "--runs", "0", "--json"]) == 0
+    (values,) = json.loads(capsys.readouterr().out)
+    assert values["scenarios"] == 2
     with pytest.raises(InputError):
         write_coverage(tmp_path / "coverage.pdf", coverage(suite, runs=0))
     assert main(["coverage", str(tmp_path / "nowhere")]) == 2
     assert main(["coverage", str(suite.folder), "--out", str(tmp_path / "x.gif")]) == 2
     assert "Traceback" not in capsys.readouterr().err
-
-
-def test_the_verb_prints_json(suite: rvsg.Suite, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["coverage", str(suite.folder), "--runs", "0", "--json"]) == 0
-    (values,) = json.loads(capsys.readouterr().out)
-    assert values["scenarios"] == 2

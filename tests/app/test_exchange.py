@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from tests.app.parts import crossing
 
 import rvsg
 from rvsg.campaign.run_set import load_recordings
@@ -23,8 +24,7 @@ from rvsg_exchange.formats import export, foxglove_layout, import_agents
 
 @pytest.fixture(scope="module")
 def scenario() -> rvsg.Scenario:
-    world = rvsg.load_world("warehouse")
-    return rvsg.scenario(world, "route_1", [rvsg.walk("Anna", "E15", "H15", pauses_s={"H15": 2.0})])
+    return crossing(pauses_s={"H15": 2.0})
 
 
 @pytest.fixture
@@ -98,9 +98,8 @@ def test_a_trace_is_the_run_and_its_bag_holds_what_the_robot_sees(scenario: rvsg
     limit = traced.robot.limits.acceleration_m_s2
     felt = np.array([message.linear_acceleration.x for topic, message in read if topic == "/imu"])
     assert 0.5 * limit < felt.max() <= 1.2 * limit
-    scored = [
-        twist for topic, message in read if topic == "/evaluation" for twist in message.twists if twist.total >= 0
-    ]
+    evaluated = [message for topic, message in read if topic == "/evaluation"]
+    scored = [twist for message in evaluated for twist in message.twists if twist.total >= 0]
     assert len(scored) > 1000
     for twist in scored:
         assert sum(each.raw_score * each.scale for each in twist.scores) == pytest.approx(twist.total, abs=1e-3)
@@ -126,23 +125,23 @@ def test_what_does_not_exist_is_refused(scenario, tmp_path, format, options, err
 
 
 @pytest.mark.parametrize(
-    "arguments",
+    "command",
     [
-        ["export", "--to", "csv", "--out", "x.csv"],
-        ["export", "nowhere.json", "--to", "csv", "--out", "x.csv"],
-        ["evaluate", "nowhere.mcap"],
-        ["evaluate", "scenario.json", "--people-topic", "/people"],
-        ["evaluate", "broken.mcap"],
-        ["evaluate", "broken.mcap", "scenario.json"],
-        ["evaluate", "broken.mcap", "--route", "route_1"],
+        "export --to csv --out x.csv",
+        "export nowhere.json --to csv --out x.csv",
+        "evaluate nowhere.mcap",
+        "evaluate scenario.json --people-topic /people",
+        "evaluate broken.mcap",
+        "evaluate broken.mcap scenario.json",
+        "evaluate broken.mcap --route route_1",
     ],
 )
 def test_bad_input_is_one_message(
-    file: Path, arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    file: Path, command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(file.parent)
     (file.parent / "broken.mcap").write_bytes(b"\x89MCAP0\r\n1234")
-    assert main(arguments) == 2
+    assert main(command.split()) == 2
     assert "Traceback" not in capsys.readouterr().err
 
 

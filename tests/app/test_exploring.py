@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from tests.app.parts import crossing
 
 import rvsg
 from rvsg.campaign.exploration import Exploration, explore, shares_of
@@ -16,13 +18,13 @@ from rvsg.report.comparison_page import write_exploration
 from rvsg.scenario.builder import scenario_json
 
 FAST = "kinematic"
+SPEED: dict[str, Any] = {"vary": ["Anna.speed_m_s=0.8 to 1.4"], "runs": 24, "simulator": FAST}
 LIMIT = rvsg.Requirement(name="near", title="Near", text="Near.", metric="min_distance", worse="smaller", limit=1.0)
 
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    world = rvsg.load_world("warehouse")
-    made = rvsg.scenario(world, "route_1", [rvsg.walk("Anna", "E15", "H15")]).model_dump(mode="json")
+    made = crossing().model_dump(mode="json")
     made["people"]["humans"][0]["start_delay_s"] = "0 to 12"
     path = tmp_path_factory.mktemp("family") / "family.json"
     path.write_text(json.dumps(made))
@@ -31,7 +33,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def found(file: Path) -> Exploration:
-    return explore(file, LIMIT, vary=["Anna.speed_m_s=0.8 to 1.4"], runs=24, simulator=FAST)
+    return explore(file, LIMIT, **SPEED)
 
 
 def test_the_points_are_a_latin_hypercube_of_the_seed(file: Path, found: Exploration) -> None:
@@ -39,10 +41,8 @@ def test_the_points_are_a_latin_hypercube_of_the_seed(file: Path, found: Explora
     for column in shares.T:  # one point in each of the 24 slices of every range
         assert sorted(np.floor(column * 24 + 1e-6).astype(int)) == list(range(24))
     assert len({point.seed for point in found.points}) == 24
-    again = explore(file, LIMIT, vary=["Anna.speed_m_s=0.8 to 1.4"], runs=24, simulator=FAST)
-    assert again == found
-    other = explore(file, LIMIT, vary=["Anna.speed_m_s=0.8 to 1.4"], runs=24, simulator=FAST, seed=1)
-    assert other.points != found.points
+    assert explore(file, LIMIT, **SPEED) == found
+    assert explore(file, LIMIT, **SPEED, seed=1).points != found.points
 
 
 def test_the_worst_point_is_a_scenario_that_repeats_its_run(found: Exploration, tmp_path: Path) -> None:
@@ -64,12 +64,9 @@ def test_page_picture_and_numbers_are_written(found: Exploration, tmp_path: Path
         write_exploration(tmp_path / "e.gif", found)
 
 
-def test_one_range_is_drawn_as_a_curve(file: Path, tmp_path: Path) -> None:
+def test_one_range_is_drawn_as_a_curve_and_few_runs_give_no_surface(file: Path, tmp_path: Path) -> None:
     write_exploration(tmp_path / "e.svg", explore(file, LIMIT, runs=12, simulator=FAST))
     assert "polyline" in (tmp_path / "e.svg").read_text()
-
-
-def test_few_runs_give_no_surface(file: Path) -> None:
     few = explore(file, LIMIT, runs=4, simulator=FAST)
     assert few.surface is None and few.runs == 4
 

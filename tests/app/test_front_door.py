@@ -13,6 +13,8 @@ from tests.coded import coded
 import rvsg
 from rvsg.core.errors import InputError, UnknownName
 from rvsg.evaluation.verdict import Status, judge
+from rvsg.scenario import world_lookup
+from rvsg.scenario.builder import save_scenario
 from rvsg.scenario.scenario import Human, Task
 from rvsg.world.world_folder import SHIPPED
 
@@ -86,9 +88,6 @@ def test_a_world_gives_one_scenario_however_it_is_named(
 
 
 def test_a_saved_scenario_finds_its_world(tmp_path: Path) -> None:
-    from rvsg.scenario import world_lookup
-    from rvsg.scenario.builder import save_scenario
-
     shutil.copytree(SHIPPED / "warehouse", tmp_path / "mine")
     made = rvsg.scenario(tmp_path / "mine", "route_1", [ANNA])
     save_scenario(made, tmp_path / "s.json")

@@ -15,6 +15,8 @@ from rvsg.core.errors import InputError
 
 gymnasium = pytest.importorskip("gymnasium")
 
+from gymnasium.utils.env_checker import check_env  # noqa: E402
+
 from rvsg.gym import DriveEnv  # noqa: E402
 
 pytestmark = pytest.mark.slow
@@ -33,12 +35,14 @@ def env(scenario: Any) -> Any:
     made.close()
 
 
-def test_it_passes_the_checker(env: Any) -> None:
-    from gymnasium.utils.env_checker import check_env
-
+def passes_the_checker(env: Any) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the checker warns of spaces that are not normalised
         check_env(env, skip_render_check=True)
+
+
+def test_it_passes_the_checker(env: Any) -> None:
+    passes_the_checker(env)
 
 
 def test_equal_seeds_and_actions_give_equal_episodes(env: Any) -> None:
@@ -70,14 +74,10 @@ def test_a_policy_that_follows_the_plan_gets_nearer_and_one_that_stands_ends(env
 
 
 def test_a_robot_that_moves_sideways_has_a_third_action() -> None:
-    from gymnasium.utils.env_checker import check_env
-
     robot = Path(__file__).parents[2] / "examples" / "robots" / "mecanum.yaml"
     scenario = rvsg.scenario(rvsg.load_world("warehouse"), "route_1", people=[], robot=robot)
     env = DriveEnv([scenario])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        check_env(env, skip_render_check=True)
+    passes_the_checker(env)
     env.reset(seed=1, options={"scenario": 0, "run_seed": 5})
     for _ in range(20):
         seen, *_ = env.step(np.array([0.0, 0.5, 0.0], np.float32))

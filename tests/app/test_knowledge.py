@@ -17,14 +17,8 @@ from rvsg.store.knowledge_base import KnowledgeBase, open_knowledge, read_rememb
 from rvsg.testing import WalkingGenerator
 from rvsg.world.world import World
 
-SMALL = {
-    "strategy": "study",
-    "simulator": "kinematic",
-    "scenarios": 2,
-    "refinements": 0,
-    "repeats": 2,
-    "confirmations": 2,
-}
+SMALL = {"strategy": "study", "simulator": "kinematic", "scenarios": 2, "refinements": 0, "repeats": 2}
+SMALL |= {"confirmations": 2}
 
 
 @pytest.fixture(scope="module")

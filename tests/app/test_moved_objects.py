@@ -47,13 +47,10 @@ def test_the_robot_drives_round_what_its_map_does_not_show(world: World, tmp_pat
     assert rvsg.simulate(made, seeds=1)[0].trajectory.x.tolist() == run.trajectory.x.tolist()
 
 
-def test_a_scenario_is_stored_with_its_moved_objects(world: World, tmp_path: Path) -> None:
+def test_a_scenario_is_stored_with_its_moved_objects_alone(world: World, tmp_path: Path) -> None:
     made = rvsg.scenario(world, "route_1", moved=pallet(tmp_path, *on_the_way(world)))
     save_scenario(made, tmp_path / "s.json")
     assert load_scenario(tmp_path / "s.json") == made
-
-
-def test_a_scenario_without_them_keeps_its_form(world: World) -> None:
     assert "moved" not in rvsg.scenario(world, "route_1").mission.model_dump(mode="json")
 
 

@@ -121,24 +121,15 @@ def test_reading_a_stored_campaign_runs_no_code(evil: str, tmp_path: Path, capsy
     assert main(["export", str(out), "--out", str(runs)]) in (0, 2)
     _forget()
     (tmp_path / "ran").unlink()
-    for command in (
-        ["report", str(out)],
-        ["coverage", str(out)],
-        ["knowledge", "list", str(out)],
-        ["compare", str(out)],
-    ):
-        main(command)
-        assert not (tmp_path / "ran").exists(), command
+    for verb in ("report", "coverage", "knowledge list", "compare"):
+        main([*verb.split(), str(out)])
+        assert not (tmp_path / "ran").exists(), verb
     assert (out / "report.html").exists()
     stored = rvsg.Campaign.open(out)
     assert stored.summary().complete and isinstance(stored.fills_a_map, bool)
-    for command in (
-        ["run", "--out", str(out)],
-        ["confirm", str(out)],
-        ["trace", str(out), "--out", f"{runs}.trace.json"],
-    ):
-        main(command)
-        assert not (tmp_path / "ran").exists(), command
+    for verb in (f"run --out {out}", f"confirm {out}", f"trace {out} --out {runs}.trace.json"):
+        main(verb.split())
+        assert not (tmp_path / "ran").exists(), verb
     with pytest.raises(InputError, check=coded("code-not-allowed")):
         rvsg.Campaign.open(out).prepare()
 
@@ -170,6 +161,14 @@ def _make(kind: str, name: str, options: dict[str, Any]) -> None:
         return
 
 
+def _checks(code: str, *, allowed: bool) -> None:
+    if allowed:
+        permission.check("stack", "exec", code)
+    else:
+        with pytest.raises(InputError, check=coded("code-not-allowed")):
+            permission.check("stack", "exec", code)
+
+
 @pytest.mark.parametrize(
     ("named", "code", "allowed"),
     [
@@ -187,11 +186,7 @@ def test_code_is_named_whole_or_not_at_all(
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     with permission.only(named):
-        if allowed:
-            permission.check("stack", "exec", code)
-        else:
-            with pytest.raises(InputError, check=coded("code-not-allowed")):
-                permission.check("stack", "exec", code)
+        _checks(code, allowed=allowed)
 
 
 @pytest.mark.parametrize(
@@ -212,11 +207,7 @@ def test_a_trusted_file_allows_only_what_it_names(
     file = tmp_path / "campaign.yaml"
     file.write_text(text)
     with permission.only_in_process([], trusted=file):
-        if allowed:
-            permission.check("stack", "exec", code.format(folder=tmp_path))
-        else:
-            with pytest.raises(InputError, check=coded("code-not-allowed")):
-                permission.check("stack", "exec", code.format(folder=tmp_path))
+        _checks(code.format(folder=tmp_path), allowed=allowed)
 
 
 def test_a_damaged_memory_allows_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

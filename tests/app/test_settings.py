@@ -77,14 +77,16 @@ def test_options_win_over_the_file_and_the_file_over_what_was_stored() -> None:
     assert (config.seed, config.scenarios, config.humans) == (6, 5, 3)
 
 
-def test_paths_are_relative_to_the_file(tmp_path: Path) -> None:
+@pytest.mark.parametrize("mark", ["#", ":"])
+def test_paths_are_relative_to_the_file(tmp_path: Path, mark: str) -> None:
     (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "rules.yaml").write_text("")
-    (tmp_path / "mine" / "c.yaml").write_text("out: runs/x\nworld: warehouse\nrequirement: rules.yaml#near\n")
-    values = read_campaign_file(tmp_path / "mine" / "c.yaml")
+    (tmp_path / "mine" / "rules.yaml").write_text("near: {}\n")
+    file = tmp_path / "mine" / "c.yaml"
+    file.write_text(f"out: runs/x\nworld: warehouse\nrequirement: 'rules.yaml{mark}near'\n")
+    values = read_campaign_file(file)
     assert values["out"] == str(tmp_path / "mine" / "runs/x")
     assert values["world"] == "warehouse"
-    assert values["requirement"] == str(tmp_path / "mine" / "rules.yaml") + "#near"
+    assert values["requirement"] == str(tmp_path / "mine" / f"rules.yaml{mark}near")
 
 
 def test_the_effective_configuration_is_a_campaign_file_again(tmp_path: Path) -> None:
@@ -96,14 +98,6 @@ def test_the_effective_configuration_is_a_campaign_file_again(tmp_path: Path) ->
 @pytest.mark.parametrize("example", re.findall(r"```yaml\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL))
 def test_the_documented_example_is_a_campaign(example: str) -> None:
     CampaignConfig.model_validate(yaml.safe_load(example))
-
-
-@pytest.mark.parametrize("mark", ["#", ":"])
-def test_a_requirement_of_a_file_beside_the_campaign_file_is_found_with_either_mark(tmp_path: Path, mark: str) -> None:
-    (tmp_path / "mine.yaml").write_text("near: {}\n", encoding="utf-8")
-    file = tmp_path / "campaign.yaml"
-    file.write_text(f"requirement: 'mine.yaml{mark}near'\n", encoding="utf-8")
-    assert read_campaign_file(file)["requirement"] == str(tmp_path / f"mine.yaml{mark}near")
 
 
 def test_the_command_to_resume_names_all_that_is_not_kept_with_the_campaign() -> None:

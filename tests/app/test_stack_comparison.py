@@ -57,14 +57,10 @@ def test_the_ranking_and_the_paired_differences() -> None:
 
 
 def test_what_cannot_be_compared_is_one_error(tmp_path: Path) -> None:
-    with pytest.raises(InputError):
-        compare_stacks(tmp_path, [])
-    with pytest.raises(InputError):
-        compare_stacks(tmp_path, ["nav2-rpp", "nav2-rpp"])
-    with pytest.raises(InputError):
-        compare_stacks(tmp_path, ["nav2-rpp", "nav2-dwb"])
-    with pytest.raises(InputError):
-        compare_stacks(tmp_path / "missing", ["nav2-rpp", "nav2-dwb"])
+    two = ["nav2-rpp", "nav2-dwb"]
+    for folder, stacks in ((tmp_path, []), (tmp_path, [two[0]] * 2), (tmp_path, two), (tmp_path / "missing", two)):
+        with pytest.raises(InputError):
+            compare_stacks(folder, stacks)
     assert main(["stacks", "--stack", "nav2-dwb"]) == 2
     assert main(["stacks", str(tmp_path)]) == 2
 

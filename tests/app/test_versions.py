@@ -9,6 +9,7 @@ from importlib import resources
 from pathlib import Path
 
 import pytest
+from tests.app.parts import suite_of
 
 import rvsg
 from rvsg.app.comparison import compare_versions
@@ -86,9 +87,8 @@ def test_the_same_parameters_in_a_file_change_nothing(suite: Path, tmp_path: Pat
 
 
 def test_a_page_replays_both_runs_of_a_seed_that_differs(tmp_path: Path) -> None:
-    world = rvsg.load_world("warehouse")
-    crossing = rvsg.scenario(world, "route_1", [rvsg.walk("</script>Anna", "E15", "H15")])
-    suite = rvsg.Suite.create(tmp_path / "suite").add(crossing, "R3", name="aisle", expected="pass")
+    hostile = rvsg.scenario("warehouse", "route_1", [rvsg.walk("</script>Anna", "E15", "H15")])
+    suite = rvsg.Suite.create(tmp_path / "suite").add(hostile, "R3", name="aisle", expected="pass")
     result = suite.run(simulator="kinematic", version="kinematic", runs=2)
     (case,) = result.cases
     # A version that reaches the goal on no seed, as if it had been slower: the page runs the seed again to show it.
@@ -106,10 +106,7 @@ def test_a_page_replays_both_runs_of_a_seed_that_differs(tmp_path: Path) -> None
 
 
 def test_the_verb_writes_a_page(tmp_path: Path) -> None:
-    world = rvsg.load_world("warehouse")
-    crossing = rvsg.scenario(world, "route_1", [rvsg.walk("Anna", "E15", "H15")])
-    suite = rvsg.Suite.create(tmp_path / "suite").add(crossing, "R3", name="aisle", expected="pass")
-    page = tmp_path / "versions.html"
+    page, suite = tmp_path / "versions.html", suite_of(tmp_path / "suite")
     wanted = ["suite", "compare", "kinematic", "kinematic", "--suite", str(suite.folder), "--runs", "2"]
     assert main([*wanted, "--html", str(page)]) == 0
     assert "1 unchanged" in page.read_text()
@@ -117,11 +114,9 @@ def test_the_verb_writes_a_page(tmp_path: Path) -> None:
 
 
 def test_a_version_that_cannot_be_made_is_refused_before_the_other_runs(tmp_path: Path) -> None:
-    world = rvsg.load_world("warehouse")
-    crossing = rvsg.scenario(world, "route_1", [rvsg.walk("Anna", "E15", "H15")])
-    rvsg.Suite.create(tmp_path / "suite").add(crossing, "R3", name="aisle", expected="pass")
+    suite = suite_of(tmp_path / "suite").folder
     said: list[str] = []
     for wrong in ("kinematic:robot=missing.yaml", "embedded:stack=nav2-rrp", "kinemtic"):
         with pytest.raises(InputError):
-            compare_versions("kinematic", wrong, suite=tmp_path / "suite", runs=1, on_message=said.append)
+            compare_versions("kinematic", wrong, suite=suite, runs=1, on_message=said.append)
     assert said == []

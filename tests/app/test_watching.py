@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
+from tests.app.parts import crossing, suite_of
 
 import rvsg
 from rvsg.app.watch import approve, watch
@@ -18,23 +20,20 @@ from rvsg.store.knowledge_base import KnowledgeBase
 from rvsg_exchange.formats import export
 
 FAST = "kinematic"
+ONCE: dict[str, Any] = {"simulator": FAST, "every_s": 0.0, "cycles": 1}
 pytest.importorskip("rosbags")
 
 
 @pytest.fixture(scope="module")
 def suite(tmp_path_factory: pytest.TempPathFactory) -> rvsg.Suite:
-    world = rvsg.load_world("warehouse")
-    made = rvsg.Suite.create(tmp_path_factory.mktemp("suite") / "suite")
-    crossing = rvsg.scenario(world, "route_1", [rvsg.walk("Anna", "E15", "H15")])
-    return made.add(crossing, "R3", name="crossing", expected="pass")
+    return suite_of(tmp_path_factory.mktemp("suite") / "suite", name="crossing")
 
 
 @pytest.fixture(scope="module")
 def _field(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("recorded") / "field"
     (folder / "route_1").mkdir(parents=True)
-    world = rvsg.load_world("warehouse")
-    seen = rvsg.scenario(world, "route_1", [rvsg.walk("Ben", "B12", "E12", speed_m_s=1.0)])
+    seen = crossing(ends=("B12", "E12"), speed_m_s=1.0)
     export(rvsg.simulate(seen, 1, simulator=FAST), folder / "route_1" / "drive.mcap", "mcap")
     return folder
 
@@ -59,7 +58,7 @@ def test_places_never_tested_become_a_scenario_that_is_run_and_known(
         assert len(known.entries(kind="watched")) == 1
         (found,) = known.entries(kind="finding")
     assert found.scenario is not None and set(found.waypoints) & {"B12", "C12", "D12"}
-    again = watch(suite, field, tmp_path / "w", cycles=1, simulator=FAST, every_s=0.0)
+    again = watch(suite, field, tmp_path / "w", **ONCE)
     assert again.spent == 15
 
 
@@ -69,11 +68,10 @@ def test_a_new_version_runs_the_suite_again_and_a_recording_still_written_is_tri
     (field / "version.txt").write_text("nav 2\n")
     whole = (field / "route_1" / "drive.mcap").read_bytes()
     (field / "route_1" / "drive.mcap").write_bytes(whole[: len(whole) // 2])
-    how = {"simulator": FAST, "every_s": 0.0, "rules": RuleSet(near=0.0), "cycles": 1}
-    first = watch(suite, field, tmp_path / "w", **how)  # type: ignore[arg-type]
+    first = watch(suite, field, tmp_path / "w", rules=RuleSet(near=0.0), **ONCE)
     assert [note.part for note in first.notes] == ["monitor"] and not first.seen
     (field / "route_1" / "drive.mcap").write_bytes(whole)
-    second = watch(suite, field, tmp_path / "w", **how)  # type: ignore[arg-type]
+    second = watch(suite, field, tmp_path / "w", rules=RuleSet(near=0.0), **ONCE)
     assert kinds(second)[0] == "new version" and second.seen == {"route_1/drive.mcap"}
     assert any(note.text.startswith("case crossing") for note in second.notes if note.part == "execute")
 
@@ -81,8 +79,8 @@ def test_a_new_version_runs_the_suite_again_and_a_recording_still_written_is_tri
 def test_a_requirement_near_its_limit_becomes_a_variant_of_the_generator(
     suite: rvsg.Suite, field: Path, tmp_path: Path
 ) -> None:
-    how = {"simulator": FAST, "every_s": 0.0, "cycles": 1, "generator": "random", "seed": 4}
-    journal = watch(suite, field, tmp_path / "w", rules=RuleSet(near=5.0, approval="new"), **how)  # type: ignore[arg-type]
+    how = ONCE | {"generator": "random", "seed": 4, "rules": RuleSet(near=5.0, approval="new")}
+    journal = watch(suite, field, tmp_path / "w", **how)
     assert "near its limit" in kinds(journal)
     waiting = {note.plan for note in journal.notes if note.outcome == "waits" and note.plan}
     assert waiting and journal.spent == 0
@@ -90,7 +88,7 @@ def test_a_requirement_near_its_limit_becomes_a_variant_of_the_generator(
     approve(tmp_path / "w", plan)
     with pytest.raises(InputError):
         approve(tmp_path / "w", "planned-0000000000000000")
-    again = watch(suite, field, tmp_path / "w", rules=RuleSet(near=5.0, approval="new"), **how)  # type: ignore[arg-type]
+    again = watch(suite, field, tmp_path / "w", **how)
     assert {note.plan for note in again.notes if note.part == "execute"} == {plan}
 
 
@@ -98,7 +96,7 @@ def test_a_campaign_is_watched(suite: rvsg.Suite, tmp_path: Path) -> None:
     settings = {"simulator": FAST, "scenarios": 1, "refinements": 0, "repeats": 2, "confirmations": 0}
     campaign = rvsg.Campaign.create(tmp_path / "c", generator="random", route="route_1", **settings)
     list(campaign.run(jobs=1))
-    journal = watch(suite, tmp_path / "c", tmp_path / "w", cycles=1, simulator=FAST, rules=RuleSet(near=0.0))
+    journal = watch(suite, tmp_path / "c", tmp_path / "w", rules=RuleSet(near=0.0), **ONCE)
     assert journal.seen == {run.id for run in campaign.runs()}
 
 
@@ -108,8 +106,8 @@ def test_time_is_bounded(suite: rvsg.Suite, field: Path, tmp_path: Path) -> None
     def sleep(seconds: float) -> None:
         now[0] += seconds
 
-    how = {"clock": lambda: now[0], "sleep": sleep, "simulator": FAST, "rules": RuleSet(max_runs=0)}
-    journal = watch(suite, field, tmp_path / "w", seconds=95.0, every_s=30.0, **how)  # type: ignore[arg-type]
+    how: dict[str, Any] = {"clock": lambda: now[0], "sleep": sleep, "simulator": FAST, "rules": RuleSet(max_runs=0)}
+    journal = watch(suite, field, tmp_path / "w", seconds=95.0, every_s=30.0, **how)
     assert now[0] == 95.0 and journal.spent == 0
 
 
@@ -192,10 +190,9 @@ def test_failures_are_written_into_the_suite_which_is_read_again_when_it_changes
         "strict:\n  title: Fast\n  text: Fast.\n  metric: trg\n  worse: larger\n  limit: 1.0\n  unit: s\n"
     )
     live = LiveSuite(rvsg.Suite.open(folder))
-    crossing = live.cases[0].scenario
-    rvsg.Suite.open(folder).add(crossing, "rules/strict.yaml#strict", expected="pass")
+    rvsg.Suite.open(folder).add(live.cases[0].scenario, "rules/strict.yaml#strict", expected="pass")
     assert live.renew() == [] and len(live.cases[0].expectations) == 2
-    journal = watch(folder, field, tmp_path / "w", cycles=1, simulator=FAST, every_s=0.0)
+    journal = watch(folder, field, tmp_path / "w", **ONCE)
     written = [note.text for note in journal.notes if note.outcome == "written"]
     new = [case for case in rvsg.Suite.open(folder).cases if case.name != "crossing"]
     assert written and len(new) == len(written)
@@ -216,12 +213,11 @@ def test_a_case_that_is_fixed_is_expected_to_hold(suite: rvsg.Suite, field: Path
     made = rvsg.Suite.open(folder)
     made.add(made.cases[0].scenario, "R3", expected="violation", reason="slow")
     (field / "version.txt").write_text("nav 2\n")
-    how = {"simulator": FAST, "every_s": 0.0, "cycles": 1}
-    journal = watch(folder, field, tmp_path / "w", rules=RuleSet(near=0.0), **how)  # type: ignore[arg-type]
+    journal = watch(folder, field, tmp_path / "w", rules=RuleSet(near=0.0), **ONCE)
     (waiting,) = {note.plan for note in journal.notes if note.outcome == "waits"}
     assert waiting is not None
     approve(tmp_path / "w", waiting)
-    watch(folder, field, tmp_path / "w", rules=RuleSet(near=0.0), **how)  # type: ignore[arg-type]
+    watch(folder, field, tmp_path / "w", rules=RuleSet(near=0.0), **ONCE)
     (case,) = rvsg.Suite.open(folder).cases
     assert [(e.requirement, e.expected) for e in case.expectations] == [("R3", "pass")]
 

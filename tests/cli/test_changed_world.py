@@ -7,8 +7,8 @@ import shutil
 from pathlib import Path
 
 import pytest
+from tests.cli.commands import printed, rvsg
 
-from rvsg.cli import main
 from rvsg.scenario.builder import save_scenario, scenario, walk
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.world_lookup import world_of
@@ -30,70 +30,48 @@ def change(folder: Path, file: str, before: str, after: str) -> None:
     (folder / file).write_text(text.replace(before, after, 1))
 
 
-def test_equal_worlds_have_no_difference(worlds: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["world", "diff", str(worlds[0]), str(worlds[1]), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == []
-
-
 def test_a_renamed_area_does_not_matter_and_a_new_object_does(
     worlds: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     old, new = worlds
+    assert printed(capsys, "world diff", old, new) == []
     change(new, "labels.yaml", "name: Lounge,", "name: Quiet Corner,")
-    assert main(["world", "diff", str(old), str(new), "--json"]) == 0
-    (renamed,) = [each for each in json.loads(capsys.readouterr().out) if each["part"] == "areas"]
+    (renamed,) = [each for each in printed(capsys, "world diff", old, new) if each["part"] == "areas"]
     assert (renamed["part"], renamed["matters"]) == ("areas", False)
     assert "Lounge" in renamed["message"] and "Quiet Corner" in renamed["message"]
-    change(
-        new,
-        "objects.yaml",
-        "objects:\n",
-        "objects:\n  - {name: crate, box: {center: [7.5, 1.0, 0.4], size: [0.6, 0.6, 0.8]}}\n",
-    )
-    assert main(["world", "diff", str(old), str(new), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    crate = "  - {name: crate, box: {center: [7.5, 1.0, 0.4], size: [0.6, 0.6, 0.8]}}\n"
+    change(new, "objects.yaml", "objects:\n", f"objects:\n{crate}")
+    found = printed(capsys, "world diff", old, new)
     assert {"map", "objects"} <= {each["part"] for each in found if each["matters"]}
+
+
+@pytest.fixture
+def saved(worlds: tuple[Path, Path], tmp_path: Path) -> Path:
+    """A scenario of the old office, whose grid is shifted by 0.10 m in the new one."""
+    place = load_world(worlds[0])
+    save_scenario(scenario(place, place.routes[0].name, [walk("P", "G8", "G12")]), tmp_path / "scenario.json")
+    change(worlds[1], "world.yaml", "origin: [1.0, 1.1]", "origin: [1.1, 1.1]")
+    return tmp_path / "scenario.json"
 
 
 @pytest.mark.slow
 def test_a_scenario_moves_to_a_world_whose_grid_has_shifted(
-    worlds: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    worlds: tuple[Path, Path], saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    old, new = worlds
-    saved, moved = tmp_path / "scenario.json", tmp_path / "moved.json"
-    save_scenario(scenario(load_world(old), load_world(old).routes[0].name, [walk("P", "G8", "G12")]), saved)
-    change(new, "world.yaml", "origin: [1.0, 1.1]", "origin: [1.1, 1.1]")
-    assert main(["simulate", str(saved), "--world", str(new), "--simulator", "kinematic"]) == 2
+    new, moved, kinematic = worlds[1], tmp_path / "moved.json", "--simulator kinematic"
+    rvsg("simulate", saved, "--world", new, kinematic, code=2)
     capsys.readouterr()
-    assert main(["scenario", "migrate", str(saved), "--world", str(new), "--out", str(moved)]) == 0
+    rvsg("scenario migrate", saved, "--world", new, "--out", moved)
     assert "0.10 m" in capsys.readouterr().err
     there = Scenario.model_validate({k: v for k, v in json.loads(moved.read_text()).items() if k != "world_folder"})
     assert there.mission.world_id == load_world(new).id
     assert world_of(there.mission, new).id == load_world(new).id
-    assert (
-        main(["simulate", str(moved), "--world", str(new), "--simulator", "kinematic", "--out", str(tmp_path / "r")])
-        == 0
-    )
+    rvsg("simulate", moved, "--world", new, kinematic, "--out", tmp_path / "r")
 
 
 def test_a_waypoint_that_is_too_far_is_refused(
-    worlds: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    worlds: tuple[Path, Path], saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    old, new = worlds
-    saved = tmp_path / "scenario.json"
-    save_scenario(scenario(load_world(old), load_world(old).routes[0].name, [walk("P", "G8", "G12")]), saved)
-    change(new, "world.yaml", "origin: [1.0, 1.1]", "origin: [1.1, 1.1]")
-    asked = [
-        "scenario",
-        "migrate",
-        str(saved),
-        "--world",
-        str(new),
-        "--reach",
-        "0.02",
-        "--out",
-        str(tmp_path / "no.json"),
-    ]
-    assert main(asked) == 2
+    rvsg("scenario migrate", saved, "--world", worlds[1], "--reach 0.02 --out", tmp_path / "no.json", code=2)
     assert "Traceback" not in capsys.readouterr().err
     assert not (tmp_path / "no.json").exists()

@@ -1,12 +1,12 @@
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from tests.cli.commands import printed
 from tests.recordings import CAMPAIGNS, FOLDERS
 
 from rvsg.cli import main
@@ -22,25 +22,8 @@ def test_a_recorded_campaign_runs_strictly_without_a_model_and_says_what_its_ver
 ) -> None:
     monkeypatch.setenv("RVSG_DATA_DIR", str(tmp_path / "data"))
     out = tmp_path / "demo"
-    code = main(
-        [
-            "demo",
-            "warehouse-route_1-R1",
-            "--strict",
-            "--out",
-            str(out),
-            "--repeats",
-            "1",
-            "--confirmations",
-            "1",
-            "--jobs",
-            "1",
-            "--json",
-        ]
-    )
-    captured = capsys.readouterr()
-    assert code == 0, captured.err
-    result = json.loads(captured.out)
+    few = "--repeats 1 --confirmations 1 --jobs 1"
+    result = printed(capsys, "demo warehouse-route_1-R1 --strict --out", out, few)
     assert result["accounting"]["calls"] == 9
     assert len(result["ranking"]) == 3
     assert not (out / "vlm").exists()
@@ -67,23 +50,19 @@ def test_recorded_campaigns_hold_no_pictures_keys_or_paths_of_a_machine() -> Non
         assert len(text) < 400_000
 
 
-@pytest.mark.parametrize(
-    ("status", "told"),
-    [
-        (Status.PASS, "the model's 2 scenarios did not violate the requirement, but another scenario may"),
-        (Status.FAIL, "makes the robot violate R1 (1.2 m) reliably, in 15 of 15 confirmation runs"),
-        (Status.FLAKY, "in some runs, 15 of 15, and not in others"),
-        (Status.INCONCLUSIVE, "in 15 of 15 confirmation runs, which does not decide between always and sometimes"),
-    ],
-)
-def test_a_demo_says_what_its_verdict_means(status: Status, told: str) -> None:
+MEANING = {
+    Status.PASS: "the model's 3 scenarios did not violate the requirement, but another scenario may",
+    Status.FAIL: "makes the robot violate R1 (1.2 m) reliably, in 15 of 15 confirmation runs",
+    Status.FLAKY: "in some runs, 15 of 15, and not in others",
+    Status.INCONCLUSIVE: "in 15 of 15 confirmation runs, which does not decide between always and sometimes",
+    None: "nothing was confirmed",
+}
+
+
+@pytest.mark.parametrize(("status", "told"), MEANING.items())
+def test_a_demo_says_what_its_verdict_means(status: Status | None, told: str) -> None:
     verdict = SimpleNamespace(status=status, runs=15, violations=15, judged_by=DEFAULT)
-    summary: Any = SimpleNamespace(confirmed=SimpleNamespace(verdict=verdict), ranking=[1, 2])
+    confirmed = SimpleNamespace(verdict=verdict) if status is not None else None
+    summary: Any = SimpleNamespace(confirmed=confirmed, ranking=[1, 2, 3])
     plan: Any = SimpleNamespace(requirement=load_requirement("R1"))
     assert told in what_it_means(plan, summary)
-
-
-def test_a_demo_without_confirmation_says_that_its_values_were_selected() -> None:
-    plan: Any = SimpleNamespace(requirement=load_requirement("R1"))
-    summary: Any = SimpleNamespace(confirmed=None, ranking=[1, 2, 3])
-    assert "nothing was confirmed" in what_it_means(plan, summary)

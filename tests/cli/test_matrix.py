@@ -11,6 +11,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
+from tests.cli.commands import printed, rvsg
 from tests.cli.test_run import records, signalled
 
 from rvsg.app.folder import LEDGER
@@ -46,8 +47,7 @@ def test_campaigns_side_by_side_keep_what_each_keeps_alone(
 ) -> None:
     out = tmp_path / "all"
     junit = tmp_path / "junit.xml"
-    assert main(["run", *SMALL, *ASKED, "--out", str(out), "--jobs", "3", "--json", "--junit", str(junit)]) == 0
-    told = json.loads(capsys.readouterr().out)
+    told = printed(capsys, "run", SMALL, ASKED, "--out", out, "--jobs 3 --junit", junit)
     assert [(c["route"], c["requirement"]) for c in told["campaigns"]] == PAIRS
     assert {name: records(out / name) for name in alone} == alone
     assert all((out / name / "report.html").exists() for name in alone)
@@ -59,8 +59,7 @@ def test_campaigns_side_by_side_keep_what_each_keeps_alone(
     }
     assert told["command"] in html.unescape(overview)
     (out / "report.html").unlink()
-    assert main(["report", str(out), "--json"]) == 0
-    assert len(json.loads(capsys.readouterr().out)["campaigns"]) == 4
+    assert len(printed(capsys, "report", out)["campaigns"]) == 4
     assert (out / "report.html").read_text() == overview
 
 
@@ -93,41 +92,29 @@ def test_cells_that_are_stopped_resume_to_identical_records(
 
 @pytest.mark.parametrize(
     ("asked", "meant"),
-    [
-        (["--route", "route_1", "--route", "rout_2"], "route_2"),
-        (["--requirement", "R1", "--requirement", "R17"], "R1"),
-    ],
+    [("--route route_1 --route rout_2", "route_2"), ("--requirement R1 --requirement R17", "R1")],
 )
 def test_a_mistake_in_one_cell_is_told_before_any_begins(
-    tmp_path: Path, errors: list[RvsgError], asked: list[str], meant: str
+    tmp_path: Path, errors: list[RvsgError], asked: str, meant: str
 ) -> None:
-    assert main(["run", *SMALL, *asked, "--out", str(tmp_path / "all")]) == 2
+    rvsg("run", SMALL, asked, "--out", tmp_path / "all", code=2)
     assert isinstance(errors[-1], UnknownName) and errors[-1].nearest == meant
     assert not (tmp_path / "all").exists()
 
 
 @pytest.mark.exhaustive
-def test_cells_keep_their_settings_and_more_may_be_added(
-    tmp_path: Path, errors: list[RvsgError], alone: dict[str, list[str]]
+def test_cells_keep_their_settings_stay_in_the_list_and_more_may_be_added(
+    tmp_path: Path, errors: list[RvsgError], alone: dict[str, list[str]], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = str(tmp_path / "all")
-    assert main(["run", *SMALL, "--route", "route_1", "--route", "route_2", "--out", out]) == 0
-    assert main(["run", "--out", out, "--seed", "8"]) == 2
-    assert errors[-1].code == "other-settings"
-    assert main(["run", "--out", out, "--requirement", "R1", "--requirement", "R3"]) == 0
-    assert records(tmp_path / "all" / "route_2-R3") == alone["route_2-R3"]
-
-
-@pytest.mark.exhaustive
-def test_cells_that_are_not_asked_for_now_stay_in_the_list(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "all"
-    two = ["--route", "route_1", "--route", "route_2"]
-    assert main(["run", *SMALL, *two, "--out", str(out)]) == 0
-    assert main(["run", "--out", str(out), "--route", "route_1", "--json"]) == 0
-    assert len(json.loads(capsys.readouterr().out)["campaigns"]) == 1
+    rvsg("run", SMALL, "--route route_1 --route route_2 --out", out)
+    rvsg("run --out", out, "--seed 8", code=2)
+    assert errors[-1].code == "other-settings"
+    assert len(printed(capsys, "run --out", out, "--route route_1")["campaigns"]) == 1
     assert "2 campaigns in warehouse" in (out / "report.html").read_text()
-    assert main(["run", "--out", str(out), "--json"]) == 0
-    assert len(json.loads(capsys.readouterr().out)["campaigns"]) == 2
+    assert len(printed(capsys, "run --out", out)["campaigns"]) == 2
+    rvsg("run --out", out, "--requirement R1 --requirement R3")
+    assert records(out / "route_2-R3") == alone["route_2-R3"]
 
 
 @pytest.mark.exhaustive
@@ -165,17 +152,16 @@ def test_a_list_of_cells_that_is_damaged_is_told(tmp_path: Path, errors: list[Rv
 
 def test_a_report_of_campaigns_that_have_not_begun_says_how_to_begin(tmp_path: Path, errors: list[RvsgError]) -> None:
     (tmp_path / "matrix.json").write_text('{"route": ["route_1", "route_2"]}')
-    assert main(["report", str(tmp_path)]) == 2
+    rvsg("report", tmp_path, code=2)
     assert errors[-1].code == "not-begun"
 
 
 def test_the_command_that_repeats_cells_has_the_whole_budget(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    asked = ["--route", "route_1", "--route", "route_2", "--budget-calls", "9", "--out", str(tmp_path / "all")]
-    assert main(["run", *ONE, *asked, "--json"]) in (0, 2)
-    told = capsys.readouterr()
-    assert "--budget-calls 9" in json.loads(told.out)["command"]
+    budget = ["--budget-calls", "9"]
+    main(["run", *ONE, "--route", "route_1", "--route", "route_2", *budget, "--out", str(tmp_path / "all"), "--json"])
+    assert " ".join(budget) in json.loads(capsys.readouterr().out)["command"]
 
 
 def test_two_cells_that_would_share_a_folder_are_refused(tmp_path: Path, errors: list[RvsgError]) -> None:
@@ -190,11 +176,9 @@ def test_two_cells_that_would_share_a_folder_are_refused(tmp_path: Path, errors:
 @pytest.mark.slow
 def test_a_pair_that_is_added_is_one_pair(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "all"
-    assert main(["run", *SMALL, "--route", "route_1", "--route", "route_2", "--out", str(out)]) == 0
-    assert main(["run", "--out", str(out), "--route", "route_1", "--requirement", "R3"]) == 0
-    capsys.readouterr()
-    assert main(["run", "--out", str(out), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    rvsg("run", SMALL, "--route route_1 --route route_2 --out", out)
+    rvsg("run --out", out, "--route route_1 --requirement R3")
+    told = printed(capsys, "run --out", out)
     assert len(told["campaigns"]) == 3
     names = {f"{route}-{requirement}" for route, requirement in PAIRS} - {"route_2-R3"}
     assert {path.name for path in folders_in(out)} == names

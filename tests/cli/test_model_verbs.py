@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -56,7 +57,7 @@ def test_a_proposal_from_a_record_shows_what_the_checker_said(capsys: pytest.Cap
 def test_a_world_is_described_from_a_record_accepted_and_stored(
     errors: list[RvsgError], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    save_world(load_world("warehouse").__class__(**{**vars_of("warehouse"), "description": None}), tmp_path / "mine")
+    save_world(replace(load_world("warehouse"), description=None), tmp_path / "mine")
     answers = iter(["x", "r", "a"])
     monkeypatch.setattr("typer.prompt", lambda *_, **__: next(answers))
     assert main(["world", "describe", str(tmp_path / "mine")]) == 2
@@ -89,8 +90,3 @@ def test_a_description_is_edited_in_the_editor_and_a_broken_edit_told(
     assert main(["world", "describe", "warehouse", "--review", "--out", "mine.yaml", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["layout"] == "A new layout."
     assert yaml.safe_load(Path("mine.yaml").read_text())["grid"] == "A new grid."
-
-
-def vars_of(name: str) -> dict[str, object]:
-    world = load_world(name)
-    return {field: getattr(world, field) for field in world.__dataclass_fields__}

@@ -16,10 +16,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.cli.commands import printed, rvsg
 
-from rvsg.app.folder import LEDGER
+from rvsg.app.folder import LEDGER, alone_in
 from rvsg.cli import main
-from rvsg.core.errors import InvalidOptions, RvsgError
+from rvsg.core.errors import InvalidOptions, RvsgError, SimulationError
+from rvsg.core.outputs import make_folder
 from rvsg.evaluation.verdict import Status
 from rvsg.generation.generator import Proposal
 from rvsg.generation.random_search import RandomGenerator
@@ -57,43 +59,30 @@ def records(folder: Path) -> list[str]:
     return [attempt.to_json() for attempt in attempts] + runs
 
 
-def test_a_campaign_leaves_its_ledger_its_page_its_best_scenario_and_its_configuration(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_a_campaign_leaves_its_files_and_prints_json_with_the_command_that_repeats_it(
+    tmp_path: Path, finished: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / "one"
-    assert main(["run", *SMALL, "--out", str(out), "--junit", str(tmp_path / "junit.xml")]) == 0
-    assert capsys.readouterr().out == ""
+    out, junit = tmp_path / "two", tmp_path / "junit.xml"
+    told = printed(capsys, "run", SMALL, "--seed 7 --out", out, "--junit", junit)
     left = {path.name for path in out.iterdir()}
     assert {"ledger.sqlite", "report.html", "best_scenario.json", "campaign.yaml"} <= left
     assert not [name for name in left if name.endswith(("-wal", "-shm"))]
-    assert len(ET.parse(tmp_path / "junit.xml").getroot()[0]) == 6
-
-
-def test_standard_output_holds_the_json_alone_with_the_command_that_repeats_the_campaign(
-    tmp_path: Path, finished: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    capsys.readouterr()
-    assert main(["run", *SMALL, "--seed", "7", "--out", str(tmp_path / "one"), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    assert len(ET.parse(junit).getroot()[0]) == 6
     assert told["complete"] and len(told["ranking"]) == 6
     assert told["accounting"]["search_runs"] == 12
     assert told["confirmed"][0]["verdict"]["runs"] == 4
     command = told["command"].split()
     assert command[:2] == ["rvsg", "run"] and command[-2:] == ["--seed", "7"]
-    main([*command[1:], "--out", str(tmp_path / "two")])
-    assert records(finished) == records(tmp_path / "two")
-
-
-def test_the_stored_configuration_repeats_the_campaign(tmp_path: Path, finished: Path) -> None:
-    assert main(["run", str(finished / "campaign.yaml"), "--out", str(tmp_path / "two")]) == 0
-    assert records(finished) == records(tmp_path / "two")
+    rvsg(command[1:], "--out", tmp_path / "three")
+    rvsg("run", finished / "campaign.yaml", "--out", tmp_path / "four")
+    assert records(finished) == records(out) == records(tmp_path / "three") == records(tmp_path / "four")
+    assert capsys.readouterr().out == ""
 
 
 @pytest.mark.slow
-def test_one_job_and_two_end_with_identical_records(tmp_path: Path) -> None:
-    main(["run", *SMALL, "--seed", "7", "--out", str(tmp_path / "one")])
-    main(["run", *SMALL, "--seed", "7", "--out", str(tmp_path / "two"), "--jobs", "2"])
-    assert records(tmp_path / "one") == records(tmp_path / "two")
+def test_two_jobs_end_with_the_records_of_one(tmp_path: Path, finished: Path) -> None:
+    rvsg("run", SMALL, "--seed 7 --out", tmp_path / "two", "--jobs 2")
+    assert records(finished) == records(tmp_path / "two")
 
 
 ONE = [*SMALL, "--scenarios", "1", "--refinements", "0"]
@@ -151,7 +140,7 @@ def test_a_killed_campaign_resumes_to_identical_records(tmp_path: Path, whole: l
 
 def test_resuming_with_other_settings_is_refused_and_names_them(finished: Path, errors: list[RvsgError]) -> None:
     before = records(finished)
-    assert main(["run", "--out", str(finished), "--seed", "8"]) == 2
+    rvsg("run --out", finished, "--seed 8", code=2)
     assert isinstance(errors[-1], InvalidOptions)
     assert (errors[-1].code, errors[-1].keys) == ("other-settings", ("seed",))
     assert records(finished) == before
@@ -208,52 +197,44 @@ def test_a_campaign_whose_requirement_judges_otherwise_today_is_refused(
 def test_a_campaign_that_never_got_to_an_attempt_is_not_told_to_have_zero(
     finished: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = finished
-    connection = sqlite3.connect(out / LEDGER)
-    connection.execute("DELETE FROM attempts")
-    connection.commit()
-    connection.close()
+    change_settings(finished / LEDGER, lambda of: None, kept=0)
     capsys.readouterr()
-    assert main(["run", "--out", str(out)]) == 0
-    told = capsys.readouterr().err
-    assert "0 attempts" not in told
+    rvsg("run --out", finished)
+    assert "0 attempts" not in capsys.readouterr().err
 
 
 def test_two_processes_do_not_share_a_folder(tmp_path: Path, errors: list[RvsgError]) -> None:
-    from rvsg.app.folder import alone_in
-    from rvsg.core.outputs import make_folder
-
     folder = tmp_path / "one"
     make_folder(folder)
     with alone_in(folder):
-        assert main(["run", *SMALL, "--out", str(folder)]) == 2
+        rvsg("run", SMALL, "--out", folder, code=2)
     assert errors[-1].code == "out-in-use"
     assert not (folder / LEDGER).exists()
 
 
-def test_a_violation_is_told_by_the_exit_code_only_where_asked(tmp_path: Path) -> None:
-    strict = tmp_path / "strict.yaml"
-    strict.write_text(
-        "far:\n  title: Far away\n  text: Nobody is nearer than 100 m.\n  metric: dto\n  worse: smaller\n"
-        "  limit: 100.0\n  unit: m\n  source: a test\n"
+@pytest.fixture
+def far(tmp_path: Path) -> list[str]:
+    """Options of a small campaign whose requirement every run violates."""
+    (tmp_path / "strict.yaml").write_text(
+        "far: {title: Far, text: Keep 100 m., metric: dto, worse: smaller, limit: 100.0, unit: m, source: a test}\n"
     )
-    asked = ["run", *ONE, "--requirement", f"{strict}#far", "--confirmations", "16"]
-    assert main([*asked, "--out", str(tmp_path / "one")]) == 0
-    assert main([*asked, "--out", str(tmp_path / "one"), "--fail-on-violation"]) == 1
-    assert main(["report", str(tmp_path / "one"), "--fail-on-violation"]) == 1
+    return [*ONE, "--requirement", f"{tmp_path / 'strict.yaml'}#far", "--out", str(tmp_path / "one")]
+
+
+def test_a_violation_is_told_by_the_exit_code_only_where_asked(tmp_path: Path, far: list[str]) -> None:
+    rvsg("run", far, "--confirmations 16")
+    rvsg("run", far, "--confirmations 16 --fail-on-violation", code=1)
+    rvsg("report", tmp_path / "one", "--fail-on-violation", code=1)
 
 
 def test_a_violation_in_few_fresh_runs_fails_the_build_though_fail_or_flaky_is_open(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, far: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    strict = tmp_path / "strict.yaml"
-    strict.write_text("far: {title: Far, text: Keep 100 m., metric: dto, worse: smaller, limit: 100.0}\n")
-    folder, junit = tmp_path / "one", tmp_path / "junit.xml"
-    asked = ["--fail-on-violation", "--junit", str(junit), "--out", str(folder)]
-    assert main(["run", *ONE, "--requirement", f"{strict}#far", "--confirmations", "8", *asked]) == 1
+    junit = tmp_path / "junit.xml"
+    rvsg("run", far, "--confirmations 8 --fail-on-violation --junit", junit, code=1)
     assert "INCONCLUSIVE (violated; FAIL or FLAKY is still open)" in " ".join(capsys.readouterr().err.split())
     assert '<failure message="INCONCLUSIVE (violated; FAIL or FLAKY is still open)' in junit.read_text()
-    page = (folder / "report.html").read_text()
+    page = (tmp_path / "one" / "report.html").read_text()
     assert '<span class="chip bad">violated</span>' in page
     assert "violates far in 8 of 8 confirmation runs; FAIL or FLAKY is still open (INCONCLUSIVE)." in page
 
@@ -291,17 +272,14 @@ def test_a_campaign_whose_stack_failed_in_every_run_is_no_success(
 
 @pytest.mark.slow
 def test_an_undecided_campaign_says_the_command_that_adds_fresh_runs_to_those_it_made(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, far: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    strict = tmp_path / "strict.yaml"
-    strict.write_text("far: {title: Far, text: Keep 100 m., metric: dto, worse: smaller, limit: 100.0}\n")
-    asked = ["--requirement", f"{strict}#far", "--confirmations", "3", "--out", str(tmp_path / "one")]
-    assert main(["run", *ONE, *asked]) == 0
+    rvsg("run", far, "--confirmations 3")
     told = re.search(r"More confirmation runs can decide it: .*rvsg (run .*)\n", capsys.readouterr().err)
     assert told is not None
     again = shlex.split(told[1])
     assert again[-4:] == ["--out", str(tmp_path / "one-250"), "--confirmations", "250"]
-    assert main([*again, "--jobs", "1"]) == 0
+    rvsg(again, "--jobs 1")
     seeds = []
     for name in ("one", "one-250"):
         with SqliteLedger(tmp_path / name / LEDGER) as ledger:
@@ -316,8 +294,6 @@ def test_an_undecided_campaign_says_the_command_that_adds_fresh_runs_to_those_it
 def test_a_simulator_that_fails_says_that_what_there_is_is_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from rvsg.core.errors import SimulationError
-
     made: list[int] = []
     run = KinematicSimulator.run
 
@@ -352,15 +328,15 @@ def test_a_campaign_with_files_of_its_own_goes_on_in_any_folder(
     )
     (tmp_path / "sub" / "c.yaml").write_text("world: ../mine\nrequirement: rules.yaml#near\nout: res\n")
     monkeypatch.chdir(tmp_path)
-    assert main(["run", "sub/c.yaml", *SMALL]) == 0
+    rvsg("run sub/c.yaml", SMALL)
     whole = records(tmp_path / "sub" / "res")
     monkeypatch.chdir(tmp_path / "sub" / "elsewhere")
-    out = ["--out", str(tmp_path / "sub" / "res")]
-    assert main(["run", *out]) == 0
-    assert main(["run", *out, "--world", "../../mine"]) == 0, "the same world in other words"
-    assert main(["report", out[1]]) == 0
-    assert main(["run", "../res/campaign.yaml", "--jobs", "1", "--out", "again"]) == 0
-    assert main(["scenario", "prompt", out[1]]) == 2, "the search is finished"
+    out = tmp_path / "sub" / "res"
+    rvsg("run --out", out)
+    rvsg("run --world ../../mine --out", out)  # the same world in other words
+    rvsg("report", out)
+    rvsg("run ../res/campaign.yaml --jobs 1 --out again")
+    rvsg("scenario prompt", out, code=2)  # the search is finished
     shutil.copytree(tmp_path / "mine", "other")
-    assert main(["run", *out, "--world", "other"]) == 2
-    assert records(tmp_path / "sub" / "res") == whole
+    rvsg("run --world other --out", out, code=2)
+    assert records(out) == whole

@@ -4,36 +4,28 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
+from tests.cli.commands import rvsg
 from tests.generation.loopback import Behaviour, drops_in_mid_reply, fails, raw, says, serving
 
 from rvsg.cli import main
 from rvsg.core.errors import RvsgError
 
 KEY = "sk-campaign-secret-key-42424242"
-GOOD = json.dumps(
-    {
-        "analysis": "They meet.",
-        "description": "Restocking.",
-        "humans": [
-            {
-                "name": "Human 1",
-                "tasks": [
-                    {"task": "Area 2 → Area 3", "path": ["G10", "G11"]},
-                    {"task": "Area 3 → Area 2", "path": ["G11", "G10"]},
-                ],
-            },
-            {
-                "name": "Human 2",
-                "tasks": [
-                    {"task": "Shelf 6 → Shelf 5", "path": ["D22", "E21", "D20"]},
-                    {"task": "Shelf 5 → Shelf 6", "path": ["D20", "E21", "D22"]},
-                ],
-            },
-        ],
-    }
-)
+
+
+def person(name: str, there: tuple[str, ...], between: tuple[str, str]) -> dict[str, Any]:
+    ways = ((between, there), (between[::-1], there[::-1]))
+    return {"name": name, "tasks": [{"task": f"{a} → {b}", "path": list(path)} for (a, b), path in ways]}
+
+
+PEOPLE = [
+    person("Human 1", ("G10", "G11"), ("Area 2", "Area 3")),
+    person("Human 2", ("D22", "E21", "D20"), ("Shelf 6", "Shelf 5")),
+]
+GOOD = json.dumps({"analysis": "They meet.", "description": "Restocking.", "humans": PEOPLE})
 
 
 @pytest.fixture(autouse=True)
@@ -112,30 +104,8 @@ def test_a_spent_budget_ends_with_code_3_and_a_larger_one_goes_on(capsys: pytest
         assert "1 of 1 calls" in told and "Resume with: rvsg run --out c --jobs 1 --budget-...\n" in told
         assert main(["run", "--out", "c", "--budget-calls", "5", "--jobs", "1"]) == 0
         assert len(server.requests) == 2
-        assert (
-            main(
-                [
-                    "run",
-                    "--out",
-                    "again",
-                    "--replay",
-                    "c/vlm",
-                    "--simulator",
-                    "kinematic",
-                    "--scenarios",
-                    "2",
-                    "--refinements",
-                    "0",
-                    "--repeats",
-                    "1",
-                    "--confirmations",
-                    "0",
-                    "--jobs",
-                    "1",
-                ]
-            )
-            == 0
-        )
+        counts = "--scenarios 2 --refinements 0 --repeats 1 --confirmations 0 --jobs 1"
+        rvsg("run --out again --replay c/vlm --simulator kinematic", counts)
         assert len(server.requests) == 2
 
 
@@ -206,10 +176,7 @@ def test_a_proposal_says_what_it_spends_and_that_nothing_came_of_it(capsys: pyte
     with serving(says('{"humans": [', finish_reason="length")) as server:
         priced = ["--generator-option", "prices=2.0,0.5,8.0"]
         model = ["--model", "openai-chat:vision-1", "--base-url", server.url]
-        assert (
-            main(["scenario", "propose", *model, *priced, "--budget-calls", "2", "--generator-option", "corrections=1"])
-            == 0
-        )
+        rvsg("scenario propose", *model, *priced, "--budget-calls 2 --generator-option corrections=1")
     printed = capsys.readouterr()
     said = printed.err
     assert "Asking openai-chat:vision-1: new" in said
@@ -222,9 +189,8 @@ def test_progress_shows_the_call_under_way_why_it_waits_and_what_was_spent(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     with serving(fails(500, "busy"), says(GOOD)) as server:
-        code = run(
-            server.url, "--generator-option", "first_wait_s=0.01", "--generator-option", "prices=2,0.5,8", scenarios=1
-        )
+        options = ["--generator-option", "first_wait_s=0.01", "--generator-option", "prices=2,0.5,8"]
+        code = run(server.url, *options, scenarios=1)
     told = capsys.readouterr().err
     assert code == 0, told
     assert "new: the service failed. It said: HTTP 500, busy. Waits 0 s, then try 2 of 2." in told

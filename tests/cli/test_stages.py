@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.cli.commands import printed, rvsg
 
 from rvsg.app.folder import LEDGER
 from rvsg.cli import main
@@ -23,15 +24,10 @@ KINEMATIC = ["--simulator", "kinematic"]
 @pytest.fixture
 def proposal(tmp_path: Path) -> Path:
     path = tmp_path / "proposal.json"
-    assert main(["scenario", "propose", "--generator", "random", "--seed", "5", "--out", str(path)]) == 0
+    rvsg("scenario propose --generator random --seed 5 --out", path)
+    written = json.loads(path.read_text())
+    assert written["first_findings"] == [] and written["scenario"]["mission"]["route"]["name"] == "route_1"
     return path
-
-
-def test_propose_shows_the_checker_and_writes_a_valid_scenario(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["scenario", "propose", "--generator", "random", "--seed", "5"]) == 0
-    written = json.loads(capsys.readouterr().out)
-    assert written["first_findings"] == []
-    assert written["scenario"]["mission"]["route"]["name"] == "route_1"
 
 
 @pytest.mark.slow
@@ -88,30 +84,23 @@ def test_stages_stand_in_a_pipe(
     assert json.loads(capsys.readouterr().out)["verdict"]["runs"] == 1
 
 
-def test_a_run_of_a_campaign_is_made_again_from_its_seed(tmp_path: Path) -> None:
+def test_a_run_is_made_again_from_its_seed_and_a_report_from_the_ledger(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out, again = tmp_path / "campaign", tmp_path / "again.jsonl"
-    small = [*KINEMATIC, "--strategy", "random", "--scenarios", "1", "--refinements", "1", "--confirmations", "2"]
-    main(["run", *small, "--jobs", "1", "--out", str(out)])
+    small = "--strategy random --scenarios 1 --refinements 1 --confirmations 2 --jobs 1"
+    first = printed(capsys, "run", KINEMATIC, small, "--out", out)
     with SqliteLedger(out / LEDGER) as ledger:
         attempts = list(ledger.attempts(ledger.campaigns()[0]))
         (confirmation,) = (a for a in attempts if a.purpose == "confirmation")
         kept = ledger.run(confirmation.measurements[1].run_id)
-    seed = str(kept.seed)
-    assert main(["simulate", str(out / "best_scenario.json"), *KINEMATIC, "--seed", seed, "--out", str(again)]) == 0
+    rvsg("simulate", out / "best_scenario.json", KINEMATIC, "--seed", kept.seed, "--out", again)
     assert same_run(read_runs([again])[0], kept)
-
-
-def test_a_report_is_written_again_from_the_ledger(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "campaign"
-    small = [*KINEMATIC, "--strategy", "random", "--scenarios", "1", "--refinements", "1", "--confirmations", "2"]
-    main(["run", *small, "--jobs", "1", "--out", str(out), "--json"])
-    first = json.loads(capsys.readouterr().out)
     page = (out / "report.html").read_bytes()
     (out / "report.html").unlink()
-    assert main(["report", str(out), "--json"]) == 0
+    told = printed(capsys, "report", out)
     assert (out / "report.html").read_bytes() == page
-    again = json.loads(capsys.readouterr().out)
-    assert all(again[key] == first[key] for key in again)
+    assert all(told[key] == first[key] for key in told)
 
 
 def test_metrics_measures_every_run_of_a_file_and_names_the_file_that_holds_none(

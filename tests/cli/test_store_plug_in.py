@@ -6,6 +6,7 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
+from tests.cli.commands import rvsg
 from tests.cli.json_store import JsonLedger
 from tests.cli.test_run import ONE, SMALL, records
 from tests.conformance.test_campaign_parts import answered, warehouse
@@ -41,13 +42,13 @@ def test_the_store_of_the_tests_keeps_the_promises_of_a_ledger(tmp_path: Path) -
 
 
 def test_another_store_keeps_the_same_campaign_and_is_registered_again(tmp_path: Path) -> None:
-    main(["run", *SMALL, "--out", str(tmp_path / "one")])
     out = tmp_path / "two"
-    assert main(["run", *SMALL, "--store", "json", "--store-option", "ending=txt", "--out", str(out)]) == 0
+    rvsg("run", SMALL, "--out", tmp_path / "one")
+    rvsg("run", SMALL, "--store json --store-option ending=txt --out", out)
     assert kept(out, ending="txt") == records(tmp_path / "one")
     assert not (out / "ledger.sqlite").exists()
     (out / "report.html").unlink()
-    assert main(["report", str(out)]) == 0
+    rvsg("report", out)
     assert (out / "report.html").exists()
     for file in sorted((out / "ledger.json").glob("*/0*.txt"))[3:]:
         file.unlink()
@@ -77,16 +78,16 @@ def test_a_campaign_file_chooses_the_store(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("asked", "code"),
     [
-        (["--store", "jsn"], "unknown-name"),
-        (["--store", "json", "--store-option", "endng=x"], "unknown-option"),
-        (["--store", "sqlite", "--store-option", "fast=1"], "unknown-option"),
-        (["--store-option", "create=5"], "unknown-option"),
+        ("--store jsn", "unknown-name"),
+        ("--store json --store-option endng=x", "unknown-option"),
+        ("--store sqlite --store-option fast=1", "unknown-option"),
+        ("--store-option create=5", "unknown-option"),
     ],
 )
 def test_a_store_that_cannot_be_made_is_told_before_anything_is_written(
-    tmp_path: Path, errors: list[RvsgError], asked: list[str], code: str
+    tmp_path: Path, errors: list[RvsgError], asked: str, code: str
 ) -> None:
-    assert main(["run", *SMALL, *asked, "--out", str(tmp_path / "out")]) == 2
+    rvsg("run", SMALL, asked, "--out", tmp_path / "out", code=2)
     assert errors[-1].code == code
     assert not (tmp_path / "out").exists()
 

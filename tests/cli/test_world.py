@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from tests.cli.commands import printed, rvsg
 
 from rvsg.cli import main
 from rvsg.core.errors import RvsgError
@@ -47,11 +48,8 @@ def test_from_a_map_to_a_checked_and_drawn_world(tmp_path: Path, capsys: pytest.
 
 def test_a_large_grid_is_also_drawn_in_parts(tmp_path: Path) -> None:
     world = tmp_path / "fine"
-    assert (
-        main(["world", "new", str(world), "--map", str(write_map(tmp_path)), "--spacing", "0.2", "--no-simulation"])
-        == 0
-    )
-    assert main(["world", "draw", str(world), "--what", "grid", "--width", "500"]) == 0
+    rvsg("world new", world, "--map", write_map(tmp_path), "--spacing 0.2 --no-simulation")
+    rvsg("world draw", world, "--what grid --width 500")
     assert len(list((world / "pictures").glob("grid_part_*.png"))) > 1
 
 
@@ -69,43 +67,55 @@ def test_the_check_ends_with_2_if_something_is_wrong_and_says_where(
 
 
 def test_shipped_worlds_are_listed_and_shown_by_name(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["world", "list", "--json"]) == 0
-    assert {"hospital", "office", "warehouse"} <= {world["name"] for world in json.loads(capsys.readouterr().out)}
-    assert main(["world", "list"]) == 0
-    capsys.readouterr()
-    assert main(["world", "check", "office", "--no-simulation", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == []
-    assert main(["world", "show", "office", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["routes"][0]["description"].startswith("The robot starts")
+    assert {"hospital", "office", "warehouse"} <= {world["name"] for world in printed(capsys, "world list")}
+    rvsg("world list")
+    assert printed(capsys, "world check office --no-simulation") == []
+    assert printed(capsys, "world show office")["routes"][0]["description"].startswith("The robot starts")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code"),
-    [
-        ([], "world-source"),
-        (["--map", "m.yaml", "--sdf", "w.sdf"], "world-source"),
-        (["--map", "gone.yaml"], "file-missing"),
-        (["--sdf", "gone.world"], "file-missing"),
-        (["--objects", "gone.yaml"], "file-missing"),
-        (["--map", "m.yaml", "--spacing", "0"], "options"),
-        (["--map", "m.yaml", "--human-clearance", "4"], "grid-no-room"),
-        (["--map", "m.yaml", "--robot-clearance", "-1"], "options"),
-    ],
-)
+MISTAKES = [
+    ("new made", "world-source"),
+    ("new made --map m.yaml --sdf w.sdf", "world-source"),
+    ("new made --map gone.yaml", "file-missing"),
+    ("new made --sdf gone.world", "file-missing"),
+    ("new made --objects gone.yaml", "file-missing"),
+    ("new made --map m.yaml --spacing 0", "options"),
+    ("new made --map m.yaml --human-clearance 4", "grid-no-room"),
+    ("new made --map m.yaml --robot-clearance -1", "options"),
+    ("new made --objects boxes.yaml --resolution 0", "resolution"),
+    ("new made --objects boxes.yaml --resolution nan", "resolution"),
+    ("new made --objects boxes.yaml --lidar-height nan", "lidar-height"),
+    ("new made --objects boxes.yaml --lidar-height 9", "lidar-height"),
+    ("new made --map m.yaml --without robot --resolution 0.1", "option-unused"),
+    ("draw offfice", "unknown-name"),
+    ("draw office --route route_9", "unknown-name"),
+    ("draw office --width 10", "picture-width"),
+    ("draw office --colours pink", "unknown-name"),
+    ("draw office --window 1,2,3", "window-form"),
+    ("draw office --out made --window 100,100,120,120", "window-outside"),
+    ("show nowhere", "unknown-name"),
+    ("check nowhere", "unknown-name"),
+    ("check m.yaml", "world-is-file"),
+]
+
+
+@pytest.mark.parametrize(("command", "code"), MISTAKES)
 def test_a_mistake_is_one_message_and_leaves_nothing(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     errors: list[RvsgError],
-    arguments: list[str],
+    command: str,
     code: str,
 ) -> None:
     write_map(tmp_path)
+    (tmp_path / "boxes.yaml").write_text(
+        "objects:\n  - {name: Hut, box: {center: [0, 0, 1], size: [8, 8, 2], yaw: 0}}\n"
+    )
     monkeypatch.chdir(tmp_path)
-    assert main(["world", "new", "made", *arguments]) == 2
-    told = capsys.readouterr().err
+    rvsg("world", command, code=2)
     assert errors[-1].code == code
-    assert "Traceback" not in told
+    assert "Traceback" not in capsys.readouterr().err
     assert not (tmp_path / "made").exists()
 
 
@@ -121,59 +131,6 @@ def test_a_folder_with_a_world_is_only_replaced_when_told(errors: list[RvsgError
     (tmp_path / "busy" / "thesis.txt").write_text("x")
     assert main(["world", "new", str(tmp_path / "busy"), "--map", str(tmp_path / "m.yaml")]) == 2
     assert errors[-1].code == "folder-not-empty"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "code"),
-    [
-        (["draw", "offfice"], "unknown-name"),
-        (["draw", "office", "--route", "route_9"], "unknown-name"),
-        (["draw", "office", "--width", "10"], "picture-width"),
-        (["draw", "office", "--colours", "pink"], "unknown-name"),
-        (["draw", "office", "--window", "1,2,3"], "window-form"),
-        (["show", "nowhere"], "unknown-name"),
-        (["check", "nowhere"], "unknown-name"),
-        (["check", "map.yaml"], "world-is-file"),
-    ],
-)
-def test_a_misspelt_name_or_absurd_size_is_one_message(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, errors: list[RvsgError], arguments: list[str], code: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "map.yaml").touch()
-    assert main(["world", *arguments]) == 2
-    assert errors[-1].code == code
-
-
-BOXES = "objects:\n  - {name: Hut, box: {center: [0, 0, 1], size: [8, 8, 2], yaw: 0}}\n"
-
-
-@pytest.mark.parametrize(
-    ("option", "value"),
-    [("--resolution", "0"), ("--resolution", "nan"), ("--lidar-height", "nan"), ("--lidar-height", "9")],
-)
-def test_absurd_sizes_of_a_drawn_map_are_refused(
-    tmp_path: Path, errors: list[RvsgError], option: str, value: str
-) -> None:
-    (tmp_path / "objects.yaml").write_text(BOXES)
-    command = ["world", "new", str(tmp_path / "w"), "--objects", str(tmp_path / "objects.yaml"), option, value]
-    assert main(command) == 2
-    assert errors[-1].code == option.removeprefix("--")
-    assert not (tmp_path / "w").exists()
-
-
-def test_an_option_that_would_change_nothing_is_refused(tmp_path: Path, errors: list[RvsgError]) -> None:
-    given = ["--without", "robot", "--resolution", "0.1"]
-    assert main(["world", "new", str(tmp_path / "w"), "--map", str(write_map(tmp_path)), *given]) == 2
-    assert errors[-1].code == "option-unused"
-
-
-def test_a_window_beside_the_world_is_refused_with_where_the_world_lies(
-    tmp_path: Path, errors: list[RvsgError]
-) -> None:
-    assert main(["world", "draw", "office", "--out", str(tmp_path / "p"), "--window", "100,100,120,120"]) == 2
-    assert errors[-1].code == "window-outside"
-    assert not (tmp_path / "p").exists()
 
 
 def test_a_picture_that_cannot_show_a_window_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

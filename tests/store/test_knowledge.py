@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import numpy as np
 import pytest
 import sqlalchemy as sa
 from tests.store.knowledge_writer import entry
@@ -87,8 +88,6 @@ def test_what_was_added_is_there_once_with_every_origin(where: str) -> None:
 
 
 def test_vectors_are_kept(where: str) -> None:
-    import numpy as np
-
     with KnowledgeBase(where) as base:
         base.keep_vectors({"a": np.arange(4, dtype=np.float32)})
         base.keep_vectors({"a": np.zeros(4, dtype=np.float32)})

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.campaign.parts import WalkGenerator, plan, warehouse
+from tests.coded import coded
 
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.core.errors import NewerStore, StoreError
@@ -63,9 +64,8 @@ def test_an_attempt_is_kept_whole_or_not_at_all(tmp_path: Path) -> None:
     other, other_run = an_attempt(1)
     with SqliteLedger(tmp_path / "a.sqlite") as ledger:
         ledger.append(attempt, [PackedRun.of(run)])
-        with pytest.raises(StoreError) as refused:
+        with pytest.raises(StoreError, check=coded("attempt-taken")):
             ledger.append(other.replace(index=0), [PackedRun.of(other_run)])
-        assert refused.value.code == "attempt-taken"
         assert list(ledger.attempts("test")) == [attempt]
         assert ledger.find(other_run.id) is None
 
@@ -90,29 +90,14 @@ def test_a_file_of_another_program_is_refused(tmp_path: Path, foreign: str) -> N
         altered(path, ("CREATE TABLE songs (name TEXT)", ()))
     else:
         path.write_text("this is not a database, and it is long enough to be looked at " * 20)
-    with pytest.raises(StoreError) as refused:
+    with pytest.raises(StoreError, check=coded("store-foreign")):
         SqliteLedger(path)
-    assert refused.value.code == "store-foreign"
 
 
 def test_an_absent_store_is_not_made_where_it_is_only_read(tmp_path: Path) -> None:
-    with pytest.raises(StoreError) as refused:
+    with pytest.raises(StoreError, check=coded("store-absent")):
         SqliteLedger.existing(tmp_path / "a.sqlite")
-    assert refused.value.code == "store-absent"
     assert not (tmp_path / "a.sqlite").exists()
-
-
-@pytest.mark.parametrize("packed", [lambda text: text, lambda text: pack_record(text.encode())], ids=["text", "packed"])
-def test_an_altered_record_is_noticed(tmp_path: Path, packed: Callable[[str], object]) -> None:
-    attempt, run = an_attempt()
-    path = tmp_path / "a.sqlite"
-    with SqliteLedger(path) as ledger:
-        ledger.append(attempt, [PackedRun.of(run)])
-    other = attempt.model_dump(mode="json") | {"strategy": "walk 9"}
-    altered(path, ("UPDATE attempts SET record = ?", (packed(canonical_json(other)),)))
-    with SqliteLedger(path) as ledger, pytest.raises(StoreError) as refused:
-        list(ledger.attempts("test"))
-    assert refused.value.code == "store-damaged"
 
 
 def truncated(path: Path) -> None:
@@ -120,8 +105,13 @@ def truncated(path: Path) -> None:
         file.truncate(path.stat().st_size // 2)
 
 
-def after(statement: str) -> Callable[[Path], None]:
-    return lambda path: altered(path, (statement, ()))
+def after(statement: str, *values: object) -> Callable[[Path], None]:
+    return lambda path: altered(path, (statement, values))
+
+
+def other_record(packed: Callable[[bytes], bytes | str]) -> Callable[[Path], None]:
+    record = a_measured_attempt()[0].model_dump(mode="json") | {"strategy": "walk 9"}
+    return after("UPDATE attempts SET record = ?", packed(canonical_json(record).encode()))
 
 
 @pytest.mark.parametrize(
@@ -134,26 +124,30 @@ def after(statement: str) -> Callable[[Path], None]:
         after("UPDATE campaigns SET name = NULL"),
         after("UPDATE attempts SET record = x'00'"),
         after("UPDATE attempts SET record = substr(record, 1, length(record) - 1)"),
+        other_record(bytes.decode),
+        other_record(pack_record),
         after("UPDATE dictionaries SET packed = x'00'"),
         after("UPDATE dictionaries SET packed = 'text'"),
         after("DELETE FROM dictionaries"),
         after("DROP TABLE dictionaries"),
         after("DELETE FROM runs"),
+        after("UPDATE runs SET arrays = substr(arrays, 1, length(arrays) - 1)"),
+        after("UPDATE runs SET arrays = x'00'"),
+        after("UPDATE runs SET header = '{}'"),
     ],
 )
-def test_a_store_that_lost_a_part_is_called_damaged(tmp_path: Path, damage: Callable[[Path], None]) -> None:
+def test_a_store_with_a_part_lost_or_altered_is_called_damaged(tmp_path: Path, damage: Callable[[Path], None]) -> None:
     attempt, run = a_measured_attempt()
     path = tmp_path / "a.sqlite"
     with SqliteLedger(path) as ledger:
         ledger.begin("test", {"some": "settings"})
         ledger.append(attempt, [PackedRun.of(run)])
     damage(path)
-    with pytest.raises(StoreError) as told, SqliteLedger(path) as ledger:
+    with pytest.raises(StoreError, check=coded("store-damaged")), SqliteLedger(path) as ledger:
         for name in ledger.campaigns():
             ledger.settings(name)
             list(ledger.attempts(name))
         ledger.run(run.id)
-    assert told.value.code == "store-damaged"
 
 
 def test_an_attempt_stored_before_a_field_was_added_is_read_and_one_with_a_later_field_refused(tmp_path: Path) -> None:
@@ -168,40 +162,18 @@ def test_an_attempt_stored_before_a_field_was_added_is_read_and_one_with_a_later
         altered(tmp_path / name, ("UPDATE attempts SET id = ?, record = ?", values))
     with SqliteLedger(tmp_path / "older") as ledger:
         assert list(ledger.attempts("test")) == [attempt]
-    with SqliteLedger(tmp_path / "newer") as ledger, pytest.raises(StoreError) as refused:
+    with SqliteLedger(tmp_path / "newer") as ledger, pytest.raises(StoreError, check=coded("attempt-unreadable")):
         list(ledger.attempts("test"))
-    assert refused.value.code == "attempt-unreadable"
-
-
-@pytest.mark.parametrize(
-    "change", ["arrays = substr(arrays, 1, length(arrays) - 1)", "arrays = x'00'", "header = '{}'"]
-)
-def test_an_altered_run_is_noticed(tmp_path: Path, change: str) -> None:
-    _, run = an_attempt()
-    path = tmp_path / "a.sqlite"
-    with SqliteLedger(path) as ledger:
-        ledger.keep(PackedRun.of(run))
-    altered(path, (f"UPDATE runs SET {change}", ()))
-    with pytest.raises(StoreError) as refused, SqliteLedger(path) as ledger:
-        ledger.find(run.id)
-    assert refused.value.code == "store-damaged"
 
 
 def test_other_settings_under_the_same_name_are_refused(tmp_path: Path) -> None:
     with SqliteLedger(tmp_path / "a.sqlite") as ledger:
         ledger.begin("test", {"seed": 1})
         ledger.begin("test", {"seed": 1})
-        with pytest.raises(StoreError) as refused:
+        with pytest.raises(StoreError, check=coded("other-settings")):
             ledger.begin("test", {"seed": 2})
-        assert refused.value.code == "other-settings"
         assert ledger.settings("test") == {"seed": 1}
         assert ledger.campaigns() == ("test",)
-
-
-def test_a_missing_run_is_named(tmp_path: Path) -> None:
-    with SqliteLedger(tmp_path / "a.sqlite") as ledger, pytest.raises(StoreError) as refused:
-        ledger.run("run-0")
-    assert refused.value.code == "store-damaged"
 
 
 def test_a_proposal_without_a_scenario_is_kept(tmp_path: Path) -> None:
@@ -257,9 +229,8 @@ def test_a_single_number_changed_in_the_arrays_of_a_run_is_noticed(tmp_path: Pat
         ledger.keep(PackedRun.of(run))
     run.trajectory.x[3] += 1e-9
     altered(path, ("UPDATE runs SET arrays = ?", (PackedRun.of(run).data,)))  # whole, and of the right shape
-    with pytest.raises(StoreError) as refused, SqliteLedger(path) as ledger:
+    with pytest.raises(StoreError, check=coded("store-damaged")) as refused, SqliteLedger(path) as ledger:
         ledger.find(run.id)
-    assert refused.value.code == "store-damaged"
     assert str(path) in str(refused.value) and run.id in str(refused.value)  # which run of which file is lost
 
 
@@ -285,9 +256,8 @@ def test_a_store_that_may_not_be_written_is_read(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr("os.access", lambda *_: False)
     with SqliteLedger.existing(path) as ledger:
         assert list(ledger.attempts("test")) == [attempt] and same(ledger.run(run.id), run)
-        with pytest.raises(StoreError) as refused:
+        with pytest.raises(StoreError, check=coded("store-readonly")):
             ledger.keep(PackedRun.of(an_attempt(1)[1]))
-        assert refused.value.code == "store-readonly"
     assert path.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == [path.name]
 
 
@@ -320,9 +290,8 @@ def test_damage_anywhere_in_the_file_is_told_when_it_is_opened(tmp_path: Path) -
     for begin, length in ((arrays + 50, 8), (len(whole) // 2, 9000)):
         path.write_bytes(whole[:begin] + b"\xa5" * length + whole[begin + length :])
         for opened in (SqliteLedger, SqliteLedger.existing):
-            with pytest.raises(StoreError) as refused:
+            with pytest.raises(StoreError, check=coded("store-damaged")):
                 opened(path)
-            assert refused.value.code == "store-damaged"
 
 
 def kept_records(path: Path) -> dict[int, object]:
