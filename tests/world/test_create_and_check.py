@@ -351,14 +351,6 @@ def test_an_activity_of_an_unknown_area_is_told_with_its_line_and_what_was_meant
     assert remark.fix is not None  # it names the area that was meant
 
 
-def test_a_world_with_a_faulty_route_is_still_refused_with_every_mistake_of_its_file(folder: Path) -> None:
-    replace_routes(folder, "name: a, start: {x: .nan, y: 2}, goal: ZZ9, time_limit_s: soon")
-    with pytest.raises(DocumentError) as told:
-        load_world(folder)
-    wrong = {(problem.key, problem.code) for problem in told.value.problems}
-    assert wrong >= {(("routes", 0, "start", "x"), "document"), (("routes", 0, "time_limit_s"), "document")}
-
-
 def test_a_gazebo_world_without_its_reader_says_how_to_install_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

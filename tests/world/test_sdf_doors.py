@@ -10,7 +10,6 @@ from rvsg.scenario.scenario import HumanConfiguration, Mission
 from rvsg.scenario.validity import check
 from rvsg.world.creation import WorldSource, world_from
 from rvsg.world.schema import save_world
-from rvsg.world.world import Door
 from rvsg.world.world_folder import load_world
 from rvsg_exchange.sdf import load_sdf
 
@@ -19,9 +18,8 @@ SLIDE = "<axis><xyz>0 1 0</xyz><limit><lower>0</lower><upper>1.0</upper></limit>
 
 
 def collision(size: str, pose: str = "0 0 0") -> str:
-    return (
-        f'<collision name="c"><pose>{pose} 0 0 0</pose><geometry><box><size>{size}</size></box></geometry></collision>'
-    )
+    geometry = f"<geometry><box><size>{size}</size></box></geometry>"
+    return f'<collision name="c"><pose>{pose} 0 0 0</pose>{geometry}</collision>'
 
 
 def door(
@@ -37,6 +35,38 @@ def door(
     )
 
 
+def read(tmp_path: Path, models: str) -> WorldSource:
+    (tmp_path / "r.world").write_text(f'<sdf version="1.7"><world name="w">{ROOM}{models}</world></sdf>')
+    return load_sdf(tmp_path / "r.world")
+
+
+LOW, HIGH = (4.0, 1.9), (4.0, 2.9)
+"""The ends of the gap."""
+
+
+@pytest.mark.parametrize(
+    ("given", "kind", "turns", "hinge"),
+    [
+        ({}, "swing", "left", LOW),
+        ({"axis": SWING.replace("0 0 1<", "0 0 -1<"), "hinge": "0 0.5 0"}, "swing", "right", HIGH),
+        ({"kind": "prismatic", "axis": SLIDE}, "sliding", None, HIGH),
+        ({"kind": "prismatic", "axis": SLIDE.replace("1.0", "0").replace("<lower>0", "<lower>-1")}, "sliding", None,
+         LOW),
+        ({"size": "1.0 0.05 2.0", "hinge": "-0.5 0 0", "place": "4 2.4 0 0 0 1.5707963"}, "swing", "left", LOW),
+    ],
+    ids=["left", "right", "sliding", "sliding-back", "turned"],
+)  # fmt: skip
+def test_a_leaf_in_a_gap_that_swings_or_slides_is_a_door(
+    tmp_path: Path, given: dict[str, str], kind: str, turns: str | None, hinge: tuple[float, float]
+) -> None:
+    world = read(tmp_path, door(**given))
+    (found,) = world.doors
+    assert not [thing for thing in world.objects if thing.kind == "entrance"]
+    assert (found.kind, found.state) == (kind, "automatic") and turns in (found.turns, None)
+    assert found.hinge == pytest.approx(hinge, abs=1e-3)
+    assert found.end == pytest.approx(HIGH if hinge == LOW else LOW, abs=1e-3)
+
+
 WALLS = (
     ("8 0.2 2.5", "4 0 1.25"), ("8 0.2 2.5", "4 4.8 1.25"), ("0.2 5 2.5", "0 2.4 1.25"),
     ("0.2 5 2.5", "8 2.4 1.25"), ("0.2 1.8 2.5", "4 0.99 1.25"), ("0.2 1.8 2.5", "4 3.81 1.25"),
@@ -46,39 +76,6 @@ ROOM = "".join(
     f'<model name="wall_{n}"><static>true</static><link name="l">{collision(size, at)}</link></model>'
     for n, (size, at) in enumerate(WALLS)
 )
-
-
-def read(tmp_path: Path, models: str) -> WorldSource:
-    (tmp_path / "r.world").write_text(f'<sdf version="1.7"><world name="w">{ROOM}{models}</world></sdf>')
-    return load_sdf(tmp_path / "r.world")
-
-
-def only(world: WorldSource) -> Door:
-    (found,) = world.doors
-    assert not [thing for thing in world.objects if thing.kind == "entrance"]
-    return found
-
-
-def test_a_hinged_leaf_in_a_gap_is_a_door(tmp_path: Path) -> None:
-    found = only(read(tmp_path, door()))
-    assert (found.kind, found.turns, found.state) == ("swing", "left", "automatic")
-    assert found.hinge == pytest.approx((4.0, 1.9)) and found.end == pytest.approx((4.0, 2.9))
-    other = only(read(tmp_path, door(axis=SWING.replace("0 0 1<", "0 0 -1<"), hinge="0 0.5 0")))
-    assert other.turns == "right" and other.hinge == pytest.approx((4.0, 2.9))
-
-
-def test_a_leaf_that_slides_along_itself_is_a_door(tmp_path: Path) -> None:
-    found = only(read(tmp_path, door(kind="prismatic", axis=SLIDE)))
-    assert found.kind == "sliding" and found.hinge == pytest.approx((4.0, 2.9))
-    turned = only(
-        read(tmp_path, door(kind="prismatic", axis=SLIDE.replace("1.0", "0").replace("<lower>0", "<lower>-1")))
-    )
-    assert turned.hinge == pytest.approx((4.0, 1.9))
-
-
-def test_a_door_turned_with_its_model_is_where_it_stands(tmp_path: Path) -> None:
-    found = only(read(tmp_path, door(size="1.0 0.05 2.0", hinge="-0.5 0 0", place="4 2.4 0 0 0 1.5707963")))
-    assert found.hinge == pytest.approx((4.0, 1.9), abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -99,12 +96,6 @@ def test_other_joints_are_left_alone(tmp_path: Path, given: dict[str, object]) -
     world = read(tmp_path, door(**given))  # type: ignore[arg-type]
     assert world.doors == ()
     assert [thing.name for thing in world.objects if thing.kind == "entrance"] == ["entrance"]
-
-
-def test_the_door_of_a_cupboard_is_none(tmp_path: Path) -> None:
-    box = collision("0.7 1.0 2.0", "0 0 1")
-    body = f'<model name="cupboard"><pose>3.6 2.4 0 0 0 0</pose><link name="l">{box}</link></model>'
-    assert read(tmp_path, door() + body).doors == ()
 
 
 def test_the_doors_of_a_urdf_room_are_found(tmp_path: Path) -> None:
@@ -136,3 +127,9 @@ def test_an_imported_door_is_listed_saved_and_can_be_closed(tmp_path: Path) -> N
     assert check(nobody, Mission.of(world, route), world) == ()
     closed = Mission.of(world, route, doors={"entrance": "closed"})
     assert [f.rule for f in check(nobody, closed, world)] == ["door-blocks-route"]
+
+
+def test_the_door_of_a_cupboard_is_none(tmp_path: Path) -> None:
+    box = collision("0.7 1.0 2.0", "0 0 1")
+    body = f'<model name="cupboard"><pose>3.6 2.4 0 0 0 0</pose><link name="l">{box}</link></model>'
+    assert read(tmp_path, door() + body).doors == ()

@@ -17,7 +17,7 @@ from rvsg.world.drawing import png_bytes
 from rvsg.world.drawing.birdseye import birdseye
 from rvsg.world.lattice import area_waypoints
 from rvsg.world.occupancy import load_nav2_map
-from rvsg.world.passages import describe_route, length_m, line_of, route_paragraph, waypoints_of
+from rvsg.world.passages import describe_route, length_m, line_of, waypoints_of
 from rvsg.world.space import frame_of, human_space
 from rvsg.world.world_folder import SHIPPED, load_world, shipped_worlds
 
@@ -52,13 +52,6 @@ def test_a_routes_paragraph_names_its_ends_its_waypoints_and_its_time(name: str)
         assert f"within {route.time_limit_s:g} s" in words
         assert route.purpose in words
         assert describe_route(world, route) == words
-
-
-def test_the_users_own_description_of_a_route_wins() -> None:
-    world = load_world("office")
-    route = world.routes[0].model_copy(update={"description": "Straight on."})
-    assert route_paragraph(world, route) == "Straight on."
-    assert route_paragraph(world, world.routes[0]) == describe_route(world, world.routes[0])
 
 
 def test_poses_to_pass_lead_the_way_and_the_words() -> None:
@@ -112,13 +105,6 @@ def test_the_map_of_the_warehouse_shows_what_the_lidar_plane_cuts() -> None:
     assert cell(-1.574, 2.302) == 255  # inside a pile of boxes
     assert cell(6.95, 0.0) == 255  # inside the wall
     assert cell(6.88, 0.0) == 100  # its inner face
-
-
-def test_every_valid_waypoint_is_free_and_reachable_from_every_other() -> None:
-    world = load_world("warehouse")
-    space = human_space(world)
-    assert all(space.is_free(*world.grid.position(name), 0.15) for name in world.grid.valid)
-    assert all(world.grid.shortest_path("A1", name) for name in world.grid.valid)
 
 
 def test_the_proposal_finds_nearly_all_waypoints_from_which_the_study_worked_the_areas() -> None:

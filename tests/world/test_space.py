@@ -61,18 +61,6 @@ def test_a_straight_way_through_a_table_is_free_for_the_robot_only() -> None:
     assert human_space_of([table], hall()).segment_free((1.0, 1.0), (5.0, 1.0), 0.3)
 
 
-def test_inside_a_room_that_is_one_object_with_a_hole_people_can_stand() -> None:
-    room = ObjectEntry(
-        name="room",
-        footprint=((0, 0), (6, 0), (6, 5), (0, 5)),
-        height=2.5,
-        holes=(((0.2, 0.2), (5.8, 0.2), (5.8, 4.8), (0.2, 4.8)),),
-    ).solid(lidar_height_m=0.21)
-    space = human_space_of([room], hall())
-    assert space.is_free(3, 2.5, 1.0)
-    assert not space.is_free(0.1, 2.5)
-
-
 def test_a_turned_map_is_read_in_the_world_frame() -> None:
     cells = hall().cells.copy()
     cells[20:30, 80:90] = 100  # at (4.25, 1.25) before turning
