@@ -2,27 +2,25 @@
 
 from dataclasses import replace
 
-import numpy as np
+from tests.world.parts import map_of, walled
 
 from rvsg.core.records import Pose
 from rvsg.world.diff import Difference, differences
 from rvsg.world.grid import GridSpec
 from rvsg.world.lattice import build_world
-from rvsg.world.world import Area, OccupancyMap, Route, World
+from rvsg.world.world import Area, Route, World
 
 SPEC = GridSpec(spacing_m=1.0, origin=(0.5, 0.5))
 
 
 def hall(*, pillar: bool = False, spec: GridSpec = SPEC) -> World:
     """A hall of 10 x 6 m, with or without a pillar of 0.5 m."""
-    cells = np.zeros((120, 200), np.uint8)
-    cells[[0, -1], :] = cells[:, [0, -1]] = 100
+    cells = walled(120, 200)
     if pillar:
         cells[60:70, 100:110] = 100
     dock = Area(name="Dock", outline=((1, 1), (3, 1), (3, 3), (1, 3)), waypoints=())
     route = Route(name="r", start=Pose(x=1, y=1), goal=Pose(x=8, y=4), time_limit_s=20)
-    occupancy = OccupancyMap(cells=cells, resolution=0.05, origin=Pose(x=0, y=0))
-    return build_world(name="hall", occupancy=occupancy, areas=(dock,), routes=(route,), grid_spec=spec)
+    return build_world(name="hall", occupancy=map_of(cells), areas=(dock,), routes=(route,), grid_spec=spec)
 
 
 def those_that_matter(old: World, new: World) -> list[Difference]:

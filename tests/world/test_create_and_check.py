@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from PIL import Image
 from tests.coded import coded
 from tests.published_data import published_data
@@ -65,12 +66,11 @@ def edit(path: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new, 1))
 
 
-def replace_labels(folder: Path, *areas: str) -> None:
-    (folder / "labels.yaml").write_text("areas:\n" + "".join(f"  - {{{area}}}\n" for area in areas))
+FILES = {"areas": "labels.yaml", "routes": "routes.yaml"}
 
 
-def replace_routes(folder: Path, *routes: str) -> None:
-    (folder / "routes.yaml").write_text("routes:\n" + "".join(f"  - {{{route}}}\n" for route in routes))
+def write_entries(folder: Path, kind: str, *entries: str) -> None:
+    (folder / FILES[kind]).write_text(f"{kind}:\n" + "".join(f"  - {{{entry}}}\n" for entry in entries))
 
 
 def found(remarks: tuple[Remark, ...], code: str, line: int | None = None) -> Remark:
@@ -114,33 +114,34 @@ def test_a_map_on_which_nobody_fits_is_refused_by_name(tmp_path: Path) -> None:
         world_from("map", write_map(tmp_path, pixels), name="hall")
 
 
+ROOM = {"wall_1": (0, 5, 12, 0.2), "wall_2": (0, -5, 12, 0.2), "wall_3": (6, 0, 0.2, 10.2),
+        "wall_4": (-6, 0, 0.2, 10.2), "rack": (0, 0, 4, 1)}  # fmt: skip
+"""Middle and size of walls and a rack, 2 m high."""
+
+
+def objects_yaml(things: dict[str, tuple[float, ...]]) -> str:
+    return "objects:\n" + "".join(
+        f"  - {{name: {name}, kind: {name.split('_')[0]}, box: {{center: [{x}, {y}, 1], size: [{w}, {h}, 2]}}}}\n"
+        for name, (x, y, w, h) in things.items()
+    )
+
+
 def test_our_own_objects_and_a_gazebo_world_become_worlds_too(tmp_path: Path) -> None:
-    text = "".join(
-        f"  - {{name: {n}, kind: {k}, box: {{center: [{x}, {y}, 1], size: [{w}, {h}, 2]}}}}\n"
-        for n, k, x, y, w, h in (
-            ("n", "wall", 0, 5, 12, 0.2), ("s", "wall", 0, -5, 12, 0.2), ("e", "wall", 6, 0, 0.2, 10.2),
-            ("w", "wall", -6, 0, 0.2, 10.2), ("r", "rack", 0, 0, 4, 1))
-    )  # fmt: skip
-    (tmp_path / "o.yaml").write_text("objects:\n" + text)
-    world = world_from("objects", tmp_path / "o.yaml", name="w").world
-    assert {"Rack"} <= {a.name for a in world.areas}
+    (tmp_path / "o.yaml").write_text(objects_yaml(ROOM))
     links = "".join(
         f"<model name='{n}'><pose>{x} {y} 1 0 0 0</pose><link name='l'><collision name='c'><geometry><box>"
         f"<size>{w} {h} 2</size></box></geometry></collision></link></model>"
-        for n, x, y, w, h in (("wall_1", 0, 5, 12, 0.2), ("wall_2", 0, -5, 12, 0.2), ("wall_3", 6, 0, 0.2, 10.2),
-                              ("wall_4", -6, 0, 0.2, 10.2), ("rack", 0, 0, 4, 1))
-    )  # fmt: skip
+        for n, (x, y, w, h) in ROOM.items()
+    )
     (tmp_path / "w.sdf").write_text(f"<sdf version='1.7'><world name='w'>{links}</world></sdf>")
+    ours = world_from("objects", tmp_path / "o.yaml", name="w").world
     other = world_from("sdf", tmp_path / "w.sdf", name="w").world
-    assert (other.occupancy.cells == world.occupancy.cells).all()
-    assert "Rack" in {a.name for a in other.areas}
+    assert (other.occupancy.cells == ours.occupancy.cells).all()
+    assert all("Rack" in {area.name for area in world.areas} for world in (ours, other))
 
 
 def test_a_world_without_walls_gets_floor_round_its_objects(tmp_path: Path) -> None:
-    (tmp_path / "o.yaml").write_text(
-        "objects:\n  - {name: a, kind: rack, box: {center: [0, 0, 1], size: [4, 1, 2]}}\n"
-        "  - {name: b, kind: rack, box: {center: [0, 4, 1], size: [4, 1, 2]}}\n"
-    )
+    (tmp_path / "o.yaml").write_text(objects_yaml({"rack_1": (0, 0, 4, 1), "rack_2": (0, 4, 4, 1)}))
     created = world_from("objects", tmp_path / "o.yaml", name="w")
     assert any("no wall encloses" in note for note in created.notes)
     assert created.world.occupancy.cells.shape == (180, 160)
@@ -150,12 +151,11 @@ def test_a_world_without_walls_gets_floor_round_its_objects(tmp_path: Path) -> N
     assert world_from("objects", tmp_path / "o.yaml", name="w", robot=wide).world.routes == ()
 
 
-WAY = "name: r, start: {start}, goal: {goal}, time_limit_s: {limit}"
 DESK = "name: Desk, rectangle: [3, 3, 5, 5]"
 
 
-def way(start: str, goal: str = "{x: 8, y: 3}", limit: str = "60") -> str:
-    return WAY.replace("{start}", start).replace("{goal}", goal).replace("{limit}", limit)
+def way(start: str, goal: str = "{x: 8, y: 3}", limit: str = "60", name: str = "r") -> str:
+    return f"name: {name}, start: {start}, goal: {goal}, time_limit_s: {limit}"
 
 
 LABELS: dict[tuple[str, ...], list[tuple[str, int]]] = {
@@ -178,15 +178,15 @@ ROUTES: dict[tuple[str, ...], list[tuple[str, int]]] = {
     (way("{x: 8, y: 1.48, yaw: 1.57}", "{x: 8, y: 5}"),): [("pose-touches", 2)],
     (way("{x: -1, y: 3}", "{x: 15, y: 3}", "4"),): [("route-hurried", 2)],
     (way("{x: 1.0e+9, y: 2, yaw: 0}"),): [("document", 2)],
-    (way("ZZ9"), way("{x: 0, y: 2}", "{x: 90, y: 2}").replace(" r,", " b,")): [
+    (way("ZZ9"), way("{x: 0, y: 2}", "{x: 90, y: 2}", name="b")): [
         ("unknown-waypoint", 2), ("pose-outside", 3),
     ],
     (
         way("{x: .nan, y: 2}", "{x: 400, y: 2}"),
-        way("{x: 0, y: 2}", "ZZ9", "soon").replace(" r,", " b,"),
-        way("{x: 401, y: 2}", limit="60, via: [H155]").replace(" r,", " c,"),
+        way("{x: 0, y: 2}", "ZZ9", "soon", name="b"),
+        way("{x: 401, y: 2}", limit="60, via: [H155]", name="c"),
         "goal: {x: 403, y: 2}",
-        way("{x: 0, y: 2}", limit="3, through: [{x: 404, y: 2}, ZZ8]").replace(" r,", " f,"),
+        way("{x: 0, y: 2}", limit="3, through: [{x: 404, y: 2}, ZZ8]", name="f"),
     ): [
         ("document", 2), ("pose-outside", 2), ("document", 3), ("unknown-waypoint", 3), ("unknown-waypoint", 4),
         ("pose-outside", 4), ("document", 5), ("pose-outside", 5), ("pose-outside", 6), ("unknown-waypoint", 6),
@@ -198,18 +198,18 @@ SUSPICIOUS = {
 
 
 @pytest.mark.parametrize(
-    ("file", "entries"), [*(("areas", entries) for entries in LABELS), *(("routes", entries) for entries in ROUTES)]
+    ("kind", "entries", "expected"),
+    [*(("areas", *case) for case in LABELS.items()), *(("routes", *case) for case in ROUTES.items())],
 )
 def test_every_mistake_of_a_file_is_told_at_once_each_with_its_line(
-    folder: Path, file: str, entries: tuple[str, ...]
+    folder: Path, kind: str, entries: tuple[str, ...], expected: list[tuple[str, int]]
 ) -> None:
-    expected = LABELS[entries] if file == "areas" else ROUTES[entries]
-    (replace_labels if file == "areas" else replace_routes)(folder, *entries)
+    write_entries(folder, kind, *entries)
     remarks = check_world(folder)
     for code, line in expected:
         remark = found(remarks, code, line)
         assert remark.serious or code in SUSPICIOUS
-        assert remark.problem.path.name == ("labels.yaml" if file == "areas" else "routes.yaml")
+        assert remark.problem.path.name == FILES[kind]
     assert len({str(remark) for remark in remarks}) == len(remarks)
 
 
@@ -217,55 +217,54 @@ def test_every_mistake_of_a_file_is_told_at_once_each_with_its_line(
     ("yaw", "radians"), [(90, "1.5708"), (45, "0.7854"), (180, "3.1416"), (270, "4.7124"), (-135, "-2.3562")]
 )
 def test_every_yaw_in_degrees_is_told_with_its_radians(folder: Path, yaw: int, radians: str) -> None:
-    replace_routes(folder, way(f"{{x: 0, y: 2, yaw: {yaw}}}"))
+    write_entries(folder, "routes", way(f"{{x: 0, y: 2, yaw: {yaw}}}"))
     (told,) = (r for r in check_world(folder) if str(r).endswith(radians))
     assert told.problem.line == 2
 
 
-def test_an_area_no_waypoint_reaches_is_told(folder: Path) -> None:
+def test_an_area_no_waypoint_reaches_is_told_and_routes_only_where_there_are_none(folder: Path) -> None:
     edit(folder / "world.yaml", "spacing_m: 1.0", "spacing_m: 8.0")
-    replace_labels(folder, "name: Lonely, rectangle: [16.6, 12.6, 16.8, 12.8]")
-    assert found(check_world(folder), "area-no-waypoint").serious
-
-
-def test_routes_that_are_all_wrong_are_not_said_to_be_missing(folder: Path) -> None:
-    replace_routes(folder, way("ZZ9"))
-    assert "routes-none" not in [remark.code for remark in check_world(folder)]
+    write_entries(folder, "areas", "name: Lonely, rectangle: [16.6, 12.6, 16.8, 12.8]")
+    write_entries(folder, "routes", way("ZZ9"))
+    remarks = check_world(folder)
+    assert found(remarks, "area-no-waypoint").serious
+    assert "routes-none" not in [remark.code for remark in remarks]
     (folder / "routes.yaml").write_text("routes: []\n")
     assert found(check_world(folder), "routes-none").serious
 
 
-def test_a_goal_behind_a_wall_cannot_be_planned(tmp_path: Path) -> None:
+def divided(tmp_path: Path, spec: GridSpec, *unknown: tuple[slice, slice, int]) -> Path:
+    """The folder of the hall with a wall across it, and with patches of cells."""
     pixels = hall()
     pixels[:, 200:204] = 0
-    created = world_from("map", write_map(tmp_path, pixels), name="hall", grid_spec=GridSpec(spacing_m=1.0))
+    for rows, columns, value in unknown:
+        pixels[rows, columns] = value
+    created = world_from("map", write_map(tmp_path, pixels), name="hall", grid_spec=spec)
     save_world(created.world, tmp_path / "w")
-    replace_routes(tmp_path / "w", "name: r, start: {x: 0, y: 3}, goal: {x: 12, y: 3}, time_limit_s: 60")
-    assert found(check_world(tmp_path / "w"), "route-no-way").serious
+    return tmp_path / "w"
 
 
-def test_an_aisle_the_grid_misses_is_named(folder: Path) -> None:
-    replace_labels(folder, "name: Rack 1, rectangle: [0, 9, 5, 10]", "name: Rack 2, rectangle: [0, 6.9, 5, 7.9]")
-    text = (folder / "world.yaml").read_text()
-    kept = [line for line in text.splitlines() if not line.strip().startswith(("spacing_m", "origin"))]
-    at = next(i for i, line in enumerate(kept) if line.startswith("grid:"))
-    kept.insert(at + 1, "  origin: [0.0, 3.0]\n  spacing_m: 2.0")
-    (folder / "world.yaml").write_text("\n".join(kept) + "\n")
-    remark = found(check_world(folder), "aisle-missed")
-    assert remark.problem.path.name == "world.yaml"
+def test_a_goal_behind_a_wall_cannot_be_planned(tmp_path: Path) -> None:
+    folder = divided(tmp_path, GridSpec(spacing_m=1.0))
+    write_entries(folder, "routes", way("{x: 0, y: 3}", "{x: 12, y: 3}"))
+    assert found(check_world(folder), "route-no-way").serious
 
 
 def test_isolated_parts_and_unknown_space_are_told(tmp_path: Path) -> None:
-    pixels = hall()
-    pixels[:, 200:204] = 0
-    pixels[5:235, 210:390] = 205
-    pixels[100:160, 260:320] = 254
-    created = world_from("map", write_map(tmp_path, pixels), name="hall", grid_spec=GridSpec(isolated_parts=True))
-    save_world(created.world, tmp_path / "w")
-    remarks = check_world(tmp_path / "w")
-    found(remarks, "floor-isolated")
-    found(remarks, "grid-isolated")
-    found(remarks, "map-unknown")
+    patches = ((slice(5, 235), slice(210, 390), 205), (slice(100, 160), slice(260, 320), 254))
+    remarks = check_world(divided(tmp_path, GridSpec(isolated_parts=True), *patches))
+    for code in ("floor-isolated", "grid-isolated", "map-unknown"):
+        found(remarks, code)
+
+
+def test_an_aisle_the_grid_misses_is_named(folder: Path) -> None:
+    write_entries(
+        folder, "areas", "name: Rack 1, rectangle: [0, 9, 5, 10]", "name: Rack 2, rectangle: [0, 6.9, 5, 7.9]"
+    )
+    values = yaml.safe_load((folder / "world.yaml").read_text())
+    values["grid"] |= {"origin": [0.0, 3.0], "spacing_m": 2.0}
+    (folder / "world.yaml").write_text(yaml.safe_dump(values))
+    assert found(check_world(folder), "aisle-missed").problem.path.name == "world.yaml"
 
 
 def test_a_folder_without_world_and_a_broken_one_are_told(tmp_path: Path, folder: Path) -> None:
@@ -308,7 +307,7 @@ def test_doubled_routes_and_objects_do_not_hide_what_else_is_wrong(tmp_path: Pat
     (folder / "objects.yaml").write_text(f"{objects.rstrip()}\n  - {entry}\n")
     route = "name: r, start: {x: -0.1, y: -0.35}, goal: {x: 1.75, y: -8.6}, time_limit_s: 25"
     blocked = "name: r, start: {x: -0.1, y: -0.35}, goal: {x: 90, y: 90}, time_limit_s: 25"
-    replace_routes(folder, route, blocked, route)
+    write_entries(folder, "routes", route, blocked, route)
     edit(folder / "world.yaml", "  - count the stock", "  - restock Shelf 99\n  - count the stock")
     remarks = check_world(folder)
     twice = [(r.problem.path.name, r.problem.line) for r in remarks if r.code == "name-twice"]
@@ -342,7 +341,7 @@ def test_an_activity_that_names_an_unknown_area_is_found_and_free_text_is_not(te
 
 
 def test_an_activity_of_an_unknown_area_is_told_with_its_line_and_what_was_meant(folder: Path) -> None:
-    replace_labels(folder, "name: Desk 1, rectangle: [3, 3, 5, 5]", "name: Desk 2, rectangle: [7, 7, 9, 9]")
+    write_entries(folder, "areas", "name: Desk 1, rectangle: [3, 3, 5, 5]", "name: Desk 2, rectangle: [7, 7, 9, 9]")
     with (folder / "world.yaml").open("a") as file:
         file.write("\nactivities:\n  - walk from Desk 1 to Desk 2\n  - tidy Desk 3\n")
     lines = (folder / "world.yaml").read_text().splitlines()

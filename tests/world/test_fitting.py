@@ -5,18 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
 import pytest
+from tests.world.parts import map_of, walled
 
 from rvsg.core.records import Pose
 from rvsg.robots.robot import Robot, load_robot, shipped_robots
 from rvsg.scenario.scenario import HumanConfiguration, Mission
 from rvsg.scenario.validity import check
-from rvsg.world.checks import Remark, check_world
+from rvsg.world.checks import check_world
 from rvsg.world.grid import Grid
 from rvsg.world.passages import line_of, narrow_passages
 from rvsg.world.routes import Drive, Hop, clearance_m, fits_through, fitted, propose_routes, setback_m
-from rvsg.world.world import OccupancyMap, Route, World
+from rvsg.world.world import Route, World
 from rvsg.world.world_folder import SHIPPED, load_world
 
 TUGGER, AMR, TIAGO = (load_robot(name) for name in ("tugger", "industrial_amr", "tiago_omni"))
@@ -24,26 +24,13 @@ TUGGER, AMR, TIAGO = (load_robot(name) for name in ("tugger", "industrial_amr", 
 
 def hall(gate_m: float = 1.0) -> World:
     """Return a room of 10 x 4 m, divided by a wall with a gate in the middle."""
-    cells = np.zeros((80, 200), np.uint8)
-    cells[[0, -1], :] = 100
-    cells[:, [0, -1]] = 100
+    cells = walled(80, 200)
     half = round(gate_m / 0.1)
-    cells[: 40 - half, 100] = 100
-    cells[40 + half :, 100] = 100
+    cells[: 40 - half, 100] = cells[40 + half :, 100] = 100
     return World(
-        name="hall",
-        title="A hall",
-        objects=(),
-        occupancy=OccupancyMap(cells=cells, resolution=0.05, origin=Pose(x=0.0, y=0.0)),
-        lidar_height_m=0.2,
+        name="hall", title="A hall", objects=(), occupancy=map_of(cells), lidar_height_m=0.2, areas=(), routes=(),
         grid=Grid(rows=(), columns=(), waypoints=(), hops=()),
-        areas=(),
-        routes=(),
-    )
-
-
-def route(goal_x: float = 8.0) -> Route:
-    return Route(name="through", start=Pose(x=2.0, y=2.0), goal=Pose(x=goal_x, y=2.0), time_limit_s=30.0)
+    )  # fmt: skip
 
 
 def test_a_goal_in_front_of_a_wall_moves_back_by_the_body_and_its_stopping_zone() -> None:
@@ -55,71 +42,24 @@ def test_a_goal_in_front_of_a_wall_moves_back_by_the_body_and_its_stopping_zone(
     assert fitted(fit, TUGGER, world) == (fit, ())
     assert setback_m(route(8.0).goal, TUGGER, world) == 0.0
     assert setback_m(route(9.4).goal, TIAGO, world) == 0.0
-
-
-def test_a_goal_that_no_setback_helps_stays() -> None:
     corner = Pose(x=5.0, y=0.1, yaw=0.0)
-    assert setback_m(corner, TUGGER, hall(2.0)) is None
-    asked = route().model_copy(update={"goal": corner})
-    assert fitted(asked, TUGGER, hall(2.0))[0].goal == corner
+    assert setback_m(corner, TUGGER, world) is None  # the goal stays where it is
+    assert fitted(route().model_copy(update={"goal": corner}), TUGGER, world)[0].goal == corner
 
 
 def test_a_slow_robot_gets_the_time_it_needs() -> None:
     slow = load_robot("turtlebot3_waffle")
     fit, _ = fitted(route(), slow, hall())
     assert fit.time_limit_s >= 6.0 / slow.driving_speed_m_s
-    assert fitted(fit, slow, hall())[1] == ()
-    assert fitted(route(), AMR, hall())[1] == ()
+    assert fitted(fit, slow, hall())[1] == fitted(route(), AMR, hall())[1] == ()
 
 
 @pytest.mark.parametrize("name", sorted(shipped_robots()))
 def test_every_shipped_robot_can_stand_at_the_ends_of_the_warehouse(name: str) -> None:
-    world = load_world("warehouse")
+    world, robot = load_world("warehouse"), load_robot(name)
     for each in world.routes:
-        assert setback_m(fitted(each, load_robot(name), world)[0].goal, load_robot(name), world) == 0.0
-        assert fits_through(load_robot(name), each, world)
-
-
-def test_a_robot_wider_than_the_only_gate_is_refused() -> None:
-    def findings(robot: Robot | str, gate_m: float) -> list[str]:
-        world = hall(gate_m)
-        return [f.rule for f in check(HumanConfiguration(humans=()), Mission.of(world, route(), robot=robot), world)]
-
-    assert findings(AMR, 0.4) == ["robot-too-wide"]
-    assert findings(AMR, 0.8) == []
-    assert findings("tiago_omni", 0.4) == []
-    assert math.isclose(AMR.width_m, 0.58)
-
-
-def remarks(robot: str | None) -> dict[str, Remark]:
-    driver = None if robot is None else load_robot(robot)
-    return {remark.problem.message: remark for remark in check_world(SHIPPED / "warehouse", robot=driver)}
-
-
-def test_what_has_to_be_fitted_to_a_robot_is_a_remark_at_its_route() -> None:
-    found, usual = remarks("tugger"), remarks(None)
-    added = [remark for message, remark in found.items() if message not in usual]
-    assert [remark.code for remark in added].count("route-fitted") == 2
-    assert {(remark.problem.path.name, remark.key[0]) for remark in added} == {("routes.yaml", "routes")}
-
-
-def test_a_chosen_robot_has_one_remark_a_route_where_nobody_can_pass_it() -> None:
-    world, tugger = load_world("warehouse"), load_robot("tugger")
-    tight = [r.name for r in world.routes if narrow_passages(world, line_of(world, r), robot=tugger)]
-    found = [r for r in remarks("tugger").values() if r.code == "route-no-passing"]
-    assert len(found) == len(tight) == 2
-    assert "route-no-passing" not in [r.code for r in remarks(None).values()]
-
-
-def test_a_robot_wider_than_every_way_cannot_drive() -> None:
-    slim = load_robot("industrial_amr")
-    wide = slim.replace(
-        footprint=((1.5, 1.5), (-1.5, 1.5), (-1.5, -1.5), (1.5, -1.5)),
-        safety_zones=(),
-        lidars=tuple(lidar.replace(height_m=1.0) for lidar in slim.lidars),
-    )
-    found = check_world(SHIPPED / "warehouse", robot=wide)
-    assert sum(remark.serious for remark in found) >= 5
+        assert setback_m(fitted(each, robot, world)[0].goal, robot, world) == 0.0
+        assert fits_through(robot, each, world)
 
 
 @pytest.mark.parametrize(
@@ -133,6 +73,45 @@ def test_routes_are_proposed_for_the_robot(name: str) -> None:
     for route in routes:
         assert setback_m(route.goal, robot, world) == 0.0
         assert fits_through(robot, route, world)
+
+
+def route(goal_x: float = 8.0) -> Route:
+    return Route(name="through", start=Pose(x=2.0, y=2.0), goal=Pose(x=goal_x, y=2.0), time_limit_s=30.0)
+
+
+def test_a_robot_wider_than_the_only_gate_is_refused() -> None:
+    def findings(robot: Robot | str, gate_m: float) -> list[str]:
+        world = hall(gate_m)
+        return [f.rule for f in check(HumanConfiguration(humans=()), Mission.of(world, route(), robot=robot), world)]
+
+    assert findings(AMR, 0.4) == ["robot-too-wide"]
+    assert findings(AMR, 0.8) == []
+    assert findings("tiago_omni", 0.4) == []
+    assert math.isclose(AMR.width_m, 0.58)
+
+
+def test_what_concerns_a_robot_is_a_remark_at_its_route() -> None:
+    """Goals that are fitted to it, and routes where nobody can pass it."""
+    world = load_world("warehouse")
+    found, usual = (check_world(SHIPPED / "warehouse", robot=driver) for driver in (TUGGER, None))
+    known = {remark.problem.message for remark in usual}
+    added = [remark for remark in found if remark.problem.message not in known]
+    assert [remark.code for remark in added].count("route-fitted") == 2
+    assert {(remark.problem.path.name, remark.key[0]) for remark in added} == {("routes.yaml", "routes")}
+    tight = [r.name for r in world.routes if narrow_passages(world, line_of(world, r), robot=TUGGER)]
+    assert [remark.code for remark in found].count("route-no-passing") == len(tight) == 2
+    assert "route-no-passing" not in [remark.code for remark in usual]
+
+
+def test_a_robot_wider_than_every_way_cannot_drive() -> None:
+    slim = load_robot("industrial_amr")
+    wide = slim.replace(
+        footprint=((1.5, 1.5), (-1.5, 1.5), (-1.5, -1.5), (1.5, -1.5)),
+        safety_zones=(),
+        lidars=tuple(lidar.replace(height_m=1.0) for lidar in slim.lidars),
+    )
+    found = check_world(SHIPPED / "warehouse", robot=wide)
+    assert sum(remark.serious for remark in found) >= 5
 
 
 def test_a_robot_keeps_clear_by_half_of_its_width() -> None:

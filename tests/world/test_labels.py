@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from tests.world.parts import map_of, walled
 
-from rvsg.core.records import Pose
 from rvsg.world.areas import areas_of_floor, areas_of_objects, largest_rectangle, propose_areas, readable_kind
 from rvsg.world.lattice import open_share
 from rvsg.world.rooms import areas_of_rooms, indoors, rooms_of
@@ -22,15 +25,66 @@ def thing(name: str, kind: str, x: float, y: float, size: tuple[float, float] = 
     return ObjectEntry(name=name, kind=kind, box=box).solid(0.21)
 
 
-def room(rows: int = 200, columns: int = 300) -> np.ndarray:
-    cells = np.zeros((rows, columns), np.uint8)
-    cells[:2] = cells[-2:] = 100
-    cells[:, :2] = cells[:, -2:] = 100
-    return cells
+def room(*filled: tuple[int, int, int, int, int], size: tuple[int, int] = (200, 300)) -> OccupancyMap:
+    """A room of 15 x 10 m with blocks of cells: rows, columns and value."""
+    cells = walled(*size, thick=2)
+    for low, high, left, right, value in filled:
+        cells[low:high, left:right] = value
+    return map_of(cells, x=-1.0, y=2.0)
 
 
-def occupancy(cells: np.ndarray) -> OccupancyMap:
-    return OccupancyMap(cells=cells, resolution=0.05, origin=Pose(x=-1.0, y=2.0))
+def test_walls_floor_and_small_things_are_not_labelled_and_a_larger_namesake_is_called_large_in_parts() -> None:
+    things = [thing("w", "WallB_01", 0, 0), thing("p", "Lamp", 5, 0), thing("c", "Cup", 9, 0, (0.1, 0.1))]
+    assert areas_of_objects(things) == ()
+    areas = areas_of_objects([thing("a", "ShelfD", 0, 0), thing("b", "ShelfF", 20, 0, (2.1, 18.0))])
+    assert [a.name for a in areas] == ["Shelf", *(f"Large Shelf {i}" for i in (1, 2, 3, 4))]
+
+
+TABLE = (80, 100, 60, 100, 100)
+LEGS = [(row, row + 2, column, column + 2, 100) for row in (140, 148) for column in (200, 208)]
+SOFA = [(60, 100, 60, 120, 100), (66, 100, 72, 108, 0), (84, 92, 86, 94, 100)]
+
+
+@pytest.mark.parametrize(
+    ("blocks", "names", "corner"),
+    [
+        # a table, four legs that are one thing, and a thin inner wall
+        ([TABLE, *LEGS, (2, 60, 150, 152, 100)], ["Obstacle 1", "Obstacle 2"], (2.0, 6.0)),
+        (SOFA, ["Obstacle"], (2.0, 5.0)),  # in the shape of a U, with a stool in it
+        ([(90, 110, 20, 280, 100)], ["Obstacle 1", "Obstacle 2", "Obstacle 3"], None),  # 13 m long
+    ],
+    ids=["table-and-legs", "sofa", "long"],
+)
+def test_a_bare_maps_obstacles_are_labelled_and_its_walls_are_not(
+    blocks: list[tuple[int, int, int, int, int]], names: list[str], corner: tuple[float, float] | None
+) -> None:
+    areas = propose_areas((), room(*blocks))
+    obstacles = [a for a in areas if a.kind == "obstacle"]
+    assert [a.name for a in obstacles] == names
+    assert corner is None or obstacles[-1].outline[0] == pytest.approx(corner)
+    assert any(a.kind == "floor" for a in areas)
+
+
+def test_floor_areas_lie_on_open_floor_and_do_not_overlap_and_a_long_narrow_one_is_a_corridor() -> None:
+    hall = room((90, 110, 100, 200, 100))
+    taken = np.zeros(hall.cells.shape, int)
+    for area in areas_of_floor(human_space_of((), hall)):
+        (x0, y0), (x1, y1) = area.outline[0], area.outline[2]
+        r0, c0 = round((y0 - 2.0) / 0.05), round((x0 + 1.0) / 0.05)
+        r1, c1 = round((y1 - 2.0) / 0.05), round((x1 + 1.0) / 0.05)
+        assert (hall.cells[r0:r1, c0:c1] == 0).all()
+        taken[r0:r1, c0:c1] += 1
+    assert taken.max() == 1
+    assert [a.name for a in areas_of_floor(human_space_of((), room(size=(50, 260))))] == ["Corridor"]
+
+
+@given(arrays(bool, st.tuples(st.integers(1, 7), st.integers(1, 7))))
+def test_the_largest_rectangle_is_the_largest(cells: np.ndarray) -> None:
+    top, left, high, wide = largest_rectangle(cells)
+    assert cells[top : top + high, left : left + wide].all()
+    rows, columns = (list(combinations(range(n + 1), 2)) for n in cells.shape)
+    best = max(((b - a) * (d - c) for a, b in rows for c, d in columns if cells[a:b, c:d].all()), default=0)
+    assert high * wide == best
 
 
 @pytest.mark.parametrize(
@@ -51,106 +105,23 @@ def test_neighbours_of_a_kind_are_one_area_numbered_from_the_top_left() -> None:
     assert {a.region for a in areas} == {"Shelves"}
 
 
-def test_a_much_larger_namesake_is_called_large_and_a_long_one_is_cut_in_parts() -> None:
-    areas = areas_of_objects([thing("a", "ShelfD", 0, 0), thing("b", "ShelfF", 20, 0, (2.1, 18.0))])
-    assert [a.name for a in areas] == ["Shelf", *(f"Large Shelf {i}" for i in (1, 2, 3, 4))]
-
-
-def test_walls_floor_and_small_things_are_not_labelled() -> None:
-    things = [thing("w", "WallB_01", 0, 0), thing("p", "Lamp", 5, 0), thing("c", "Cup", 9, 0, (0.1, 0.1))]
-    assert areas_of_objects(things) == ()
-
-
-def test_a_bare_maps_obstacles_and_floor_are_labelled_and_its_walls_are_not() -> None:
-    cells = room()
-    cells[80:100, 60:100] = 100  # a table of 2 x 1 m
-    for corner in ((140, 200), (140, 208), (148, 200), (148, 208)):  # four legs: one thing
-        cells[corner[0] : corner[0] + 2, corner[1] : corner[1] + 2] = 100
-    cells[2:60, 150:152] = 100  # a thin inner wall
-    areas = propose_areas((), occupancy(cells))
-    obstacles = [a for a in areas if a.kind == "obstacle"]
-    assert [a.name for a in obstacles] == ["Obstacle 1", "Obstacle 2"]
-    assert obstacles[1].outline[0] == pytest.approx((2.0, 6.0))
-    assert any(a.kind == "floor" for a in areas)
-
-
-def test_what_stands_within_another_obstacles_rectangle_is_no_obstacle_of_its_own() -> None:
-    cells = room()
-    cells[60:100, 60:120] = 100  # a sofa in the shape of a U, 3 x 2 m
-    cells[66:100, 72:108] = 0
-    cells[84:92, 86:94] = 100  # a stool in it
-    areas = propose_areas((), occupancy(cells))
-    assert [a.outline[0] for a in areas if a.kind == "obstacle"] == [(2.0, 5.0)]
-
-
-def test_a_long_obstacle_is_labelled_in_parts() -> None:
-    cells = room()
-    cells[90:110, 20:280] = 100  # 13 m long
-    areas = propose_areas((), occupancy(cells))
-    assert [a.name for a in areas if a.kind == "obstacle"] == ["Obstacle 1", "Obstacle 2", "Obstacle 3"]
-
-
-def test_floor_areas_lie_on_open_floor_and_do_not_overlap() -> None:
-    cells = room()
-    cells[90:110, 100:200] = 100
-    space = human_space_of((), occupancy(cells))
-    areas = areas_of_floor(space)
-    taken = np.zeros(cells.shape, int)
-    for area in areas:
-        (x0, y0), (x1, y1) = area.outline[0], area.outline[2]
-        r0, c0 = round((y0 - 2.0) / 0.05), round((x0 + 1.0) / 0.05)
-        r1, c1 = round((y1 - 2.0) / 0.05), round((x1 + 1.0) / 0.05)
-        assert (cells[r0:r1, c0:c1] == 0).all()
-        taken[r0:r1, c0:c1] += 1
-    assert taken.max() == 1
-
-
-def test_a_long_narrow_floor_is_a_corridor() -> None:
-    assert [a.name for a in areas_of_floor(human_space_of((), occupancy(room(50, 260))))] == ["Corridor"]
-
-
-@given(st.lists(st.lists(st.booleans(), min_size=1, max_size=7), min_size=1, max_size=7).filter(
-    lambda rows: len({len(r) for r in rows}) == 1))  # fmt: skip
-@settings(deadline=None)
-def test_the_largest_rectangle_is_the_largest(rows: list[list[bool]]) -> None:
-    cells = np.array(rows)
-    top, left, high, wide = largest_rectangle(cells)
-    assert cells[top : top + high, left : left + wide].all()
-    best = max(
-        (h * w for r in range(cells.shape[0]) for c in range(cells.shape[1])
-         for h in range(1, cells.shape[0] - r + 1) for w in range(1, cells.shape[1] - c + 1)
-         if cells[r : r + h, c : c + w].all()),
-        default=0,
-    )  # fmt: skip
-    assert high * wide == best
-
-
-RESOLUTION_M = 0.05
-
-
 def four_offices() -> OccupancyMap:
     """A corridor of 16 x 2.5 m along x and four rooms of 4 x 4 m above it, each with a door of 1 m."""
-    cells = np.zeros((136, 324), np.uint8)
-    cells[[0, 1, -2, -1], :] = cells[:, [0, 1, -2, -1]] = 100
+    cells = walled(136, 324, thick=2)
     cells[52:54, :] = 100
-    for i in range(1, 4):
-        cells[54:, i * 81 : i * 81 + 2] = 100
     for i in range(4):
+        cells[54:, i * 81 : i * 81 + 2] = 100
         cells[52:54, i * 81 + 30 : i * 81 + 50] = 0
-    return OccupancyMap(cells=cells, resolution=RESOLUTION_M, origin=Pose(x=0, y=0))
+    return map_of(cells)
 
 
-def test_the_floor_is_divided_at_doors_into_rooms_and_a_corridor() -> None:
+def test_the_floor_is_divided_at_doors_into_rooms_and_a_corridor_numbered_from_left_to_right() -> None:
     space = robot_space_of(four_offices())
     labels, frame, rooms = rooms_of(space, main_floor(space))
     assert sorted(room.kind for room in rooms) == ["corridor", "room", "room", "room", "room"]
     for x in (2.0, 6.0, 10.0, 14.0):
         at, beside = frame.looked_up(labels, np.array([[x, 4.6], [x, 1.2]]))
         assert at != beside and at > 0 and beside > 0
-
-
-def test_areas_are_named_by_kind_and_numbered_from_left_to_right() -> None:
-    space = robot_space_of(four_offices())
     areas = areas_of_rooms(space, main_floor(space))
     assert [area.name for area in areas] == ["Corridor", "Room 1", "Room 2", "Room 3", "Room 4"]
     middles = [shapely.Polygon(area.outline).centroid.x for area in areas if area.kind == "room"]
@@ -160,12 +131,10 @@ def test_areas_are_named_by_kind_and_numbered_from_left_to_right() -> None:
 
 
 def test_the_floor_outside_a_building_with_open_doors_is_not_indoors() -> None:
-    building = four_offices()
     cells = np.zeros((236, 424), np.uint8)
-    cells[50:186, 50:374] = building.cells
+    cells[50:186, 50:374] = four_offices().cells
     cells[50:52, 150:200] = 0  # an opening of 2.5 m to the outside
-    occupancy = OccupancyMap(cells=cells, resolution=RESOLUTION_M, origin=Pose(x=0, y=0))
-    inside = indoors(occupancy)
+    inside = indoors(map_of(cells))
     assert inside[80, 100] and inside[150, 100] and inside[70, 300]
     assert not inside[20, 200] and not inside[120, 20] and not inside[210, 400]
 

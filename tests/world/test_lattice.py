@@ -1,3 +1,7 @@
+"""Grids of waypoints: their names, hops, parts, and the waypoints from which an area is worked."""
+
+from __future__ import annotations
+
 import re
 
 import numpy as np
@@ -6,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 from tests.coded import coded
+from tests.world.parts import map_of
 
 from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
@@ -13,7 +18,7 @@ from rvsg.world.grid import GridSpec
 from rvsg.world.lattice import area_waypoints, build_grid, build_world, fitting_spacing, row_letters
 from rvsg.world.schema import ObjectEntry
 from rvsg.world.space import Frame, Space, human_space, space_of
-from rvsg.world.world import Area, OccupancyMap, OrientedBox, Route
+from rvsg.world.world import Area, OrientedBox, Polygon, Route, World
 
 
 def open_hall(width: float, height: float, resolution: float = 0.1) -> Space:
@@ -34,23 +39,16 @@ def test_rows_are_lettered_as_spreadsheets_name_columns() -> None:
 
 def test_rows_read_from_the_top_and_columns_from_the_left() -> None:
     space = open_hall(6, 4)
-    grid = build_grid(GridSpec(spacing_m=1.0), space, space)
-    assert grid.position("A1")[1] > grid.position("B1")[1]
-    assert grid.position("A1")[0] < grid.position("A2")[0]
-    turned = build_grid(GridSpec(spacing_m=1.0, up="x"), space, space)
-    assert turned.position("A1")[0] > turned.position("B1")[0]
-    assert turned.position("A1")[1] > turned.position("A2")[1]
-    assert (grid.up, turned.up) == ("y", "x")
+    for up, across in (("y", "x"), ("x", "y")):
+        grid = build_grid(GridSpec(spacing_m=1.0, up=up), space, space)
+        a1, b1, a2 = ({"x": x, "y": y} for x, y in map(grid.position, ("A1", "B1", "A2")))
+        assert a1[up] > b1[up]
+        assert (a1[across] < a2[across]) == (up == "y")
+        for narrow in (open_hall(9.0, 1.2), open_hall(1.2, 9.0)):  # one row or column
+            assert build_grid(GridSpec(spacing_m=1.0, up=up), narrow, narrow).up == grid.up == up
 
 
-def test_a_grid_of_one_row_or_one_column_keeps_its_way_up() -> None:
-    for width, height in ((9.0, 1.2), (1.2, 9.0)):
-        space = open_hall(width, height)
-        for up in ("x", "y"):
-            assert build_grid(GridSpec(spacing_m=1.0, up=up), space, space).up == up
-
-
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.floats(3, 40), st.floats(3, 40), st.sampled_from([0.5, 1.0, 1.7, 2.0]), st.floats(0.1, 0.8))
 def test_an_even_grid_is_even_and_keeps_clear(width: float, height: float, spacing: float, clearance: float) -> None:
     space = open_hall(width, height)
@@ -162,11 +160,10 @@ def test_an_area_of_open_floor_is_worked_inside_and_a_shelf_from_within_reach() 
 
 
 def test_areas_keep_the_waypoints_that_were_given() -> None:
-    cells = np.zeros((60, 60), np.uint8)
     outline = ((1, 1), (3, 1), (3, 3), (1, 3))
     world = build_world(
         name="w",
-        occupancy=OccupancyMap(cells=cells, resolution=0.1, origin=Pose(x=0, y=0)),
+        occupancy=map_of(np.zeros((60, 60), np.uint8), 0.1),
         areas=[Area(name="a", outline=outline, waypoints=("A1",)), Area(name="b", outline=outline, waypoints=())],
         routes=[Route(name="r", start=Pose(x=1, y=1), goal=Pose(x=5, y=5), time_limit_s=20)],
     )
@@ -175,37 +172,32 @@ def test_areas_keep_the_waypoints_that_were_given() -> None:
     assert all(human_space(world).is_free(*world.grid.position(n), 0.3) for n in world.grid.valid)
 
 
+def worked(cells: np.ndarray, outline: Polygon, box: OrientedBox | None, origin: tuple[float, float] | None) -> World:
+    """A world with one area around one thing."""
+    return build_world(
+        name="w",
+        occupancy=map_of(cells),
+        objects=() if box is None else [ObjectEntry(name="thing", box=box).solid(0.21)],
+        areas=[Area(name="area", outline=outline, waypoints=())],
+        grid_spec=GridSpec(spacing_m=0.5, origin=origin),
+    )
+
+
 def test_a_desk_is_not_worked_through_the_wall_behind_it() -> None:
     cells = np.zeros((80, 120), np.uint8)
     cells[:64, 60:64] = 100  # a wall of 0.2 m at x = 3.0, with a passage at the top
     cells[20:36, 50:60] = 100  # a desk against its left side, on the map too
-    occupancy = OccupancyMap(cells=cells, resolution=0.05, origin=Pose(x=0, y=0))
     desk = ((2.5, 1.0), (3.0, 1.0), (3.0, 1.8), (2.5, 1.8))
-    box = OrientedBox(center=(2.75, 1.4, 0.4), size=(0.5, 0.8, 0.8))
-    thing = ObjectEntry(name="desk", box=box).solid(0.21)
-    for objects in ((), (thing,)):
-        world = build_world(
-            name="w",
-            occupancy=occupancy,
-            objects=objects,
-            areas=[Area(name="desk", outline=desk, waypoints=())],
-            grid_spec=GridSpec(spacing_m=0.5, origin=(1.95, 1.4)),
-        )
-        chosen = world.area("desk").waypoints
+    for box in (None, OrientedBox(center=(2.75, 1.4, 0.4), size=(0.5, 0.8, 0.8))):
+        world = worked(cells, desk, box, (1.95, 1.4))
+        chosen = world.area("area").waypoints
         assert chosen and all(world.grid.position(name)[0] < 3.0 for name in chosen)
-        behind = [w for w in world.grid.waypoints if w.human and 3.2 < w.x < 4.0 and 1.0 <= w.y <= 1.8]
-        assert behind  # there are waypoints within arm's length on the other side
+        # there are waypoints within arm's length on the other side
+        assert [w for w in world.grid.waypoints if w.human and 3.2 < w.x < 4.0 and 1.0 <= w.y <= 1.8]
 
 
 def test_a_shelf_whose_label_is_smaller_than_itself_is_still_in_reach() -> None:
-    cells = np.zeros((80, 120), np.uint8)
-    box = OrientedBox(center=(3.0, 2.0, 1.0), size=(2.0, 0.8, 2.0))
     label = ((2.3, 1.8), (3.7, 1.8), (3.7, 2.2), (2.3, 2.2))
-    world = build_world(
-        name="w",
-        occupancy=OccupancyMap(cells=cells, resolution=0.05, origin=Pose(x=0, y=0)),
-        objects=[ObjectEntry(name="shelf", box=box).solid(0.21)],
-        areas=[Area(name="shelf", outline=label, waypoints=())],
-        grid_spec=GridSpec(spacing_m=0.5),
-    )
-    assert {world.grid.position(name)[1] > 2.0 for name in world.area("shelf").waypoints} == {True, False}
+    box = OrientedBox(center=(3.0, 2.0, 1.0), size=(2.0, 0.8, 2.0))
+    world = worked(np.zeros((80, 120), np.uint8), label, box, None)
+    assert {world.grid.position(name)[1] > 2.0 for name in world.area("area").waypoints} == {True, False}

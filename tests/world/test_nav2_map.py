@@ -4,42 +4,39 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
-from tests.coded import at_key, coded
+from scipy.ndimage import label
+from tests.coded import coded
 from tests.published_data import published_data
+from tests.world.parts import map_of
 
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError, InputError
 from rvsg.core.records import Pose
 from rvsg.world.occupancy import load_nav2_map, occupancy_from_objects, upright, write_map
 from rvsg.world.schema import ObjectEntry
-from rvsg.world.world import FREE, OCCUPIED, UNKNOWN, OccupancyMap, SolidObject
+from rvsg.world.world import FREE, OCCUPIED, UNKNOWN, OccupancyMap, OrientedBox, SolidObject
+
+HEADER = {"image": "map.pgm", "resolution": 0.05, "origin": "[0, 0, 0]", "negate": 0, "occupied_thresh": 0.65,
+          "free_thresh": 0.196}  # fmt: skip
 
 
-def write_pixels(folder: Path, pixels: np.ndarray, *, image: str = "map.pgm", **header) -> Path:
-    """A map folder; `header` overrides or (None) drops a line of map.yaml."""
+def write_header(folder: Path, **header: Any) -> Path:
+    """Write map.yaml; `header` overrides a line, or drops it with None."""
+    path = folder / "map.yaml"
+    path.write_text("".join(f"{k}: {v}\n" for k, v in {**HEADER, **header}.items() if v is not None))
+    return path
+
+
+def write_pixels(folder: Path, pixels: np.ndarray, *, image: str = "map.pgm", **header: Any) -> Path:
     Image.fromarray(pixels).save(folder / image)
     return write_header(folder, image=image, **header)
-
-
-def write_header(folder: Path, **header) -> Path:
-    given = {
-        "image": "map.pgm",
-        "resolution": 0.05,
-        "origin": "[0, 0, 0]",
-        "negate": 0,
-        "occupied_thresh": 0.65,
-        "free_thresh": 0.196,
-        **header,
-    }
-    path = folder / "map.yaml"
-    path.write_text("".join(f"{k}: {v}\n" for k, v in given.items() if v is not None))
-    return path
 
 
 def grey(*rows: list[int]) -> np.ndarray:
@@ -47,7 +44,7 @@ def grey(*rows: list[int]) -> np.ndarray:
 
 
 RGBA = [(0, 0, 0, 255), (90, 90, 90, 255), (147, 147, 147, 255), (255, 255, 255, 254)]
-CASES = {
+CASES: dict[str, tuple[np.ndarray, dict[str, Any], list[int], str]] = {
     "trinary": (grey([0, 89, 90, 147, 205, 206, 255]), {}, [100, 100, 255, 255, 255, 0, 0], ""),
     "negate": (grey([0, 49, 50, 165, 166, 255]), {"negate": 1}, [0, 0, 255, 255, 100, 100], ""),
     "raw": (grey([0, 99, 100, 101, 255]), {"mode": "raw"}, [0, 0, 100, 255, 255], ""),
@@ -56,6 +53,8 @@ CASES = {
     "colours": (np.array([[(255, 255, 255), (255, 0, 0), (255, 255, 0)]], np.uint8), {}, [0, 100, 255], "coloured"),
     # averaged with the colours, as Nav2 does: grey 205 comes out as 217.5
     "alpha": (np.array([[(v, v, v, 255) for v in (0, 205, 254)]], np.uint8), {}, [100, 0, 0], "alpha"),
+    "unknown-as-free": (grey([0, 205, 254]), {"free_thresh": 0.25}, [100, 0, 0], "205"),
+    "text": (grey([0, 254]), {"resolution": "5e-2", "negate": "false"}, [100, 0], ""),  # as Nav2 reads YAML
 }
 
 
@@ -64,58 +63,48 @@ def test_pixels_become_cells_as_in_nav2(tmp_path: Path, case: str) -> None:
     pixels, header, cells, note = CASES[case]
     read = load_nav2_map(write_pixels(tmp_path, np.vstack([pixels, pixels]), image="m.png", **header))
     assert read.occupancy.cells.tolist() == [cells, cells]
+    assert read.occupancy.resolution == 0.05
     assert not note or any(note in said for said in read.notes)
 
 
-def test_row_zero_is_the_lowest_and_the_origin_is_kept(tmp_path: Path) -> None:
-    occupancy = load_nav2_map(write_pixels(tmp_path, grey([0, 0], [254, 254]), origin="[-1.5, 2, 0.25]")).occupancy
-    assert occupancy.cells.tolist() == [[0, 0], [100, 100]]
+def test_row_zero_is_the_lowest_the_origin_is_kept_and_thresholds_can_be_overridden(tmp_path: Path) -> None:
+    path = write_pixels(tmp_path, grey([0, 205], [254, 254]), origin="[-1.5, 2, 0.25]", free_thresh=0.25)
+    occupancy = load_nav2_map(path).occupancy
+    assert occupancy.cells.tolist() == [[0, 0], [100, 0]]
     assert occupancy.origin == Pose(x=-1.5, y=2.0, yaw=0.25)
-
-
-def test_numbers_that_yaml_takes_for_text_are_read_as_nav2_reads_them(tmp_path: Path) -> None:
-    path = write_pixels(tmp_path, grey([0, 254], [254, 254]), resolution="5e-2", negate="false")
-    assert load_nav2_map(path).occupancy.resolution == 0.05
-
-
-def test_the_unknown_grey_read_as_free_is_pointed_out_and_can_be_overridden(tmp_path: Path) -> None:
-    path = write_pixels(tmp_path, grey([0, 205], [254, 254]), free_thresh=0.25)
-    assert any("205" in note for note in load_nav2_map(path).notes)
     assert load_nav2_map(path, free_thresh=0.196).occupancy.cells[1, 1] == UNKNOWN
 
 
 @pytest.mark.parametrize(
-    ("header", "line"),
+    ("header", "lines"),
     [
-        ({"image": "gone.pgm"}, 1),
-        ({"image": None}, 1),
-        ({"resolution": 0}, 2),
-        ({"resolution": "nan"}, 2),
-        ({"resolution": None}, 1),
-        ({"origin": "[1, 2]"}, 3),
-        ({"origin": "[1, .nan, 0]"}, 3),
-        ({"origin": "north"}, 3),
-        ({"origin": "[9e9, 0, 0]"}, 3),
-        ({"origin": "[0, 0, 90]"}, 3),
-        ({"negate": 2}, 4),
-        ({"occupied_thresh": 65}, 5),
-        ({"free_thresh": 0.7}, 6),
-        ({"mode": "binary"}, 7),
+        ({"image": "gone.pgm"}, [1]),
+        ({"image": None}, [1]),
+        ({"resolution": 0}, [2]),
+        ({"resolution": "nan"}, [2]),
+        ({"resolution": None}, [1]),
+        ({"resolution": 1.0}, [2]),  # absurdly wide
+        ({"origin": "[1, 2]"}, [3]),
+        ({"origin": "[1, .nan, 0]"}, [3]),
+        ({"origin": "north"}, [3]),
+        ({"origin": "[9e9, 0, 0]"}, [3]),
+        ({"origin": "[0, 0, 90]"}, [3]),
+        ({"negate": 2}, [4]),
+        ({"occupied_thresh": 65}, [5]),
+        ({"free_thresh": 0.7}, [6]),
+        ({"mode": "binary"}, [7]),
+        ({"resolution": -1, "origin": "[0]", "negate": "maybe"}, [2, 3, 4]),
     ],
 )
-def test_a_wrong_header_is_refused_at_its_key_and_line(tmp_path: Path, header: dict, line: int) -> None:
-    path = write_pixels(tmp_path, grey([0, 254], [254, 254]))
+def test_a_wrong_header_is_refused_at_its_keys_and_lines(
+    tmp_path: Path, header: dict[str, Any], lines: list[int]
+) -> None:
+    path = write_pixels(tmp_path, np.full((2, 1500), 254, np.uint8))
     with pytest.raises(DocumentError) as caught:
         load_nav2_map(write_header(path.parent, **header))
-    (problem,) = caught.value.problems
-    assert (problem.line, problem.key) == (line, tuple(header))
-
-
-def test_all_problems_of_a_header_are_told_at_once(tmp_path: Path) -> None:
-    path = write_header(tmp_path, resolution=-1, origin="[0]", negate="maybe")
-    with pytest.raises(FileError) as caught:
-        load_nav2_map(path)
-    assert [problem.line for problem in caught.value.problems] == [1, 2, 3, 4]
+    assert [(problem.line, problem.key) for problem in caught.value.problems] == [
+        (line, (key,)) for line, key in zip(lines, header, strict=True)
+    ]
 
 
 @pytest.mark.parametrize(
@@ -143,11 +132,6 @@ def test_an_image_that_is_no_map_is_refused(tmp_path: Path, content: np.ndarray 
     assert caught.value.path.name == "m.png"
 
 
-def test_an_absurdly_wide_map_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(FileError, check=at_key("resolution")):
-        load_nav2_map(write_pixels(tmp_path, np.full((2, 1500), 254, np.uint8), resolution=1.0))
-
-
 @pytest.mark.parametrize("text", ["", "just words", "[1, 2]", "a: [1", "image: a\nimage: b\n", "\x00"])
 def test_a_header_that_is_no_mapping_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "map.yaml").write_text(text)
@@ -168,8 +152,7 @@ def test_an_upright_map_holds_the_same_things_at_the_same_places(yaw: float, x: 
     cells = np.zeros((40, 30), np.uint8)
     cells[10:16, 20:28] = OCCUPIED
     cells[30:36, 2:10] = UNKNOWN
-    turned = OccupancyMap(cells=cells, resolution=0.1, origin=Pose(x=x, y=y, yaw=yaw))
-    flat = upright(turned)
+    flat = upright(map_of(cells, 0.1, x=x, y=y, yaw=yaw))
     assert flat.origin.yaw == 0.0
     for row, column in ((13, 24), (33, 6), (5, 5), (22, 15)):  # cells well inside their patch
         u, v = (column + 0.5) * 0.1, (row + 0.5) * 0.1
@@ -190,17 +173,14 @@ def test_every_public_map_reads() -> None:
 
 
 ROOM = ObjectEntry(
-    name="room",
-    footprint=((0, 0), (6, 0), (6, 5), (0, 5)),
-    height=2.5,
+    name="room", footprint=((0, 0), (6, 0), (6, 5), (0, 5)), height=2.5,
     holes=(((0.2, 0.2), (5.8, 0.2), (5.8, 4.8), (0.2, 4.8)),),
-).solid(0.21)
+).solid(0.21)  # fmt: skip
 
 
-def box(name: str, x: float, y: float, bottom: float = 0.0) -> SolidObject:
-    return ObjectEntry.model_validate(
-        {"name": name, "box": {"center": [x, y, bottom + 0.5], "size": [1.0, 1.0, 1.0]}}
-    ).solid(0.21)
+def box(x: float, y: float, bottom: float = 0.0, *, length: float = 1.0, yaw: float = 0.0) -> SolidObject:
+    placed = OrientedBox(center=(x, y, bottom + 0.5), size=(length, 1.0, 1.0), yaw=yaw)
+    return ObjectEntry(name=f"box {x:g}", box=placed).solid(0.21)
 
 
 def at(occupancy: OccupancyMap, x: float, y: float) -> int:
@@ -208,54 +188,41 @@ def at(occupancy: OccupancyMap, x: float, y: float) -> int:
     return int(occupancy.cells[int((y - occupancy.origin.y) / occupancy.resolution), column])
 
 
-def test_outlines_are_occupied_floor_is_free_and_insides_are_unknown() -> None:
-    occupancy = occupancy_from_objects([ROOM, box("crate", 3, 2.5)])
-    assert at(occupancy, 1, 1) == 0
-    assert at(occupancy, 2.51, 2.5) == 100
-    assert at(occupancy, 3, 2.5) == 255
-    assert at(occupancy, 0.1, 2.5) == 255
-    assert at(occupancy, 0.18, 2.5) in (100, 255) and at(occupancy, 0.21, 2.5) == 100
-
-
-def test_what_is_above_the_lidar_plane_is_not_on_the_map() -> None:
-    occupancy = occupancy_from_objects([ROOM, box("lamp", 3, 2.5, bottom=1.5)])
-    assert at(occupancy, 3, 2.5) == 0
+@pytest.mark.parametrize(
+    ("things", "seeds", "expected"),
+    [
+        ([box(3, 2.5)], (), {(1, 1): 0, (2.51, 2.5): 100, (3, 2.5): 255, (0.1, 2.5): 255, (0.21, 2.5): 100}),
+        ([box(3, 2.5, bottom=1.5)], (), {(3, 2.5): 0}),  # above the lidar plane
+        ([box(30, 30)], (), {(3, 2.5): 255}),  # the largest open part is outside the room
+        ([box(30, 30)], [(3, 2.5)], {(3, 2.5): 0, (20, 20): 255}),
+    ],
+    ids=["crate", "lamp", "far", "seed"],
+)
+def test_outlines_are_occupied_floor_is_free_and_insides_are_unknown(
+    things: list[SolidObject], seeds: list[tuple[float, float]], expected: dict[tuple[float, float], int]
+) -> None:
+    occupancy = occupancy_from_objects([ROOM, *things], seeds=seeds)
+    assert {place: at(occupancy, *place) for place in expected} == expected
 
 
 def test_the_robot_cannot_slip_through_an_outline() -> None:
-    from scipy.ndimage import label
-
-    turned = ObjectEntry.model_validate(
-        {"name": "turned", "box": {"center": [3, 2.5, 0.5], "size": [2.0, 1.0, 1.0], "yaw": 0.6}}
-    ).solid(0.21)
-    cells = occupancy_from_objects([ROOM, turned]).cells
+    cells = occupancy_from_objects([ROOM, box(3, 2.5, length=2.0, yaw=0.6)]).cells
     parts, _ = label(cells != 100)  # in steps to the four neighbours, unknown cells allowed
-    inside = parts[int(2.5 / 0.05), int(3 / 0.05)]
-    assert inside != parts[20, 20]
+    assert parts[int(2.5 / 0.05), int(3 / 0.05)] != parts[20, 20]
 
 
-def test_seeds_choose_the_floor_where_the_robot_drives() -> None:
-    around = occupancy_from_objects([ROOM, box("far", 30, 30)])
-    assert at(around, 3, 2.5) == 255  # the largest open part is outside the room
-    inside = occupancy_from_objects([ROOM, box("far", 30, 30)], seeds=[(3, 2.5)])
-    assert at(inside, 3, 2.5) == 0
-    assert at(inside, 20, 20) == 255
-
-
-def test_a_world_without_anything_for_the_lidar_is_refused() -> None:
-    with pytest.raises(InputError, check=coded("map-no-object")):
-        occupancy_from_objects([box("lamp", 0, 0, bottom=2)])
-
-
-def test_a_map_of_absurd_size_is_refused_before_it_is_drawn() -> None:
-    with pytest.raises(InputError, check=coded("map-too-large")):
-        occupancy_from_objects([box("a", 0, 0), box("b", 50_000, 50_000)])
+@pytest.mark.parametrize(
+    ("things", "code"),
+    [([box(0, 0, bottom=2)], "map-no-object"), ([box(0, 0), box(50_000, 50_000)], "map-too-large")],
+)
+def test_objects_that_make_no_map_are_refused(things: list[SolidObject], code: str) -> None:
+    with pytest.raises(InputError, check=coded(code)):
+        occupancy_from_objects(things)
 
 
 def test_a_written_map_reads_back_equal(tmp_path: Path) -> None:
-    rng = np.random.default_rng(3)
-    cells = rng.choice(np.array([0, 100, 255], np.uint8), (31, 47))
-    occupancy = OccupancyMap(cells=cells, resolution=0.05, origin=Pose(x=-1.23456789, y=2.5, yaw=0.0))
+    cells = np.random.default_rng(3).choice(np.array([0, 100, 255], np.uint8), (31, 47))
+    occupancy = map_of(cells, x=-1.23456789, y=2.5)
     write_map(occupancy, tmp_path)
     again = load_nav2_map(tmp_path / "map.yaml").occupancy
     assert (again.cells == cells).all()

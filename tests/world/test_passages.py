@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from tests.world.parts import map_of, walled
 
 from rvsg.core.records import Pose
 from rvsg.robots.robot import load_robot
@@ -11,29 +12,23 @@ from rvsg.world.grid import GridSpec
 from rvsg.world.lattice import build_world
 from rvsg.world.passages import describe_route, free_width_m, narrow_passages, narrowest_passage, passing_m, widths_m
 from rvsg.world.space import human_space
-from rvsg.world.world import Area, OccupancyMap, Route, World
+from rvsg.world.world import Area, Route, World
 
 RESOLUTION_M = 0.05
 
 
 def two_rooms(up: str = "y") -> World:
     """Two rooms of 5 x 5 m side by side along x; a doorway 1.2 m wide (y 2.0 to 3.2) in the wall between them."""
-    cells = np.zeros((100, 204), np.uint8)
-    cells[[0, -1], :] = cells[:, [0, -1]] = 100
+    cells = walled(100, 204)
     cells[:, 100:104] = 100
     cells[40:64, 100:104] = 0
     post = Area(name="Post", kind="shelf", outline=((5.0, 0.1), (5.2, 0.1), (5.2, 2.0), (5.0, 2.0)), waypoints=())
     floor = Area(name="Hall", kind="floor", outline=((0.2, 0.2), (4.8, 0.2), (4.8, 4.8), (0.2, 4.8)), waypoints=())
-    route = Route(
-        name="through",
-        start=Pose(x=1.0, y=2.6),
-        goal=Pose(x=9.0, y=2.6),
-        time_limit_s=30,
-        through=(Pose(x=5.1, y=2.6),),
-    )
+    start, middle, goal = (Pose(x=x, y=2.6) for x in (1.0, 5.1, 9.0))
+    route = Route(name="through", start=start, goal=goal, time_limit_s=30, through=(middle,))
     return build_world(
         name="two_rooms",
-        occupancy=OccupancyMap(cells=cells, resolution=RESOLUTION_M, origin=Pose(x=0, y=0)),
+        occupancy=map_of(cells),
         areas=(post, floor),
         routes=(route,),
         grid_spec=GridSpec(up="x" if up == "x" else "y", spacing_m=0.5, origin=(0.1, 0.1)),
@@ -43,37 +38,26 @@ def two_rooms(up: str = "y") -> World:
 WAY = np.array([(1.0, 2.6), (9.0, 2.6)])
 
 
-def test_the_width_beside_a_wall_is_that_of_the_room_not_twice_the_clearance() -> None:
+def test_the_width_is_that_between_walls_not_twice_the_clearance_also_for_a_way_askew() -> None:
     world = two_rooms()
     assert free_width_m(world, 2.5, 0.7, yaw=0.0) == pytest.approx(4.9, abs=2 * RESOLUTION_M)
     assert free_width_m(world, 2.5, 0.7) > 3 * human_space(world).clearance(2.5, 0.7)
+    assert free_width_m(world, 5.1, 1.0, yaw=0.0) == 0.0  # in the wall
+    askew = widths_m(human_space(world), np.array([(5.1, 2.6)]), np.array([math.radians(25)]))
+    assert askew[0] == pytest.approx(1.2, abs=0.15)
 
 
-def test_the_width_in_an_obstacle_is_zero() -> None:
-    assert free_width_m(two_rooms(), 5.1, 1.0, yaw=0.0) == 0.0
-
-
-def test_the_narrow_place_of_a_way_is_the_doorway_with_what_bounds_it() -> None:
-    (passage,) = narrow_passages(two_rooms(), WAY)
+def test_the_narrow_place_of_a_way_is_the_doorway_with_what_bounds_it_left_and_right() -> None:
+    world = two_rooms()
+    (passage,) = narrow_passages(world, WAY)
     assert passage.width_m == pytest.approx(1.2, abs=2 * RESOLUTION_M)
     assert passage.x == pytest.approx(5.1, abs=0.15)
     assert passage.left is None and passage.right == "Post"  # driving along +x the post is on the right
-    assert narrowest_passage(two_rooms(), WAY) == passage
-
-
-def test_left_and_right_follow_the_direction_of_travel() -> None:
-    (passage,) = narrow_passages(two_rooms(), WAY[::-1])
-    assert (passage.left, passage.right) == ("Post", None)
-
-
-def test_a_wide_way_has_no_narrow_place() -> None:
-    assert narrow_passages(two_rooms(), np.array([(0.6, 0.7), (4.4, 0.7), (4.4, 4.3)])) == ()
-
-
-def test_a_way_askew_does_not_widen_the_doorway() -> None:
-    space = human_space(two_rooms())
-    askew = widths_m(space, np.array([(5.1, 2.6)]), np.array([math.radians(25)]))
-    assert askew[0] == pytest.approx(1.2, abs=0.15)
+    assert narrowest_passage(world, WAY) == passage
+    (back,) = narrow_passages(world, WAY[::-1])
+    assert (back.left, back.right) == ("Post", None)
+    assert narrow_passages(world, np.array([(0.6, 0.7), (4.4, 0.7), (4.4, 4.3)])) == ()
+    assert narrow_passages(world, WAY, robot=load_robot("turtlebot3_waffle")) == ()
 
 
 @pytest.mark.parametrize("up", ["x", "y"])
@@ -95,8 +79,3 @@ def test_positions_and_directions_follow_the_axis_that_points_up(up: str) -> Non
 def test_the_width_to_pass_follows_the_robot(robot: str, width_m: float) -> None:
     """Measured: the default robot passes from 1.3 m on, the AMR, which cannot step aside, from 1.7 m on."""
     assert passing_m(load_robot(robot)) == pytest.approx(width_m, abs=0.03)
-
-
-def test_a_place_is_narrow_for_one_robot_and_not_for_another() -> None:
-    assert len(narrow_passages(two_rooms(), WAY)) == 1
-    assert narrow_passages(two_rooms(), WAY, robot=load_robot("turtlebot3_waffle")) == ()

@@ -6,6 +6,8 @@ import numpy as np
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import label
+from tests.world.parts import map_of, walled
 
 from rvsg.core.records import Pose
 from rvsg.world.schema import ObjectEntry
@@ -19,13 +21,9 @@ from rvsg.world.space import (
     robot_space_of,
     space_of,
 )
-from rvsg.world.world import OccupancyMap, OrientedBox
+from rvsg.world.world import OrientedBox
 
-
-def hall(**changes: Pose) -> OccupancyMap:
-    cells = np.zeros((100, 120), np.uint8)
-    cells[[0, -1], :] = cells[:, [0, -1]] = 100
-    return OccupancyMap(cells=cells, resolution=0.05, origin=changes.get("origin", Pose(x=0, y=0)))
+HALL = map_of(walled(100, 120))
 
 
 def pillar_space() -> Space:
@@ -34,21 +32,11 @@ def pillar_space() -> Space:
     return space_of(blocked, Frame(Pose(x=0, y=0), 0.1, (80, 80)))
 
 
-@settings(deadline=None)
-@given(st.floats(0.6, 7.4), st.floats(0.6, 7.4))
-def test_the_clearance_is_the_distance_to_the_obstacle_within_a_cell(x: float, y: float) -> None:
-    to_pillar = np.hypot(max(4.0 - x, 0, x - 4.1), max(4.0 - y, 0, y - 4.1))
-    to_border = min(x, y, 8 - x, 8 - y)
-    assert abs(pillar_space().clearance(x, y) - min(to_pillar, to_border)) < 0.11
-
-
 def test_off_the_map_and_in_unknown_cells_nothing_is_free() -> None:
-    occupancy = hall()
-    cells = occupancy.cells.copy()
+    cells = HALL.cells.copy()
     cells[40:60, 40:60] = 255
-    space = robot_space_of(OccupancyMap(cells=cells, resolution=0.05, origin=occupancy.origin))
-    assert not space.is_free(-1, -1)
-    assert not space.is_free(2.5, 2.5)
+    space = robot_space_of(map_of(cells))
+    assert not space.is_free(-1, -1) and not space.is_free(2.5, 2.5)
     assert space.is_free(1, 1, 0.3)
 
 
@@ -56,18 +44,36 @@ def test_a_straight_way_through_a_table_is_free_for_the_robot_only() -> None:
     box = OrientedBox(center=(3, 2.5, 0.7), size=(0.8, 0.8, 0.1))
     table = ObjectEntry(name="table", box=box).solid(lidar_height_m=0.21)
     a, b = (1.0, 2.5), (5.0, 2.5)
-    assert not human_space_of([table], hall()).segment_free(a, b)
-    assert robot_space_of(hall()).segment_free(a, b, 0.3)
-    assert human_space_of([table], hall()).segment_free((1.0, 1.0), (5.0, 1.0), 0.3)
+    assert not human_space_of([table], HALL).segment_free(a, b)
+    assert robot_space_of(HALL).segment_free(a, b, 0.3)
+    assert human_space_of([table], HALL).segment_free((1.0, 1.0), (5.0, 1.0), 0.3)
 
 
 def test_a_turned_map_is_read_in_the_world_frame() -> None:
-    cells = hall().cells.copy()
+    cells = HALL.cells.copy()
     cells[20:30, 80:90] = 100  # at (4.25, 1.25) before turning
-    turned = OccupancyMap(cells=cells, resolution=0.05, origin=Pose(x=2, y=1, yaw=np.pi / 2))
-    space = robot_space_of(turned)
+    space = robot_space_of(map_of(cells, x=2, y=1, yaw=np.pi / 2))
     assert not space.is_free(2 - 1.25, 1 + 4.25)
     assert space.is_free(2 - 1.25, 1 + 2.0, 0.3)
+
+
+def test_cells_of_rings_leave_out_holes_and_what_lies_off_the_raster() -> None:
+    frame = Frame(Pose(x=0, y=0), 0.1, (30, 30))
+    outer, inner = [(0, 0), (3, 0), (3, 3), (0, 3)], [(1, 1), (2, 1), (2, 2), (1, 2)]
+    cells = inside_cells([outer, inner], frame)
+    assert cells[5, 5] and not cells[15, 15] and cells.sum() == 900 - 100
+    for drawn in (inside_cells, outline_cells):
+        assert not drawn([[(5, 5), (6, 5), (6, 6)]], frame).any()
+    assert frame.looked_up(np.ones((30, 30)), np.array([[0.5, 0.5], [-0.01, 0.5], [0.5, 3.01]])).tolist() == [1, 0, 0]
+    around = covering(np.array([[-6.99, -10.453], [6.99, 10.453]]), 0.05)
+    assert (around.origin, around.shape) == (Pose(x=-7.0, y=-10.5), (420, 280))
+
+
+@given(st.floats(0.6, 7.4), st.floats(0.6, 7.4))
+def test_the_clearance_is_the_distance_to_the_obstacle_within_a_cell(x: float, y: float) -> None:
+    to_pillar = np.hypot(max(4.0 - x, 0, x - 4.1), max(4.0 - y, 0, y - 4.1))
+    to_border = min(x, y, 8 - x, 8 - y)
+    assert abs(pillar_space().clearance(x, y) - min(to_pillar, to_border)) < 0.11
 
 
 def test_many_segments_are_judged_as_one_by_one() -> None:
@@ -95,13 +101,12 @@ frames = st.builds(
 )
 
 
-@settings(deadline=None)
 @given(frames, st.lists(st.tuples(coordinate, coordinate), min_size=1, max_size=5))
 def test_cells_and_metres_are_inverse_for_any_origin(frame: Frame, points: list[tuple[float, float]]) -> None:
     assert np.allclose(frame.to_metres(frame.to_cells(np.array(points))), points, atol=1e-9)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(frames, st.lists(st.tuples(coordinate, coordinate), min_size=3, max_size=6, unique=True))
 def test_a_cell_is_inside_where_its_centre_is(frame: Frame, corners: list[tuple[float, float]]) -> None:
     polygon = shapely.Polygon(corners)
@@ -115,31 +120,7 @@ def test_a_cell_is_inside_where_its_centre_is(frame: Frame, corners: list[tuple[
     assert ((cells == expected) | near_edge).all()
 
 
-def test_a_ring_is_its_outline_without_its_hole() -> None:
-    frame = Frame(Pose(x=0, y=0), 0.1, (30, 30))
-    outer, inner = [(0, 0), (3, 0), (3, 3), (0, 3)], [(1, 1), (2, 1), (2, 2), (1, 2)]
-    cells = inside_cells([outer, inner], frame)
-    assert cells[5, 5] and not cells[15, 15]
-    assert cells.sum() == 900 - 100
-
-
-@settings(deadline=None)
 @given(st.tuples(coordinate, coordinate), st.tuples(coordinate, coordinate))
 def test_an_outline_leaves_no_gap_between_its_ends(a: tuple[float, float], b: tuple[float, float]) -> None:
-    from scipy.ndimage import label
-
     cells = outline_cells([[a, b]], Frame(Pose(x=-4, y=-4), 0.1, (80, 80)))
     assert label(cells, np.ones((3, 3)))[1] == 1
-
-
-def test_what_lies_off_the_raster_is_left_out_and_looked_up_as_nothing() -> None:
-    frame = Frame(Pose(x=0, y=0), 0.1, (10, 10))
-    assert not inside_cells([[(5, 5), (6, 5), (6, 6)]], frame).any()
-    assert not outline_cells([[(5, 5), (6, 5), (6, 6)]], frame).any()
-    assert frame.looked_up(np.ones((10, 10)), np.array([[0.5, 0.5], [-0.01, 0.5], [0.5, 1.01]])).tolist() == [1, 0, 0]
-
-
-def test_the_covering_frame_lies_on_multiples_of_the_resolution() -> None:
-    frame = covering(np.array([[-6.99, -10.453], [6.99, 10.453]]), 0.05)
-    assert frame.origin == Pose(x=-7.0, y=-10.5)
-    assert frame.shape == (420, 280)
