@@ -90,7 +90,7 @@ def run_cases() -> list[str]:
 def run_hash(case: str) -> str:
     """Simulate a case and return the hash of the run, or why there is none."""
     world_name, route, robot, stack, people, profile = case.split("/")
-    scenario = _scenario(world_name, route, robot, int(people), seed=len(case) + int(route[-1]))
+    scenario = scenario_of(world_name, route, robot, int(people), seed=len(case) + int(route[-1]))
     if scenario is None:
         return "refused: the robot does not fit"
     given = NAV2_FILE if stack == Path(NAV2_FILE).name else stack
@@ -99,7 +99,7 @@ def run_hash(case: str) -> str:
     return digest_of_run(run)
 
 
-def _scenario(world_name: str, route: str, robot: str, people: int, seed: int) -> rvsg.Scenario | None:
+def scenario_of(world_name: str, route: str, robot: str, people: int, seed: int) -> rvsg.Scenario | None:
     """People on shortest ways between random waypoints, of all behaviours, some late, some pausing, some in a group."""
     world = rvsg.load_world(world_name)
     chance = np.random.default_rng(seed)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis.strategies import floats, lists, tuples
 from tests.evaluation.runs import run_of, trajectory
-from tests.simulation.corridor import ROUTE, hall
+from tests.simulation.parts import ALONG, hall
 
 from rvsg.campaign.feedback import MapCell
 from rvsg.campaign.runner import Evaluator
@@ -104,7 +104,7 @@ def test_a_door_that_the_robot_hits_is_named_where_it_is_that_alone(
     hits = [ObstacleContact(time_s=k, x=x, y=y, until_s=k, speed_m_s=0.5) for k, (x, y) in enumerate(places)]
     run = run_of(trajectory([0.0, 1.0, 2.0], [2.0, 3.0, 4.0]), events=tuple(hits))
     facts = run_facts(run, Evaluator(requirement, world).measure(run), requirement, world)
-    plan: Any = SimpleNamespace(mission=SimpleNamespace(route=ROUTE))
+    plan: Any = SimpleNamespace(mission=SimpleNamespace(route=ALONG))
     badges, sentences = seen_beside([facts], plan, "run")
     assert f"hits {said} in 1 of 1" in [badge.text for badge in badges]
     assert f"The robot hits {said} in " in [sentence[0].text for sentence in sentences]

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from tests.simulation.tiago import STACK, TIAGO
+from tests.simulation.parts import MECANUM, STACK, TIAGO
 
 from rvsg.core.references import refer
 from rvsg.robots.robot import Robot, load_robot
@@ -41,17 +41,17 @@ def test_a_command_older_than_a_second_counts_as_zero() -> None:
     assert state[base.SMOOTH_V] == 0.375
 
 
-@pytest.mark.parametrize(("change", "shown"), [(0.0526, 5.26), (0.125, 12.5)])
-def test_a_step_of_the_velocity_shows_as_a_spike(change: float, shown: float) -> None:
-    state = body(v=0.2, smooth_v=0.2 + change)
-    forward, left = base.advance(state, 1.0, NONE, 0, STACK)
-    assert math.hypot(forward, left) == pytest.approx(shown)
-
-
-@pytest.mark.parametrize(("rate", "shown"), [(2 / 19, 2.28), (0.16, 3.47)])
-def test_a_step_of_the_yaw_rate_shows_as_the_sensors_lever_tells(rate: float, shown: float) -> None:
-    _, left = base.advance(body(smooth_w=rate), 0.755, NONE, 0, STACK)
-    assert abs(left) == pytest.approx(shown, abs=0.01)
+@pytest.mark.parametrize(
+    ("begin", "gain", "shown"),
+    [
+        ({"v": 0.2, "smooth_v": 0.2526}, 1.0, 5.26),
+        ({"v": 0.2, "smooth_v": 0.325}, 1.0, 12.5),
+        ({"smooth_w": 2 / 19}, 0.755, 2.28),  # by the sensor's lever
+        ({"smooth_w": 0.16}, 0.755, 3.47),
+    ],
+)
+def test_a_step_of_a_velocity_shows_as_a_spike(begin: dict[str, float], gain: float, shown: float) -> None:
+    assert math.hypot(*base.advance(body(**begin), gain, NONE, 0, STACK)) == pytest.approx(shown, abs=0.01)
 
 
 def test_the_base_turns_by_its_yaw_gain_and_drives_a_circle() -> None:
@@ -103,9 +103,6 @@ class TestDrive:
         assert (rows[:5, base.V] == 0.0).all()
         assert rows[5, base.V] > 0.0
 
-    def test_reverse_is_slower_than_forward(self) -> None:
-        assert driven(self.AMR, 300, -1.0, 0.0)[-1, base.V] == pytest.approx(-0.3, abs=1e-3)
-
     def test_the_yaw_rate_is_limited_in_change_and_size(self) -> None:
         rows = driven(self.AMR, 200, 0.0, 3.0)
         rates = np.diff(rows[:, base.W], prepend=0.0) / 0.01
@@ -119,10 +116,25 @@ class TestDrive:
         assert rows[-1, base.STEERING] == pytest.approx(1.05)
         assert rows[-1, base.W] == pytest.approx(0.3 * math.tan(1.05) / 0.95, rel=1e-3)
 
-    def test_safety_scanners_cap_each_direction_and_a_bumper_stops_the_drive(self) -> None:
-        assert driven(self.AMR, 300, 1.5, 0.0, cap_ahead=0.4)[-1, base.V] == pytest.approx(0.4, abs=1e-3)
-        assert driven(self.AMR, 300, -0.2, 0.0, cap_ahead=0.0)[-1, base.V] == pytest.approx(-0.2, abs=1e-3)
-        assert driven(self.AMR, 100, 1.0, 0.5, stopped_t=9.0)[-1, base.V] == 0.0
+    @pytest.mark.parametrize(
+        ("robot", "ticks", "command", "begin", "reached"),
+        [
+            (AMR, 300, (-1.0, 0.0), {}, -0.3),
+            (AMR, 300, (1.5, 0.0), {"cap_ahead": 0.4}, 0.4),
+            (AMR, 300, (-0.2, 0.0), {"cap_ahead": 0.0}, -0.2),
+            (AMR, 100, (1.0, 0.5), {"stopped_t": 9.0}, 0.0),
+            (TIAGO, 1, (0.5, 1.0), {}, 0.5),
+        ],
+        ids=["reverse", "scanner ahead", "scanner behind", "bumper", "TIAGo: at once"],
+    )
+    def test_the_speed_that_is_reached(
+        self, robot: Robot, ticks: int, command: tuple[float, float], begin: dict[str, float], reached: float
+    ) -> None:
+        assert driven(robot, ticks, *command, **begin)[-1, base.V] == pytest.approx(reached, abs=1e-3)
 
-    def test_the_tiagos_base_takes_on_a_velocity_at_once(self) -> None:
-        assert driven(TIAGO, 1, 0.5, 1.0)[0, base.V] == 0.5
+    def test_the_base_takes_on_a_lateral_speed_as_fast_as_its_limits_allow(self) -> None:
+        robot = load_robot(MECANUM)
+        rows = driven(robot, 100, 0.0, 0.0, smooth_side=1.0)
+        assert rows[19, base.SIDE] == pytest.approx(0.2 * robot.limits.acceleration_m_s2)
+        assert rows[-1, base.SIDE] == robot.limits.lateral_m_s
+        assert rows[-1, base.Y] > 0.2 and rows[-1, base.X] == 0.0

@@ -6,20 +6,20 @@ import math
 
 import numpy as np
 import pytest
-from tests.simulation.test_people import CORRECT, crowd_of, human, world_with
+from tests.golden.cases import scenario_of
+from tests.simulation.parts import Constant, crowd_of, human, room_cells, route, standing, world_of, world_with
 
+import rvsg
 from rvsg.core.kernels import kernel
-from rvsg.core.records import Pose
 from rvsg.core.references import refer
 from rvsg.scenario.scenario import Behaviour, HumanAgent, reaction_of
 from rvsg.simulation.archive import run_from_json, run_to_json
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.people.contact import events_of, touch_people
 from rvsg.simulation.embedded.people.crowd import Crowd
-from rvsg.simulation.embedded.profiles import profile
 from rvsg.simulation.embedded.simulator import empty_room, simulate_agents
 from rvsg.simulation.run import ObstacleContact, Outcome, Recovery, RobotContact, Run
-from rvsg.stacks import LocalObservation, LocalPlanner, StackChoice, Task
+from rvsg.stacks import StackChoice
 from rvsg.world.world import Route, World
 from rvsg.world.world_folder import load_world
 
@@ -97,27 +97,10 @@ def driven(crowd: Crowd, speed: float, ticks: int, yaw: float = 0.0) -> np.ndarr
     return body
 
 
-def walkers(world: World, count: int) -> list[HumanAgent]:
-    """People on random shortest paths there and back."""
-    rng = np.random.default_rng(count)
-    names = sorted(world.grid.valid)
-    people: list[HumanAgent] = []
-    while len(people) < count:
-        start, end = rng.choice(names, 2, replace=False)
-        way = world.grid.shortest_path(str(start), str(end))
-        if way is None or len(way) < 3:
-            continue
-        goals = tuple(world.grid.position(name) for name in [*way, *way[-2:0:-1]])
-        people.append(
-            HumanAgent(name=f"human_{len(people)}", start=goals[0], goals=goals, pauses_s=(0.0,) * len(goals))
-        )
-    return people
-
-
 class TestBase:
     @pytest.mark.parametrize("speed", [0.2, 0.5, 2.0])
     def test_a_standing_person_holds_the_base_back(self, speed: float) -> None:
-        crowd = crowd_of(human((2.0, 0.0)), options=CORRECT)
+        crowd = crowd_of(human((2.0, 0.0)))
         body = driven(crowd, speed, int(4.0 / speed / 0.01))
         assert body[base.X] == pytest.approx(2.0 - 0.4 - HALF_LENGTH_M, abs=0.001)
         assert body[base.V] == pytest.approx(0.0, abs=0.01)
@@ -131,42 +114,32 @@ class TestBase:
         assert contact.overlap_m < 0.001
 
     def test_somebody_who_walks_gives_way(self) -> None:
-        crowd = crowd_of(human((2.0, 0.0)), options=CORRECT)
+        crowd = crowd_of(human((2.0, 0.0)))
         crowd.stands[0] = 0
         body = driven(crowd, 0.5, 400)
         assert body[base.X] == pytest.approx(2.0)
         assert crowd.x[0] == pytest.approx(2.0 + HALF_LENGTH_M + 0.4, abs=0.001)
 
     def test_somebody_at_a_wall_cannot_give_way(self) -> None:
-        crowd = crowd_of(human((2.0, 0.0)), options=CORRECT, world=world_with((2.4, 0.0, 0.4, 4.0)))
+        crowd = crowd_of(human((2.0, 0.0)), world=world_with((2.4, 0.0, 0.4, 4.0)))
         crowd.stands[0] = 0
         body = driven(crowd, 0.5, 400)
         assert crowd.x[0] < 2.2 - 0.14
         assert body[base.X] + HALF_LENGTH_M + 0.4 == pytest.approx(crowd.x[0], abs=0.001)
 
     def test_the_base_turns_away_while_it_is_held_back(self) -> None:
-        crowd = crowd_of(human((0.8, 0.0)), options=CORRECT)
+        crowd = crowd_of(human((0.8, 0.0)))
         body = np.zeros(base.BODY_SIZE)
         body[base.SMOOTH_V], body[base.SMOOTH_W] = 0.5, 0.5
         drive(refer(crowd), body, 100)
         assert body[base.YAW] > 0.02
 
 
-class Bump(LocalPlanner):
-    """Drives straight on for some time, then has no command, so that Nav2 recovers."""
-
-    def reset(self, task: Task) -> None:
-        self.until_s = 7.0
-
-    def command(self, seen: LocalObservation) -> tuple[float, float] | None:
-        return (0.3, 0.0) if seen.t < self.until_s else None
-
-
 @pytest.mark.parametrize("people", [0, 1], ids=["wall", "person at a wall"])
 def test_the_recovery_backs_out_of_a_contact(people: int) -> None:
-    pinned = [HumanAgent(name="ann", start=(2.5, 0.0), goals=((2.5, 0.0),), pauses_s=(99.0,))][:people]
-    route = Route(name="bump", start=Pose(x=1.2, y=0.0), goal=Pose(x=2.0, y=-2.0), time_limit_s=21.0)
-    run = simulate_agents(empty_room(), route, pinned, stack=StackChoice.of(Bump()))
+    bump = StackChoice.of(Constant((0.3, 0.0), until_s=7.0))  # then Nav2 recovers
+    way, pinned = route((1.2, 0.0), (2.0, -2.0), 21.0), [standing(2.5, 0.0)][:people]
+    run = simulate_agents(empty_room(), way, pinned, stack=bump)
     assert any(isinstance(event, RobotContact if people else ObstacleContact) for event in run.events)
     (back,) = [event for event in run.events if isinstance(event, Recovery) and event.action == "back_up"]
     t, x = run.trajectory.t, run.trajectory.x
@@ -184,35 +157,21 @@ class TestRuns:
     @pytest.mark.parametrize("number", [0, *AIMED])
     def test_bodies_stay_apart_in_aimed_scenarios(self, number: int) -> None:
         world = load_world("warehouse")
-        route = world.route(f"route_{number % 5 + 1}")
-        people = aimed(world, route, 4, np.random.default_rng(number))
+        way = world.route(f"route_{number % 5 + 1}")
+        people = aimed(world, way, 4, np.random.default_rng(number))
         for seed in range(5 if number else 2):
-            run = simulate_agents(world, route, people, seed=seed)
+            run = simulate_agents(world, way, people, seed=seed)
             robot, between = overlaps(run)
             assert robot < 0.01
             assert between < 0.01 or stuck_until(run)
+            assert list(run.events) == sorted(run.events, key=lambda event: event.time_s) != []
+            assert run_from_json(run_to_json(run)).events == run.events
 
     @pytest.mark.slow
     def test_bodies_stay_apart_in_a_crowd_of_fifty(self) -> None:
-        world = load_world("warehouse")
-        route = world.route("route_1")
-        people: list[HumanAgent] = []
-        for person in walkers(world, 150):
-            apart = all(math.dist(person.start, other.start) > 0.8 for other in people)
-            if apart and math.dist(person.start, (route.start.x, route.start.y)) > 1.0 and len(people) < 50:
-                people.append(person)
-        assert len(people) == 50
-        run = simulate_agents(world, route, people, seed=0)
-        assert overlaps(run)[0] < 0.01
-
-    def test_the_published_profile_has_no_bodies(self) -> None:
-        world = load_world("warehouse")
-        route = world.route("route_1")
-        at = (route.start.x + 0.3, route.start.y)
-        person = HumanAgent(name="a", start=at, goals=(at,), pauses_s=(0.0,))
-        run = simulate_agents(world, route, [person], options=profile("published-study"))
-        assert run.outcome is not Outcome.BLOCKED_START
-        assert not [event for event in run.events if event.kind == "robot_contact"]
+        scenario = scenario_of("warehouse", "route_1", "tiago_omni", 50, seed=150)
+        assert scenario is not None and len(scenario.people.humans) == 50
+        assert overlaps(rvsg.simulate(scenario, [0])[0])[0] < 0.01
 
     def test_a_hundred_people_in_a_small_room_stay_finite(self) -> None:
         rng = np.random.default_rng(1)
@@ -221,26 +180,11 @@ class TestRuns:
             HumanAgent(name=f"{i}", start=p, goals=(p, points[i - 1]), pauses_s=(0.0, 0.0))
             for i, p in enumerate(points)
         ]
-        route = Route(name="r", start=Pose(x=-2.0, y=0.0), goal=Pose(x=2.0, y=0.0), time_limit_s=3.0)
-        run = simulate_agents(empty_room(), route, people, seed=1)
+        run = simulate_agents(empty_room(), route((-2.0, 0.0), (2.0, 0.0), 3.0), people, seed=1)
         assert run.outcome in (Outcome.BLOCKED_START, Outcome.TIMED_OUT)
 
     def test_a_corridor_with_a_standing_person_stops_the_robot_without_overlap(self) -> None:
-        cells = np.full((40, 240), 100, np.uint8)
-        cells[8:32, 4:236] = 0  # 1.2 m wide
-        world = world_with()
-        world = type(world)(**{**vars(world), "occupancy": type(world.occupancy)(
-            cells=cells, resolution=0.05, origin=Pose(x=-6.0, y=-1.0))})  # fmt: skip
-        person = HumanAgent(name="a", start=(0.0, 0.0), goals=((0.0, 0.0),), pauses_s=(0.0,))
-        route = Route(name="r", start=Pose(x=-4.0, y=0.0), goal=Pose(x=4.0, y=0.0), time_limit_s=25.0)
-        run = simulate_agents(world, route, [person], seed=0)
+        corridor = world_of(room_cells(12.0, 1.3), -6.0, -0.65)
+        run = simulate_agents(corridor, route((-4.0, 0.0), (4.0, 0.0)), [standing(0.0, 0.0)], seed=0)
         assert run.outcome is not Outcome.REACHED
         assert overlaps(run)[0] < 0.01
-
-    def test_events_are_kept_with_a_run(self) -> None:
-        world = load_world("warehouse")
-        people = aimed(world, world.route("route_1"), 4, np.random.default_rng(0))
-        run = simulate_agents(world, world.route("route_1"), people, seed=0)
-        assert run.events
-        assert list(run.events) == sorted(run.events, key=lambda event: event.time_s)
-        assert run_from_json(run_to_json(run)).events == run.events

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.simulation.tiago import FOOTPRINT, INFLATION, RANGES
+from tests.simulation.parts import FOOTPRINT, INFLATION, RANGES
 
 from rvsg.simulation.embedded.costmap import (
     FREE,
@@ -97,41 +97,31 @@ def test_a_line_clears_at_most_its_length_and_both_ends() -> None:
     assert (steps == 1).all()
 
 
-def scan_of(distance: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    return np.full(818, distance), ray_directions(818, math.radians(270.0))
-
-
-def test_a_scan_marks_hits_within_reach_and_clears_what_lies_before_them() -> None:
-    grid = np.full((200, 200), LETHAL, np.uint8)
-    ranges, directions = scan_of(2.0)
-    observe(grid, ranges, directions, 100.5, 100.5, 0.0, 0.05, 0.0, *RANGES)
-    assert grid[100, 100] == FREE
-    assert grid[100, 139] == FREE
-    assert grid[100, 140] == LETHAL
-    grid[:] = FREE
-    ranges[:] = 2.6
-    observe(grid, ranges, directions, 100.5, 100.5, 0.0, 0.05, 0.0, *RANGES)
-    assert (grid == FREE).all()
-
-
-def test_the_voxel_layer_clears_only_to_two_cells_before_the_hit() -> None:
-    grid = np.full((200, 200), LETHAL, np.uint8)
-    ranges, directions = scan_of(2.0)
-    observe(grid, ranges, directions, 100.5, 100.5, 0.0, 0.05, 2.0, *RANGES)
-    assert grid[100, 138] == FREE
-    assert grid[100, 139] == LETHAL
-
-
-def test_a_ray_without_return_neither_clears_nor_marks_but_a_far_one_clears_three_metres() -> None:
-    grid = np.full((200, 200), LETHAL, np.uint8)
-    ranges, directions = scan_of(NO_RETURN)
-    observe(grid, ranges, directions, 100.5, 100.5, 0.0, 0.05, 0.0, *RANGES)
-    assert (grid == LETHAL).all()
-    ranges[:] = FAR
-    observe(grid, ranges, directions, 100.5, 100.5, 0.0, 0.05, 0.0, *RANGES)
-    assert grid[100, 160] == FREE
-    assert grid[100, 162] == LETHAL
-    assert grid[100 - 50, 100 - 50] == LETHAL  # behind: outside the field of view of 270 degrees
+@pytest.mark.parametrize(
+    ("distance", "keep_m", "cleared", "lethal"),
+    [
+        (2.0, 0.0, [(100, 100), (100, 139)], [(100, 140)]),
+        (2.0, 2.0, [(100, 138)], [(100, 139)]),
+        (2.6, 0.0, [(100, 150)], [(100, 154)]),
+        (FAR, 0.0, [(100, 160)], [(100, 162), (50, 50)]),
+        (NO_RETURN, 0.0, [], [(100, 101)]),
+    ],
+    ids=["marks its hit", "voxel layer: two cells before it", "out of reach", "open: three metres", "no return"],
+)
+def test_a_scan_marks_hits_within_reach_and_clears_what_lies_before_them(
+    distance: float, keep_m: float, cleared: list[tuple[int, int]], lethal: list[tuple[int, int]]
+) -> None:
+    """The cell (50, 50) lies behind, outside the field of view of 270 degrees."""
+    for before in (LETHAL, FREE):
+        grid = np.full((200, 200), before, np.uint8)
+        ranges, directions = np.full(818, distance), ray_directions(818, math.radians(270.0))
+        observe(grid, ranges, directions, 100.5, 100.5, 0.0, 0.05, keep_m, *RANGES)
+        if before == LETHAL:
+            assert all(grid[cell] == FREE for cell in cleared)
+            assert all(grid[cell] == LETHAL for cell in lethal)
+            assert (grid == LETHAL).all() == (not cleared)
+        else:
+            assert (grid == LETHAL).any() == (distance == 2.0)
 
 
 def test_the_padded_footprint_becomes_free() -> None:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.simulation.tiago import INFLATION, STACK, TIAGO
+from tests.simulation.parts import INFLATION, MECANUM, STACK, TIAGO
 
 from rvsg.core.references import refer
 from rvsg.robots.robot import Robot, load_robot
@@ -21,17 +20,28 @@ from rvsg.simulation.embedded.rollouts import fill_window, roll_out_ends, rollou
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 TABLE = sample_table(stack_of(TIAGO))
+SLOW = TIAGO.replace(
+    limits=TIAGO.limits.replace(acceleration_m_s2=0.2, deceleration_m_s2=0.2, yaw_acceleration_rad_s2=0.3)
+)
+WIDE = load_robot(MECANUM)
+"""It moves sideways."""
+START = (0.2, -0.1, 0.4)
 
 
-def slow_rollout(v0: float, w0: float, v1: float, w1: float, steps: int, dt: float) -> Floats:
+def slow_rollout(v0: float, side0: float, w0: float, sample: Floats, robot: Robot = TIAGO) -> Floats:
     """All poses of one sample from the pose (0, 0, 0)."""
+    speed_up, slow_down = robot.limits.acceleration_m_s2, robot.limits.deceleration_m_s2
+    turn_up = robot.limits.yaw_acceleration_rad_s2
+    v1, w1, steps, dt, side1 = sample
     poses = [(0.0, 0.0, 0.0)]
-    v, w = v0, w0
-    for _ in range(steps):
-        v += max(-2.5 * dt, min(2.5 * dt, v1 - v))
-        w += max(-3.2 * dt, min(3.2 * dt, w1 - w))
+    v, side, w = v0, side0, w0
+    for _ in range(int(steps)):
+        v += max(-slow_down * dt, min(speed_up * dt, v1 - v))
+        side += max(-speed_up * dt, min(speed_up * dt, side1 - side))
+        w += max(-turn_up * dt, min(turn_up * dt, w1 - w))
         x, y, yaw = poses[-1]
-        poses.append((x + v * math.cos(yaw) * dt, y + v * math.sin(yaw) * dt, yaw + w * dt))
+        along, across = (v * math.cos(yaw) - side * math.sin(yaw)), (v * math.sin(yaw) + side * math.cos(yaw))
+        poses.append((x + along * dt, y + across * dt, yaw + w * dt))
     return np.array(poses)
 
 
@@ -71,8 +81,8 @@ def slow_totals(
         return abs(nearest[0] - c[0]) + abs(nearest[1] - c[1])
 
     totals: list[float | None] = []
-    for v1, w1, steps, dt, _ in TABLE:
-        rolled = slow_rollout(v0, w0, v1, w1, int(steps), dt)
+    for sample in TABLE:
+        rolled = slow_rollout(v0, 0.0, w0, sample)
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         world = np.column_stack(
             [pose[0] + cos * rolled[:, 0] - sin * rolled[:, 1], pose[1] + sin * rolled[:, 0] + cos * rolled[:, 1]]
@@ -118,14 +128,19 @@ def test_there_are_419_samples_in_dwbs_order() -> None:
     assert TABLE[:, 2] * TABLE[:, 3] == pytest.approx(1.7)
 
 
-@pytest.mark.parametrize(("v0", "w0"), [(0.0, 0.0), (0.5, 0.3), (0.26, -0.755)])
-def test_rollouts_end_where_the_slow_reading_ends(v0: float, w0: float) -> None:
-    ends = np.zeros((len(TABLE), 5))
-    roll_out_ends(ends, v0, 0.0, w0, TABLE, STACK)
-    slow = np.array([slow_rollout(v0, w0, v, w, int(n), dt)[-1] for v, w, n, dt, _ in TABLE])
-    assert np.allclose(ends[:, :3], slow, atol=1e-12)
+@pytest.mark.parametrize(
+    ("robot", "begin", "every"),
+    [(TIAGO, (0.0, 0.0, 0.0), 1), (TIAGO, (0.5, 0.0, 0.3), 1), (TIAGO, (0.26, 0.0, -0.755), 1), (WIDE, START, 97)],
+)
+def test_rollouts_end_where_the_slow_reading_ends(robot: Robot, begin: tuple[float, float, float], every: int) -> None:
+    stack, samples = refer(stack_of(robot)), sample_table(stack_of(robot))
+    samples = samples[: fill_window(samples, *begin, stack)]
+    ends = np.zeros((len(samples), 5))
+    roll_out_ends(ends, *begin, samples, stack)
+    slow = np.array([slow_rollout(*begin, sample, robot)[-1] for sample in samples[::every]])
+    assert np.allclose(ends[::every, :3], slow, atol=1e-12)
     ahead = slow[:, :2] + 0.1 * np.column_stack([np.cos(slow[:, 2]), np.sin(slow[:, 2])])
-    assert np.allclose(ends[:, 3:], ahead, atol=1e-12)
+    assert np.allclose(ends[::every, 3:], ahead, atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -204,8 +219,7 @@ def nav2_axis(current: float, low: float, high: float, acceleration: float, time
     return found
 
 
-def slow_robot(**limits: float) -> Robot:
-    return TIAGO.replace(limits=TIAGO.limits.replace(**limits))
+SLOW_AXES = [(0.0, 1.0, 0.2, 20), (0.0, 0.0, 0.2, 1), (-1.0, 1.0, 0.3, 20)]
 
 
 class TestDynamicWindow:
@@ -216,20 +230,29 @@ class TestDynamicWindow:
             count = fill_window(samples, v, 0.0, w, STACK)
             assert np.allclose(samples[:count], TABLE, atol=1e-12)
 
-    @pytest.mark.parametrize(("v", "w"), [(0.0, 0.0), (0.4, 0.0), (0.95, 0.6), (1.3, -0.95)])
-    def test_a_robot_that_speeds_up_slowly_samples_what_it_can_reach(self, v: float, w: float) -> None:
-        robot = slow_robot(acceleration_m_s2=0.2, deceleration_m_s2=0.2, yaw_acceleration_rad_s2=0.3)
+    @pytest.mark.parametrize(
+        ("robot", "now", "axes"),
+        [
+            *(
+                (SLOW, now, SLOW_AXES)
+                for now in ((0.0, 0.0, 0.0), (0.4, 0.0, 0.0), (0.95, 0.0, 0.6), (1.3, 0.0, -0.95))
+            ),
+            (WIDE, START, [(0.0, 0.6, 1.0, 10), (-0.3, 0.3, 1.0, 5), (-1.5, 1.5, 3.0, 20)]),
+        ],
+    )
+    def test_a_robot_samples_the_speeds_that_it_can_reach(
+        self, robot: Robot, now: tuple[float, float, float], axes: list[tuple[float, float, float, int]]
+    ) -> None:
         stack = stack_of(robot)
         assert not stack.dwb_whole_range
         samples = sample_table(stack)
-        count = fill_window(samples, v, 0.0, w, refer(stack))
-        expected = [
-            (speed, rate)
-            for speed in nav2_axis(v, 0.0, 1.0, 0.2, 1.7, 20)
-            for rate in nav2_axis(w, -1.0, 1.0, 0.3, 1.7, 20)
-            if speed != 0.0 or rate != 0.0
-        ]
-        assert np.allclose(samples[:count, :2], expected, atol=1e-9)
+        count = fill_window(samples, *now, refer(stack))
+        ahead, aside, turn = (
+            nav2_axis(at, low, high, rate, 1.7, number) for at, (low, high, rate, number) in zip(now, axes, strict=True)
+        )
+        every = ((v, w, side) for v in ahead for side in aside for w in turn)
+        expected = [each for each in every if any(each) and math.hypot(each[0], each[2]) <= axes[0][1] + 1e-12]
+        assert np.allclose(samples[:count][:, [0, 1, 4]], expected, atol=1e-9)
         assert np.allclose(samples[:count, 2] * samples[:count, 3], 1.7)
 
     def test_a_tugger_samples_only_what_its_steering_allows(self) -> None:
@@ -242,7 +265,7 @@ class TestDynamicWindow:
         assert v.min() == pytest.approx(0.0, abs=1e-9) or v.min() > 0.0
 
     def test_scores_of_an_earlier_larger_window_do_not_count(self) -> None:
-        stack = stack_of(slow_robot(acceleration_m_s2=0.2, deceleration_m_s2=0.2, yaw_acceleration_rad_s2=0.3))
+        stack = stack_of(SLOW)
         samples = sample_table(stack)
         count = fill_window(samples, 0.0, 0.0, 0.0, refer(stack))
         assert count < len(samples)
@@ -254,48 +277,11 @@ class TestDynamicWindow:
         assert samples[best, 0] > 0.2
 
 
-class TestLateral:
-    def mecanum(self) -> Robot:
-        return load_robot(Path(__file__).parents[2] / "examples" / "robots" / "mecanum.yaml")
-
-    def test_lateral_speeds_are_sampled_as_nav2_samples_them(self) -> None:
-        robot = self.mecanum()
-        stack = stack_of(robot)
-        samples = sample_table(stack)
-        v, side, w = 0.2, -0.1, 0.4
-        count = fill_window(samples, v, side, w, refer(stack))
-        expected = [
-            (speed, rate, aside)
-            for speed in nav2_axis(v, 0.0, 0.6, 1.0, 1.7, 10)
-            for aside in nav2_axis(side, -0.3, 0.3, 1.0, 1.7, 5)
-            for rate in nav2_axis(w, -1.5, 1.5, 3.0, 1.7, 20)
-            if (speed != 0.0 or aside != 0.0 or rate != 0.0) and math.hypot(speed, aside) <= 0.6 + 1e-12
-        ]
-        assert np.allclose(samples[:count][:, [0, 1, 4]], expected, atol=1e-9)
-        assert np.allclose(samples[:count, 2] * samples[:count, 3], 1.7)
-
-    def test_rollouts_end_where_a_slow_reading_ends(self) -> None:
-        stack = stack_of(self.mecanum())
-        samples = sample_table(stack)
-        count = fill_window(samples, 0.2, -0.1, 0.4, refer(stack))
-        ends = np.zeros((count, 5))
-        roll_out_ends(ends, 0.2, -0.1, 0.4, samples[:count], refer(stack))
-        for (v1, w1, steps, dt, side1), end in zip(samples[:count:97], ends[::97], strict=True):
-            v, side, w, x, y, yaw = 0.2, -0.1, 0.4, 0.0, 0.0, 0.0
-            for _ in range(int(steps)):
-                v += max(-1.5 * dt, min(1.0 * dt, v1 - v))
-                side += max(-1.0 * dt, min(1.0 * dt, side1 - side))
-                w += max(-3.0 * dt, min(3.0 * dt, w1 - w))
-                x += (v * math.cos(yaw) - side * math.sin(yaw)) * dt
-                y += (v * math.sin(yaw) + side * math.cos(yaw)) * dt
-                yaw += w * dt
-            assert end[:3] == pytest.approx((x, y, yaw), abs=1e-12)
-
-    def test_a_reversed_step_aside_bans_the_way_back(self) -> None:
-        state, reals = np.zeros(dwb.CONTROLLER_INTS, np.int64), np.zeros(dwb.CONTROLLER_REALS)
-        dwb.remember_turn(state, reals, 0.0, 0.2, 0.0, 0.0, 0.0, 0.0, STACK)
-        assert state[dwb.BAN_ASIDE_LEFT] == 0
-        dwb.remember_turn(state, reals, 0.0, -0.2, 0.0, 0.0, 0.0, 0.0, STACK)
-        assert state[dwb.BAN_ASIDE_LEFT] == 1 and state[dwb.BAN_LEFT] == 0
-        dwb.remember_turn(state, reals, 0.0, -0.2, 0.0, 0.0, 0.06, 0.0, STACK)
-        assert state[dwb.BAN_ASIDE_LEFT] == 0
+def test_a_reversed_step_aside_bans_the_way_back() -> None:
+    state, reals = np.zeros(dwb.CONTROLLER_INTS, np.int64), np.zeros(dwb.CONTROLLER_REALS)
+    dwb.remember_turn(state, reals, 0.0, 0.2, 0.0, 0.0, 0.0, 0.0, STACK)
+    assert state[dwb.BAN_ASIDE_LEFT] == 0
+    dwb.remember_turn(state, reals, 0.0, -0.2, 0.0, 0.0, 0.0, 0.0, STACK)
+    assert state[dwb.BAN_ASIDE_LEFT] == 1 and state[dwb.BAN_LEFT] == 0
+    dwb.remember_turn(state, reals, 0.0, -0.2, 0.0, 0.0, 0.06, 0.0, STACK)
+    assert state[dwb.BAN_ASIDE_LEFT] == 0

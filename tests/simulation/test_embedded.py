@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from tests.coded import coded, nearest
+from tests.simulation.parts import TIAGO, route, standing
 
-import rvsg
 from rvsg.core.errors import InputError, InvalidOptions, SimulationError, UnknownName
 from rvsg.core.kernels import kernel
 from rvsg.core.records import Pose
-from rvsg.robots.robot import Robot, load_robot
+from rvsg.robots.robot import Robot
 from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json
 from rvsg.simulation.embedded import base
@@ -23,10 +23,10 @@ from rvsg.simulation.embedded.episode import Episode, Outside
 from rvsg.simulation.embedded.navfn import BLOCKED
 from rvsg.simulation.embedded.people.crowd import begins_early
 from rvsg.simulation.embedded.profiles import Noise, profile
-from rvsg.simulation.embedded.simulator import EmbeddedSimulator, empty_room, simulate_agents
+from rvsg.simulation.embedded.simulator import empty_room, simulate_agents
 from rvsg.simulation.embedded.state import State
 from rvsg.simulation.run import Outcome, Run
-from rvsg.world.world import Route, World
+from rvsg.world.world import World
 from rvsg.world.world_folder import load_world
 
 
@@ -60,34 +60,11 @@ def test_the_robot_reaches_its_goal_among_people(warehouse: World, name: str) ->
     assert run.trajectory.v.max() == pytest.approx(0.5)
 
 
-def test_the_options_tell_profile_and_noise() -> None:
-    simulator = EmbeddedSimulator("published-study", noise={"lidar": 0})
-    assert simulator.options["profile"] == "published-study"
-    assert simulator.options["noise"]["lidar"] == 0.0  # type: ignore[index]
-
-
-@pytest.mark.slow
-def test_runs_are_equal_in_any_number_of_processes() -> None:
-    scenario = rvsg.scenario("warehouse", "route_2", [rvsg.walk("Ann", "G13", "F14"), rvsg.walk("Bo", "E20", "E18")])
-    here, there = (rvsg.simulate(scenario, seeds=3, jobs=jobs) for jobs in (1, 2))
-    assert all(equal(a, b) for a, b in zip(here, there, strict=True))
-
-
 def test_without_any_noise_the_seed_does_not_matter(warehouse: World) -> None:
     none = dict.fromkeys(Noise.model_fields, 0)
-    agents = [walker(warehouse, "G13", "F13", "F14")]
-    route = warehouse.route("route_1")
-    a, b = (simulate_agents(warehouse, route, agents, options=profile(noise=none), seed=seed) for seed in (1, 2))
+    way, agents = warehouse.route("route_1"), [walker(warehouse, "G13", "F13", "F14")]
+    a, b = (simulate_agents(warehouse, way, agents, options=profile(noise=none), seed=seed) for seed in (1, 2))
     assert equal(a, b)
-
-
-def route(start: tuple[float, float, float], goal: tuple[float, float, float], limit: float = 25.0) -> Route:
-    return Route(
-        name="test",
-        start=Pose(x=start[0], y=start[1], yaw=start[2]),
-        goal=Pose(x=goal[0], y=goal[1], yaw=goal[2]),
-        time_limit_s=limit,
-    )
 
 
 FREE_START = (-0.1, -0.35, 0.0)
@@ -121,22 +98,19 @@ def test_bad_starts_and_goals_are_outcomes(
 @pytest.mark.parametrize(("ahead_m", "outcome"), [(0.57, Outcome.BLOCKED_START), (0.3, Outcome.TIMED_OUT)])
 def test_a_lidar_on_a_mast_that_is_in_a_wall_at_the_start_blocks_it(ahead_m: float, outcome: Outcome) -> None:
     """The footprint ends 0.36 m ahead of the middle, the wall of the room begins 0.55 m ahead of it."""
-    tiago = load_robot("tiago_omni")
-    mast = tiago.lidars[0].replace(x=ahead_m, y=0.0, height_m=None)
-    start, goal = (2.4, 0.0, 0.0), (-2.0, 0.0, 0.0)
-    brief = route(start, goal).model_copy(update={"time_limit_s": 0.1})
-    run = simulate_agents(empty_room(), brief, [], robot=tiago.replace(lidars=(mast,)), seed=1)
-    assert run.outcome is outcome
+    mast = TIAGO.lidars[0].replace(x=ahead_m, y=0.0, height_m=None)
+    way, robot = route((2.4, 0.0), (-2.0, 0.0), 0.1), TIAGO.replace(lidars=(mast,))
+    assert simulate_agents(empty_room(), way, [], robot=robot, seed=1).outcome is outcome
 
 
 def test_people_may_start_on_the_robot_on_each_other_and_in_an_obstacle(warehouse: World) -> None:
     on_robot = HumanAgent(name="a", start=(-0.1, -0.35), goals=((-0.1, -0.35), (0.8, -0.35)), pauses_s=(0.0, 0.0))
     within = HumanAgent(name="b", start=IN_BUCKET[:2], goals=(IN_BUCKET[:2], (0.8, -6.0)), pauses_s=(0.0, 0.0))
     for name in ("default", "published-study"):
-        run = simulate_agents(
-            warehouse, route(FREE_START, FREE_GOAL), [on_robot, on_robot, within], options=profile(name), seed=2
-        )
+        way, people = route(FREE_START, FREE_GOAL), [on_robot, on_robot, within]
+        run = simulate_agents(warehouse, way, people, options=profile(name), seed=2)
         assert (run.outcome is Outcome.BLOCKED_START) == (name == "default")
+        assert name == "default" or not [event for event in run.events if event.kind == "robot_contact"]
         assert np.isfinite(run.trajectory.human_x).all()
     run = simulate_agents(warehouse, route(FREE_START, FREE_GOAL), [within, within], seed=2)
     assert run.outcome is not Outcome.BLOCKED_START
@@ -148,7 +122,7 @@ def test_numbers_that_make_no_sense_are_refused_before_the_start(warehouse: Worl
     with pytest.raises(InputError, check=coded("route-not-finite")):
         simulate_agents(warehouse, bad, [], seed=0)
     with pytest.raises(InputError, check=coded("time-limit")):
-        simulate_agents(warehouse, route(FREE_START, FREE_GOAL, limit=3601.0), [], seed=0)
+        simulate_agents(warehouse, route(FREE_START, FREE_GOAL, 3601.0), [], seed=0)
     with pytest.raises(InvalidOptions, check=lambda error: error.keys == ("lidar_rays",)):
         profile(lidar_rays=0)
     with pytest.raises(UnknownName, check=nearest("published-study")):
@@ -157,7 +131,7 @@ def test_numbers_that_make_no_sense_are_refused_before_the_start(warehouse: Worl
 
 def test_the_robot_drives_through_the_poses_of_a_route_in_order(warehouse: World) -> None:
     through = (Pose(x=0.8, y=3.0), Pose(x=0.0, y=0.5))
-    long = route(FREE_START, FREE_GOAL, limit=80.0).model_copy(update={"through": through})
+    long = route(FREE_START, FREE_GOAL, 80.0).model_copy(update={"through": through})
     run = simulate_agents(warehouse, long, [], seed=1)
     assert run.outcome is Outcome.REACHED
     first, second = (int(np.argmin(np.hypot(run.trajectory.x - pose.x, run.trajectory.y - pose.y))) for pose in through)
@@ -165,19 +139,15 @@ def test_the_robot_drives_through_the_poses_of_a_route_in_order(warehouse: World
     assert first < second
 
 
-def test_the_robot_drives_round_a_standing_person(warehouse: World) -> None:
-    place = (0.0, 0.3)
-    human = HumanAgent(name="h", start=place, goals=(place,), pauses_s=(0.0,))
-    run = simulate_agents(empty_room(), route((-2.0, 0.0, 0.0), (2.0, 0.0, 0.0)), [human], seed=1)
+def test_the_robot_drives_round_a_standing_person() -> None:
+    run = simulate_agents(empty_room(), route((-2.0, 0.0), (2.0, 0.0)), [standing(0.0, 0.3)], seed=1)
     assert run.outcome is Outcome.REACHED
     apart = np.hypot(run.trajectory.x - run.trajectory.human_x[:, 0], run.trajectory.y - run.trajectory.human_y[:, 0])
     assert apart.min() > 0.25
 
 
-def test_people_displayed_late_are_not_seen_before_they_begin_to_walk(warehouse: World) -> None:
-    place = (0.0, 0.3)
-    waiting = HumanAgent(name="h", start=place, goals=(place,), pauses_s=(0.0,), start_delay_s=100.0)
-    way = route((-2.0, 0.0, 0.0), (2.0, 0.0, 0.0))
+def test_people_displayed_late_are_not_seen_before_they_begin_to_walk() -> None:
+    waiting, way = standing(0.0, 0.3).replace(start_delay_s=100.0), route((-2.0, 0.0), (2.0, 0.0))
 
     def path(agents: list[HumanAgent], late: bool) -> np.ndarray:
         options = profile("default", humans_displayed_late=late, human_defects=True)
@@ -189,21 +159,9 @@ def test_people_displayed_late_are_not_seen_before_they_begin_to_walk(warehouse:
     assert seen.size != alone.size or not np.allclose(seen, alone, atol=0.05)
 
 
-def test_who_begins_to_walk_is_seen_a_tick_late(warehouse: World) -> None:
-    walking = [walker(warehouse, "F13", "F14", "F15", "F16"), walker(warehouse, "E17", "F15", "F13")]
-    way = warehouse.route("route_1")
-    now, late = (
-        simulate_agents(warehouse, way, walking, options=profile("default", humans_displayed_late=on), seed=2)
-        for on in (False, True)
-    )
-    assert not equal(now, late)
-    assert late.outcome is Outcome.REACHED
-
-
-@pytest.mark.parametrize(("share", "expected"), [(0.0, 0.0), (0.22, 0.22), (1.0, 1.0)])
-def test_the_share_of_early_starts_is_kept(share: float, expected: float) -> None:
-    early = [begins_early(share, seed) for seed in range(2000)]
-    assert np.mean(early) == pytest.approx(expected, abs=0.03)
+@pytest.mark.parametrize("share", [0.0, 0.22, 1.0])
+def test_the_share_of_early_starts_is_kept(share: float) -> None:
+    assert np.mean([begins_early(share, seed) for seed in range(2000)]) == pytest.approx(share, abs=0.03)
 
 
 def test_published_people_move_for_the_first_time_at_the_first_row(warehouse: World) -> None:
@@ -231,22 +189,17 @@ def test_rows_of_the_log_come_at_the_50th_or_the_51st_message(warehouse: World) 
 
 
 def test_a_run_holds_the_groups_of_its_people_in_the_store_too(warehouse: World) -> None:
-    agents = [
-        walker(warehouse, "G13", "F13").replace(group=2),
-        walker(warehouse, "G14", "F14").replace(group=2),
-        walker(warehouse, "E20", "E19"),
-    ]
-    run = simulate_agents(warehouse, warehouse.route("route_1"), agents, options=profile("default"), seed=1)
-    assert run.human_groups == (2, 2, None)
-    assert PackedRun.of(run).unpack().human_groups == (2, 2, None)
-    assert run_from_json(run_to_json(run)).human_groups == (2, 2, None)
+    ways = ((("G13", "F13"), 2), (("G14", "F14"), 2), (("E20", "E19"), None))
+    agents = [walker(warehouse, *names).replace(group=group) for names, group in ways]
+    run = simulate_agents(warehouse, warehouse.route("route_1"), agents, seed=1)
+    for again in (run, PackedRun.of(run).unpack(), run_from_json(run_to_json(run))):
+        assert again.human_groups == (2, 2, None)
 
 
 def behaving(**behaviours: object) -> Robot:
     """The default robot with these keys of `navigation.behaviours`."""
-    robot = load_robot("tiago_omni")
-    navigation = robot.navigation
-    return robot.replace(navigation=navigation.replace(behaviours=navigation.behaviours.replace(**behaviours)))
+    navigation = TIAGO.navigation
+    return TIAGO.replace(navigation=navigation.replace(behaviours=navigation.behaviours.replace(**behaviours)))
 
 
 class TestOutside:
@@ -264,9 +217,9 @@ class TestOutside:
         def probe(episode: Episode) -> None:
             probed.append((episode.t, episode.state.body[base.X], episode.state.body[base.V]))
 
-        route = warehouse.route("route_1")
-        plain = simulate_agents(warehouse, route, agents, seed=1)
-        outside = simulate_agents(warehouse, route, agents, seed=1, outside=Outside(control=choose, probe=probe))
+        way = warehouse.route("route_1")
+        plain = simulate_agents(warehouse, way, agents, seed=1)
+        outside = simulate_agents(warehouse, way, agents, seed=1, outside=Outside(control=choose, probe=probe))
         assert equal(plain, outside)
         rows = np.array(probed)
         path = plain.trajectory
@@ -274,8 +227,7 @@ class TestOutside:
         assert len(path) - len(rows) <= 1
 
     def test_a_local_planner_without_a_command_gives_up(self, warehouse: World) -> None:
-        route = warehouse.route("route_1")
-        run = simulate_agents(warehouse, route, [], outside=Outside(control=lambda _: None))
+        run = simulate_agents(warehouse, warehouse.route("route_1"), [], outside=Outside(control=lambda _: None))
         assert run.recoveries > 0
         assert np.abs(run.trajectory.v).max() <= 0.05 + 1e-12
 
@@ -302,11 +254,7 @@ class TestOutside:
         ids=["published", "humble", "jazzy"],
     )
     def test_what_follows_a_plan_on_the_way_that_fails_once(
-        self,
-        warehouse: World,
-        behaviours: dict[str, bool],
-        outcome: Outcome,
-        recoveries: int,
+        self, warehouse: World, behaviours: dict[str, bool], outcome: Outcome, recoveries: int
     ) -> None:
         blocked: list[float] = []
 
@@ -329,9 +277,8 @@ class TestOutside:
         def drive(episode: Episode) -> tuple[float, float] | bool:
             return verdict if episode.t >= 2.0 else (0.4, 0.0)
 
-        run = simulate_agents(
-            empty_room(), route((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0)), [], outside=Outside(stack=drive, stack_ticks=10)
-        )
+        way, outside = route((-1.0, 0.0), (1.0, 0.0)), Outside(stack=drive, stack_ticks=10)
+        run = simulate_agents(empty_room(), way, [], outside=outside)
         assert run.outcome is outcome
         assert run.trajectory.t[-1] < 2.2
         assert run.trajectory.x[-1] == pytest.approx(-1.0 + 0.4 * 1.9, abs=0.05)
@@ -339,9 +286,8 @@ class TestOutside:
 
     def test_an_answer_that_is_not_finite_is_an_error(self, warehouse: World) -> None:
         with pytest.raises(SimulationError):
-            simulate_agents(
-                warehouse, warehouse.route("route_1"), [], outside=Outside(control=lambda _: (math.nan, 0.0))
-            )
+            outside = Outside(control=lambda _: (math.nan, 0.0))
+            simulate_agents(warehouse, warehouse.route("route_1"), [], outside=outside)
 
 
 @kernel

@@ -20,19 +20,8 @@ def test_ranges_are_those_of_the_nearest_edge_or_leg_along_each_ray(seed: int) -
     legs = legs[np.hypot(*legs.T) > 0.2]
     bearing = float(rng.uniform(-4, 4))
     ranges = np.zeros(273)
-    scan(
-        ranges,
-        ray_directions(273, VIEW),
-        0.1,
-        -0.2,
-        bearing,
-        edges,
-        np.arange(25, dtype=np.int32),
-        legs,
-        False,
-        VIEW,
-        3.5,
-    )
+    every = np.arange(25, dtype=np.int32)
+    scan(ranges, ray_directions(273, VIEW), 0.1, -0.2, bearing, edges, every, legs, False, VIEW, 3.5)
     for k, measured in enumerate(ranges):
         angle = bearing + k * VIEW / 272
         ray = np.array([math.cos(angle), math.sin(angle)])
@@ -48,18 +37,12 @@ def test_ranges_are_those_of_the_nearest_edge_or_leg_along_each_ray(seed: int) -
             inside = 0.07**2 - (leg @ leg - middle**2)
             if inside > 0 and middle > 0:
                 hits.append(middle - math.sqrt(inside))
-        if hits:
-            assert measured == pytest.approx(min(hits), abs=1e-9)
-        else:
-            assert measured == NO_RETURN
+        assert measured == (pytest.approx(min(hits), abs=1e-9) if hits else NO_RETURN)
 
 
 def test_in_a_closed_place_an_open_ray_returns_from_far() -> None:
-    ranges = np.zeros(91)
-    none = np.zeros((0, 4))
-    scan(
-        ranges, ray_directions(91, VIEW), 0.0, 0.0, 0.0, none, np.zeros(0, np.int32), np.zeros((0, 2)), True, VIEW, 3.5
-    )
+    ranges, edges, legs = np.zeros(91), np.zeros((0, 4)), np.zeros((0, 2))
+    scan(ranges, ray_directions(91, VIEW), 0.0, 0.0, 0.0, edges, np.zeros(0, np.int32), legs, True, VIEW, 3.5)
     assert (ranges == FAR).all()
 
 

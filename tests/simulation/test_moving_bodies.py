@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 import shapely
-from tests.simulation.corridor import END, HINGE, ROUTE, hall, person, run
+from tests.simulation.parts import ALONG, END, HINGE, hall, person, run_along
 
 from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
@@ -17,10 +17,10 @@ from rvsg.evaluation.sampled import Sampled
 from rvsg.evaluation.story import what_is_hit
 from rvsg.scenario.scenario import Behaviour, PersonKind, Trolley
 from rvsg.simulation.archive import PackedRun
+from rvsg.simulation.embedded.episode import Outside
 from rvsg.simulation.embedded.profiles import profile
 from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.run import DoorMoved, ObstacleContact, Outcome, RobotContact, Run
-from rvsg.stacks import Observation, StackChoice, Task, WholeStack
 from rvsg.world.space import human_space
 from rvsg.world.world import Door
 
@@ -46,27 +46,20 @@ def bodies(found: Run, row: int) -> tuple[shapely.Polygon, shapely.Polygon]:
     return placed[0], placed[1]
 
 
-@pytest.fixture(scope="module")
-def opened() -> Run:
-    return run(hall(door()))
-
-
-def test_an_automatic_door_opens_for_the_robot_and_closes_behind_it(opened: Run) -> None:
+def test_an_automatic_door_opens_for_the_robot_and_closes_behind_it() -> None:
+    opened = run_along(hall(door()))
     assert opened.outcome is Outcome.REACHED
     first, last = doors(opened)[0], doors(opened)[-1]
     assert first.opens and not last.opens
     at = int(np.searchsorted(opened.trajectory.t, first.time_s))
     assert np.hypot(opened.trajectory.x[at] - 8.0, opened.trajectory.y[at] - 2.0) == pytest.approx(2.5, abs=0.1)
     assert opened.trajectory.x[int(np.searchsorted(opened.trajectory.t, last.time_s))] > 10.5
-
-
-def test_a_run_with_a_door_is_repeatable_bit_for_bit(opened: Run) -> None:
-    assert PackedRun.of(run(hall(door()))).data == PackedRun.of(opened).data
+    assert PackedRun.of(run_along(hall(door()))).data == PackedRun.of(opened).data
 
 
 def test_a_door_that_opens_for_people_only_stops_the_robot_until_somebody_comes() -> None:
     only = hall(door(opens_for=["people"]))
-    alone = run(only, time_limit_s=25.0)
+    alone = run_along(only, time_limit_s=25.0)
     assert alone.outcome is not Outcome.REACHED
     assert alone.trajectory.x.max() < 8.0
     assert not any(isinstance(event, ObstacleContact) for event in alone.events)
@@ -74,7 +67,7 @@ def test_a_door_that_opens_for_people_only_stops_the_robot_until_somebody_comes(
 
 @pytest.mark.parametrize("kind", ["sliding", "swing"])
 def test_a_person_waits_for_the_leaf_and_passes(kind: str) -> None:
-    found = run(hall(door(kind=kind, range_m=1.0)), person((12, 3), (9, 2), (7, 2), (5, 3), speed_m_s=1.5))
+    found = run_along(hall(door(kind=kind, range_m=1.0)), person((12, 3), (9, 2), (7, 2), (5, 3), speed_m_s=1.5))
     x = found.trajectory.human_x[:, 0]
     assert x.min() < 6.0
     first = doors(found)[0]
@@ -89,17 +82,7 @@ def test_a_closed_door_is_solid_and_not_on_the_map() -> None:
     assert human_space(without).segment_free((7.0, 2.0), (9.0, 2.0))
     assert not human_space(closed).segment_free((7.0, 2.0), (9.0, 2.0))
     assert [thing.kind for thing in closed.solids if thing not in closed.objects] == ["door"]
-    assert run(closed, time_limit_s=20.0).trajectory.x.max() < 8.0
-
-
-class Straight(WholeStack):
-    """Drives straight on, whatever is in front of it."""
-
-    def reset(self, task: Task) -> None:
-        return
-
-    def step(self, seen: Observation) -> tuple[float, float]:
-        return (0.5, 0.0)
+    assert run_along(closed, time_limit_s=20.0).trajectory.x.max() < 8.0
 
 
 @pytest.mark.parametrize(
@@ -117,8 +100,8 @@ class Straight(WholeStack):
 )
 def test_a_contact_with_a_leaf_names_the_door(given: dict[str, object], y: float, named: str) -> None:
     world = hall(door(**given))
-    route = ROUTE.model_copy(update={"start": Pose(x=2.0, y=y), "time_limit_s": 20.0})
-    found = simulate_agents(world, route, [], seed=1, stack=StackChoice.of(Straight()))
+    route = ALONG.model_copy(update={"start": Pose(x=2.0, y=y), "time_limit_s": 20.0})
+    found = simulate_agents(world, route, [], seed=1, outside=Outside(stack=lambda _: (0.5, 0.0), stack_ticks=5))
     hit = [event for event in events_of(found, world=world) if isinstance(event, Hit)]
     assert hit and hit[0].door == named
     assert what_is_hit(hit[0]) == ("the door D" if named else "an obstacle")
@@ -127,7 +110,7 @@ def test_a_contact_with_a_leaf_names_the_door(given: dict[str, object], y: float
 
 @pytest.fixture(scope="module")
 def pushed() -> Run:
-    return run(hall(gap=False), person((13, 2), (2, 2), trolley=Trolley(length_m=1.0)))
+    return run_along(hall(gap=False), person((13, 2), (2, 2), trolley=Trolley(length_m=1.0)))
 
 
 def test_a_trolley_is_a_body_that_does_not_enter_the_robot(pushed: Run) -> None:
@@ -139,16 +122,12 @@ def test_a_trolley_is_a_body_that_does_not_enter_the_robot(pushed: Run) -> None:
     assert pushed.human_outlines[0][1][0] == pytest.approx(1.5)
 
 
-def test_the_robot_makes_way_for_a_trolley_that_its_lidar_sees(pushed: Run) -> None:
-    without = run(hall(gap=False), person((13, 2), (2, 2)))
+def test_the_robot_makes_way_for_a_trolley_that_its_lidar_sees_and_that_turns_slowly(pushed: Run) -> None:
+    without = run_along(hall(gap=False), person((13, 2), (2, 2)))
     first = [float(np.abs(r.trajectory.y - 2.0)[r.trajectory.x < 6.5].max()) for r in (pushed, without)]
     assert first[0] != first[1]
     assert PackedRun.of(pushed).unpack().human_outlines == pushed.human_outlines
-
-
-def test_a_trolley_turns_slowly(pushed: Run) -> None:
-    turn = np.abs(np.diff(np.unwrap(pushed.trajectory.human_yaw[:, 0])))
-    assert turn.max() <= 1.8 * 0.1 + 1e-6
+    assert np.abs(np.diff(np.unwrap(pushed.trajectory.human_yaw[:, 0]))).max() <= 1.8 * 0.1 + 1e-6
 
 
 def test_contact_with_a_trolley_is_contact_with_the_person() -> None:
@@ -156,7 +135,7 @@ def test_contact_with_a_trolley_is_contact_with_the_person() -> None:
     pusher = person((14, 2), (2, 2), trolley=Trolley(), speed_m_s=1.2).model_copy(
         update={"behaviour": Behaviour.IMPASSIVE}
     )
-    found = run(hall(), pusher)
+    found = run_along(hall(), pusher)
     touched = [event for event in found.events if isinstance(event, RobotContact) and event.part == "trolley"]
     assert touched and touched[0].closing_speed_m_s > 0.2
     assert [touch.recorded for touch in Sampled(found, found.trajectory).contacts if touch.recorded in touched]
@@ -165,7 +144,7 @@ def test_contact_with_a_trolley_is_contact_with_the_person() -> None:
 
 
 def test_a_wheelchair_is_as_wide_as_its_frame() -> None:
-    found = run(hall(gap=False), person((13, 2), (2, 2), kind=PersonKind.WHEELCHAIR, radius_m=0.33))
+    found = run_along(hall(gap=False), person((13, 2), (2, 2), kind=PersonKind.WHEELCHAIR, radius_m=0.33))
     disc = dataclasses.replace(found, human_outlines=())
     sampled, smaller = Sampled(found, found.trajectory), Sampled(disc, disc.trajectory)
     assert (sampled.gap <= smaller.gap + 1e-12).all()
@@ -174,4 +153,4 @@ def test_a_wheelchair_is_as_wide_as_its_frame() -> None:
 
 def test_the_profile_of_the_study_knows_none_of_them() -> None:
     with pytest.raises(InputError):
-        simulate_agents(hall(door()), ROUTE, (), options=profile("published-study"))
+        simulate_agents(hall(door()), ALONG, (), options=profile("published-study"))

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.simulation.test_people import CORRECT, crowd_of, human, walk, world_with
+from tests.simulation.parts import crowd_of, human, tick, walk, world_with
 
 from rvsg.scenario.scenario import Behaviour
 from rvsg.scenario.validity import is_walkable
@@ -20,10 +20,6 @@ from rvsg.world.world_folder import load_world
 
 WORLDS = ("warehouse", "office", "hospital")
 SOME = [pytest.param(name, marks=pytest.mark.exhaustive) if name != "office" else name for name in WORLDS]
-
-
-def too_slow(world: World, ways: list[tuple[str, ...]], speed_m_s: float) -> list[tuple[str, ...]]:
-    return not_walked(world, ways, [speed_m_s])
 
 
 def both_ways(world: World) -> list[tuple[str, ...]]:
@@ -42,20 +38,20 @@ class TestHops:
             return float(space.clearances(a + (b - a) * np.linspace(0.0, 1.0, 20)[:, None]).min())
 
         hops = sorted(both_ways(world), key=room)[:12]
-        assert too_slow(world, hops, speed) == []
+        assert not_walked(world, hops, [speed]) == []
 
     @pytest.mark.parametrize("way", [("L6", "M7", "M6"), ("L4", "M3", "M4"), ("K6", "L6", "M7", "M6", "L6")])
     def test_hops_that_were_never_walked_are_walked(self, way: tuple[str, ...]) -> None:
         world = load_world("warehouse")
         for speed in (0.3, 0.5, 1.0):
-            assert too_slow(world, [way], speed) == []
+            assert not_walked(world, [way], [speed]) == []
 
     @pytest.mark.slow
     @pytest.mark.parametrize("name", SOME)
     def test_every_hop_is_walked_both_ways(self, name: str) -> None:
         world = load_world(name)
         for speed in (0.3, 1.5):
-            assert too_slow(world, both_ways(world), speed) == []
+            assert not_walked(world, both_ways(world), [speed]) == []
 
     @pytest.mark.slow
     @pytest.mark.parametrize("name", SOME)
@@ -63,7 +59,7 @@ class TestHops:
         world = load_world(name)
         ends = sorted({min(area.waypoints) for area in world.areas if area.waypoints})
         ways = (world.grid.shortest_path(a, b) for a in ends for b in ends if a != b)
-        assert too_slow(world, [way for way in ways if way], 1.2) == []
+        assert not_walked(world, [way for way in ways if way], [1.2]) == []
 
 
 def gap_world(width_m: float, beside_m: float) -> World:
@@ -80,7 +76,7 @@ class TestTheChecker:
     def test_it_refuses_exactly_the_gaps_that_people_do_not_get_through(self, width_m: float, beside_m: float) -> None:
         world = gap_world(width_m, beside_m)
         for speed in (0.3, 1.5):
-            assert is_walkable("A1", "A2", world) == (too_slow(world, [("A1", "A2")], speed) == [])
+            assert is_walkable("A1", "A2", world) == (not_walked(world, [("A1", "A2")], [speed]) == [])
 
     @pytest.mark.parametrize("name", WORLDS)
     def test_every_hop_of_the_shipped_worlds_is_walkable(self, name: str) -> None:
@@ -89,29 +85,22 @@ class TestTheChecker:
 
 
 class TestStanding:
-    def test_somebody_told_to_stand_comes_to_rest_at_the_waypoint(self) -> None:
-        crowd = crowd_of(human((0.0, 0.0), (3.0, 0.0), pauses_s=(0.0, 60.0)), options=CORRECT)
+    @pytest.mark.parametrize("pushed", [(0.0, 0.0), (0.7, -0.5)], ids=["alone", "pushed aside"])
+    def test_somebody_told_to_stand_comes_to_rest_at_the_waypoint(self, pushed: tuple[float, float]) -> None:
+        crowd = crowd_of(human((0.0, 0.0), (3.0, 0.0), pauses_s=(0.0, 60.0)))
         walk(crowd, 80)
+        crowd.x[0] += pushed[0]
+        crowd.y[0] += pushed[1]
+        walk(crowd, 60)
         assert math.hypot(crowd.x[0] - 3.0, crowd.y[0]) < 0.06
         x, y, walked = crowd.x[0], crowd.y[0], crowd.walked[0]
-        walk(crowd, 100)
+        walk(crowd, 60)
         assert (crowd.x[0], crowd.y[0], crowd.walked[0]) == (x, y, walked)
-
-    def test_somebody_pushed_aside_returns_and_rests(self) -> None:
-        crowd = crowd_of(human((0.0, 0.0), (3.0, 0.0), pauses_s=(0.0, 60.0)), options=CORRECT)
-        walk(crowd, 60)
-        crowd.x[0] += 0.7
-        crowd.y[0] -= 0.5
-        walk(crowd, 60)
-        assert math.hypot(crowd.x[0] - 3.0, crowd.y[0]) < 0.06
-        walked = crowd.walked[0]
-        walk(crowd, 50)
-        assert crowd.walked[0] == walked
 
     def test_somebody_who_stands_is_not_moved_by_people_who_pass(self) -> None:
         standing = human((0.0, 0.0), (1.0, 0.0), pauses_s=(60.0, 60.0), start_pause_s=60.0)
         passing = human((-4.0, 1.2), (4.0, 1.2))
-        crowd = crowd_of(standing, passing, options=CORRECT)
+        crowd = crowd_of(standing, passing)
         walk(crowd, 60)
         assert math.hypot(crowd.x[0], crowd.y[0]) < 0.15
         assert crowd.x[1] > 2.0
@@ -119,7 +108,7 @@ class TestStanding:
 
 class TestPauses:
     def test_the_pause_of_the_last_waypoint_is_not_held_at_the_start(self) -> None:
-        crowd = crowd_of(human((0.0, 0.0), (3.0, 0.0), pauses_s=(5.0, 0.0)), options=CORRECT)
+        crowd = crowd_of(human((0.0, 0.0), (3.0, 0.0), pauses_s=(5.0, 0.0)))
         walk(crowd, 15)
         assert crowd.x[0] > 1.0
         walk(crowd, 35)
@@ -127,7 +116,7 @@ class TestPauses:
         assert crowd.pause_left[0] > 2.0
 
     def test_a_pause_at_the_start_is_held_once(self) -> None:
-        crowd = crowd_of(human((0.0, 0.0), (3.0, 0.0), start_pause_s=2.0), options=CORRECT)
+        crowd = crowd_of(human((0.0, 0.0), (3.0, 0.0), start_pause_s=2.0))
         walk(crowd, 20)
         assert abs(crowd.x[0]) < 0.05
         walk(crowd, 15)
@@ -139,19 +128,19 @@ class TestPauses:
 
 class TestDeadlocks:
     def test_two_who_meet_head_on_pass_each_other(self) -> None:
-        crowd = crowd_of(human((0.0, 0.0), (6.0, 0.0)), human((6.0, 0.0), (0.0, 0.0)), options=CORRECT)
+        crowd = crowd_of(human((0.0, 0.0), (6.0, 0.0)), human((6.0, 0.0), (0.0, 0.0)))
         walk(crowd, 55)
         assert set(np.flatnonzero(crowd.reached[:, 1] < 6.0)) == {0, 1}
 
     def test_a_waypoint_that_somebody_occupies_counts_as_reached_from_beside_it(self) -> None:
         standing = human((3.0, 0.0), (4.0, 0.0), pauses_s=(60.0, 60.0), start_pause_s=60.0)
-        crowd = crowd_of(human((0.0, 0.0), (3.0, 0.0), (6.0, 0.0)), standing, options=CORRECT)
+        crowd = crowd_of(human((0.0, 0.0), (3.0, 0.0), (6.0, 0.0)), standing)
         walk(crowd, 90)
         assert crowd.reached[0, 2] < 9.0
 
     def test_somebody_who_cannot_get_on_is_recorded_as_stuck(self) -> None:
         closed = world_with((3.0, 0.0, 0.4, 19.0))
-        crowd = crowd_of(human((0.0, 0.0), (6.0, 0.0)), options=CORRECT, world=closed)
+        crowd = crowd_of(human((0.0, 0.0), (6.0, 0.0)), world=closed)
         walk(crowd, 120)
         (stuck,) = [e for e in events_of(crowd, ["a"], [Behaviour.REGULAR]) if e.kind == "person_stuck"]
         assert (stuck.person, stuck.goal) == ("a", 1)
@@ -163,7 +152,7 @@ class TestDeadlocks:
 class TestRecordedEvents:
     def test_pauses_arrivals_and_reactions_are_recorded(self) -> None:
         agent = human((0.0, 0.0), (2.0, 0.0), (4.0, 0.0), pauses_s=(0.0, 2.0, 0.0), behaviour=Behaviour.SURPRISED)
-        crowd = crowd_of(agent, options=CORRECT)
+        crowd = crowd_of(agent)
         walk(crowd, 20)
         walk(crowd, 10, robot=(5.0, 0.0, 0.0, 0.0))
         found = {event.kind: event for event in events_of(crowd, ["a"], [agent.behaviour])}
@@ -173,8 +162,39 @@ class TestRecordedEvents:
         assert found["person_reacted"].until_s - found["person_reacted"].time_s == pytest.approx(1.0)
 
     def test_a_full_buffer_drops_events_and_counts_them(self) -> None:
-        crowd = crowd_of(human((0.0, 0.0), (2.0, 0.0), pauses_s=(1.0, 1.0)), options=CORRECT)
+        crowd = crowd_of(human((0.0, 0.0), (2.0, 0.0), pauses_s=(1.0, 1.0)))
         small = crowd._replace(events=crowd.events[:1])
         walk(small, 100)
         assert small.event_count[0] == 1
         assert small.event_count[1] > 0
+
+
+SEES_RAD = 1.74
+WITHIN_M = {Behaviour.SURPRISED: 4.0, Behaviour.SCARED: 3.0, Behaviour.CURIOUS: 10.0, Behaviour.THREATENING: 4.5}
+
+
+def reacts(behaviour: Behaviour, distance_m: float, bearing_rad: float = 0.0, pause_s: float = 0.0) -> bool:
+    crowd = crowd_of(human((0.0, 0.0), (5.0, 0.0), behaviour=behaviour, start_pause_s=pause_s))
+    crowd.yaw[0] = 0.0
+    for k in range(3):
+        crowd.x[0] = crowd.y[0] = 0.0
+        tick(crowd, 0.1 * k, 0.1, distance_m * math.cos(bearing_rad), distance_m * math.sin(bearing_rad), 0.0, 0.0)
+        if crowd.reacting[0]:
+            return True
+    return False
+
+
+class TestReactions:
+    """Simulated people react to the robot as docs/explanation/people.md says."""
+
+    @pytest.mark.parametrize(("behaviour", "within_m"), WITHIN_M.items())
+    def test_people_react_within_the_documented_distance_and_angle(self, behaviour: Behaviour, within_m: float) -> None:
+        assert reacts(behaviour, within_m - 0.05)
+        assert not reacts(behaviour, within_m + 0.05)
+        assert reacts(behaviour, 2.0, SEES_RAD - 0.02)
+        assert not reacts(behaviour, 2.0, SEES_RAD + 0.02)
+        assert reacts(behaviour, 2.0, pause_s=60.0)  # a reaction interrupts a pause
+
+    @pytest.mark.parametrize("behaviour", [b for b in Behaviour if b not in WITHIN_M])
+    def test_the_others_never_react(self, behaviour: Behaviour) -> None:
+        assert not reacts(behaviour, 1.0)

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
+from tests.simulation.parts import TIAGO, room_cells, route, world_of
 
-from rvsg.core.records import Pose
 from rvsg.robots.robot import Bumper, Robot, load_robot
 from rvsg.simulation.embedded.episode import Episode, Outside
 from rvsg.simulation.embedded.profiles import profile
@@ -15,39 +15,21 @@ from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.embedded.state import Surroundings
 from rvsg.simulation.embedded.walls import SLACK_M, Walls, clearance, free_pose, overlap
 from rvsg.simulation.run import ObstacleContact, Outcome, Run
-from rvsg.world.grid import Grid
-from rvsg.world.world import OccupancyMap, Route, World
+from rvsg.world.world import World
 from rvsg.world.world_folder import load_world
-
-TIAGO = load_robot("tiago_omni")
 
 
 def room_with_door(width_m: float) -> tuple[World, float]:
     """Two rooms of 6 x 8 m and a door between them; the world and the door's middle (y)."""
-    cells = np.zeros((160, 240), np.uint8)
-    cells[[0, -1], :] = 100
-    cells[:, [0, -1]] = 100
-    cells[:, 118:122] = 100
     count = round(width_m / 0.05)
-    first = 80 - count // 2
-    cells[first : first + count, 118:122] = 0
-    world = World(
-        name="door",
-        title="Two rooms",
-        objects=(),
-        occupancy=OccupancyMap(cells=cells, resolution=0.05, origin=Pose(x=-6.0, y=-4.0)),
-        lidar_height_m=0.2,
-        grid=Grid(rows=(), columns=(), waypoints=(), hops=()),
-        areas=(),
-        routes=(),
-    )
-    return world, (first + 0.5 * count) * 0.05 - 4.0
+    low, high = (80 - count // 2) * 0.05, (80 - count // 2 + count) * 0.05
+    cells = room_cells(12.0, 8.0, (5.9, 0.0, 6.1, low), (5.9, high, 6.1, 8.0))
+    return world_of(cells, -6.0, -4.0), 0.5 * (low + high) - 4.0
 
 
 def through(robot: Robot, width_m: float, seed: int = 0, outside: Outside | None = None) -> tuple[Run, Walls]:
     world, y = room_with_door(width_m)
-    route = Route(name="door", start=Pose(x=-1.5, y=y), goal=Pose(x=2.0, y=y), time_limit_s=40.0)
-    run = simulate_agents(world, route, [], robot=robot, seed=seed, outside=outside)
+    run = simulate_agents(world, route((-1.5, y), (2.0, y), 40.0), [], robot=robot, seed=seed, outside=outside)
     return run, Surroundings(world, robot).walls()
 
 
@@ -108,8 +90,8 @@ def test_a_robot_leaves_a_wall_it_has_touched() -> None:
 
 def test_in_the_published_profile_the_body_passes_through_walls() -> None:
     world, y = room_with_door(0.45)
-    route = Route(name="door", start=Pose(x=-1.5, y=y), goal=Pose(x=2.0, y=y), time_limit_s=20.0)
-    run = simulate_agents(world, route, [], options=profile("published-study"), outside=Outside(stack=ahead))
+    way = route((-1.5, y), (2.0, y), 20.0)
+    run = simulate_agents(world, way, [], options=profile("published-study"), outside=Outside(stack=ahead))
     assert run.trajectory.x.max() > 1.0
     assert not run.events
 
@@ -117,18 +99,16 @@ def test_in_the_published_profile_the_body_passes_through_walls() -> None:
 def test_every_shipped_route_begins_and_stays_free() -> None:
     world = load_world("warehouse")
     walls = Surroundings(world, TIAGO).walls()
-    for route in world.routes:
-        start = free_pose(walls, route.start)
-        assert start is not None, route.name
-        assert math.dist((start.x, start.y), (route.start.x, route.start.y)) <= 0.1
+    for way in world.routes:
+        start = free_pose(walls, way.start)
+        assert start is not None, way.name
+        assert math.dist((start.x, start.y), (way.start.x, way.start.y)) <= 0.1
         assert overlap(walls, start.x, start.y, start.yaw) <= SLACK_M
 
 
 def test_a_start_inside_a_wall_is_an_outcome() -> None:
     world, y = room_with_door(0.45)
-    route = Route(name="door", start=Pose(x=-0.2, y=y + 1.0), goal=Pose(x=2.0, y=y), time_limit_s=20.0)
-    run = simulate_agents(world, route, [])
-    assert run.outcome is Outcome.BLOCKED_START
+    assert simulate_agents(world, route((-0.2, y + 1.0), (2.0, y)), []).outcome is Outcome.BLOCKED_START
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.7, 2.0])
@@ -155,9 +135,8 @@ def test_clearance_is_the_distance_to_the_nearest_outline() -> None:
 def scraping(robot: Robot) -> tuple[Run, Walls]:
     """Drive straight on at 0.3 m/s, askew into the long wall of a room at y = 3.95."""
     world, _ = room_with_door(1.0)
-    start = Pose(x=-4.0, y=2.9, yaw=math.radians(35))
-    route = Route(name="askew", start=start, goal=Pose(x=-1.0, y=0.0), time_limit_s=8.0)
-    run = simulate_agents(world, route, [], robot=robot, seed=0, outside=Outside(stack=lambda _: (0.3, 0.0)))
+    way = route((-4.0, 2.9, math.radians(35)), (-1.0, 0.0), 8.0)
+    run = simulate_agents(world, way, [], robot=robot, seed=0, outside=Outside(stack=lambda _: (0.3, 0.0)))
     return run, Surroundings(world, robot).walls()
 
 
@@ -194,6 +173,6 @@ def test_a_base_with_steered_wheels_stops_at_a_wall() -> None:
 @pytest.mark.parametrize("name", ["office", pytest.param("hospital", marks=pytest.mark.exhaustive)])
 def test_no_shipped_route_is_lost_at_a_door_jamb(name: str) -> None:
     world = load_world(name)
-    for route in world.routes:
-        run = simulate_agents(world, route, [], seed=1)
-        assert run.outcome is Outcome.REACHED, (route.name, run.events)
+    for way in world.routes:
+        run = simulate_agents(world, way, [], seed=1)
+        assert run.outcome is Outcome.REACHED, (way.name, run.events)
