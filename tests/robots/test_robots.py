@@ -72,6 +72,7 @@ ASIDE = [[0.3, 0.2], [0.1, 0.2], [0.1, -0.2], [0.3, -0.2]]
         ({"limits": {**LIMITS, "acceleration_m_s2": 0.0}}, ("limits", "acceleration_m_s2")),
         ({"limits": {**LIMITS, "speed_m_s": 0.0}}, ("limits", "speed_m_s")),
         ({"limits": {**LIMITS, "lateral_m_s": 0.5}}, ("limits", "lateral_m_s")),
+        ({"limits": {**LIMITS, "lateral_m_s": -0.1}}, ("limits", "lateral_m_s")),
         ({"lidars": []}, ("lidars",)),
         ({"lidars": [LIDAR, {**LIDAR, "name": "far", "x": 30.0}]}, ("lidars", 1)),
         ({"lidars": [LIDAR, {**LIDAR, "name": "in", "x": 0.0, "height_m": 0.2}]}, ("lidars", 1)),

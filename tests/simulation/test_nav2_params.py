@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 import yaml
+from tests.simulation.parts import TIAGO
 
 from rvsg.cli import main
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError
-from rvsg.robots.robot import load_robot
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.simulation.stacks.nav2_params import read_nav2_params
 from rvsg.stacks import StackChoice
@@ -126,21 +126,16 @@ def written(folder: Path, text: str) -> Path:
 def test_a_file_of_humble_sets_robot_and_planner(tmp_path: Path) -> None:
     choice = StackChoice.of(str(written(tmp_path, HUMBLE + COSTMAPS)))
     assert choice.record.name == "nav2-dwb"
-    robot = choice.driver.adapt(load_robot("tiago_omni"))
+    robot = choice.driver.adapt(TIAGO)
     n = robot.navigation
     assert (n.behaviours.controller_hz, n.behaviours.failure_tolerance_s, n.behaviours.progress_m) == (10.0, 0.5, 0.4)
     assert (n.behaviours.goal_tolerance_m, n.behaviours.planner_tolerance_m) == (0.15, 0.3)
-    assert (n.dwb.max_speed_m_s, n.dwb.deceleration_m_s2, n.dwb.obstacle_scale, n.dwb.goal_align_scale) == (
-        0.45,
-        1.6,
-        0.03,
-        0.0,
-    )
-    assert (n.dwb.path_align_scale, n.dwb.forward_point_m) == (30.0, 0.2)
+    assert (n.dwb.max_speed_m_s, n.dwb.deceleration_m_s2, n.dwb.forward_point_m) == (0.45, 1.6, 0.2)
+    assert (n.dwb.obstacle_scale, n.dwb.goal_align_scale, n.dwb.path_align_scale) == (0.03, 0.0, 30.0)
     assert (n.costmaps.local_size_m, n.costmaps.local_resolution_m, n.costmaps.obstacle_range_m) == (4, 0.04, 2.2)
     assert (n.costmaps.local_inflation_m, n.costmaps.local_cost_scaling, n.costmaps.global_update_hz) == (0.6, 4.5, 2.0)
     assert (n.smoother.max_speed_m_s, n.smoother.max_reverse_m_s, n.smoother.deceleration_m_s2) == (0.4, 0.2, 1.8)
-    assert len(robot.footprint) == 16 and robot.outline == load_robot("tiago_omni").outline
+    assert len(robot.footprint) == 16 and robot.outline == TIAGO.outline
 
 
 def test_every_key_is_listed_with_what_becomes_of_it(tmp_path: Path) -> None:
@@ -174,7 +169,7 @@ def test_mppi_and_a_collision_monitor(tmp_path: Path) -> None:
     options = choice.record.options
     assert choice.record.name == "nav2-mppi" and options["batch_size"] == 500 and options["vx_max"] == 0.6
     assert options["CostCritic"]["cost_weight"] == 3.0 and not options["PathAlignCritic"]["enabled"]
-    navigation = choice.driver.adapt(load_robot("tiago_omni")).navigation
+    navigation = choice.driver.adapt(TIAGO).navigation
     stop, slow, approach = navigation.collision_monitor
     assert (stop.action_type, stop.points[0], stop.min_points) == ("stop", (0.5, 0.3), 4)
     assert (slow.action_type, len(slow.points), slow.slowdown_ratio, slow.min_points) == ("slowdown", 16, 0.4, 9)
@@ -211,11 +206,9 @@ def test_the_release_decides_how_recoveries_drive(tmp_path: Path, dots: str, smo
     path = written(
         tmp_path, RPP + PLANNER.format(plugin="nav2_navfn_planner/NavfnPlanner", options="tolerance: 0.4", dots=dots)
     )
-    assert StackChoice.of(path).driver.adapt(load_robot("tiago_omni")).navigation.behaviours.smoothed is smoothed
-    assert {
-        name: StackChoice.of(name).driver.adapt(load_robot("tiago_omni")).navigation.behaviours.smoothed
-        for name in ("nav2-dwb", "nav2-rpp", "nav2-mppi")
-    } == {"nav2-dwb": False, "nav2-rpp": True, "nav2-mppi": True}
+    assert StackChoice.of(path).driver.adapt(TIAGO).navigation.behaviours.smoothed is smoothed
+    for name, built_in in (("nav2-dwb", False), ("nav2-rpp", True), ("nav2-mppi", True)):
+        assert StackChoice.of(name).driver.adapt(TIAGO).navigation.behaviours.smoothed is built_in
 
 
 def test_pure_pursuit_and_options_on_top_of_a_file(tmp_path: Path) -> None:

@@ -8,19 +8,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.simulation.parts import TIAGO, route
 
 from rvsg.core.errors import InputError
-from rvsg.core.records import Pose
-from rvsg.robots.robot import load_robot
 from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator, empty_room, simulate_agents
 from rvsg.simulation.run import Outcome, Run
 from rvsg.simulation.stacks.pure_pursuit import PurePursuit, carrot, pursue, regulated, turn_towards
 from rvsg.stacks import StackChoice, stack_names
 from rvsg.testing import check_stack
-from rvsg.world.world import Route
 
-ROUTE = Route(name="across", start=Pose(x=-2.2, y=0.0), goal=Pose(x=2.0, y=0.0), time_limit_s=20.0)
+ROUTE = route((-2.2, 0.0), (2.0, 0.0), 20.0)
 EXAMPLE = Path(__file__).parents[2] / "examples" / "stacks" / "follow_the_plan.py"
 
 
@@ -106,7 +104,7 @@ def test_a_lethal_cell_ahead_within_reach_leaves_no_command() -> None:
 
 def test_options_change_the_robot_and_wrong_ones_are_one_error() -> None:
     stack = StackChoice.of("nav2-dwb", {"smoother": {"max_speed_m_s": 0.3}, "dwb": {"sim_time_s": 2.0}})
-    robot = stack.driver.adapt(load_robot("tiago_omni"))
+    robot = stack.driver.adapt(TIAGO)
     assert robot.navigation.smoother.max_speed_m_s == 0.3 and robot.navigation.dwb.sim_time_s == 2.0
     assert stack.record.options == {"smoother": {"max_speed_m_s": 0.3}, "dwb": {"sim_time_s": 2.0}}
     assert "stack" in EmbeddedSimulator(stack=stack.record.model_dump()).options
@@ -122,6 +120,5 @@ def test_options_change_the_robot_and_wrong_ones_are_one_error() -> None:
 
 def test_another_footprint_leaves_the_body() -> None:
     square = [[0.5, 0.4], [-0.5, 0.4], [-0.5, -0.4], [0.5, -0.4]]
-    before = load_robot("tiago_omni")
-    after = StackChoice.of("nav2-rpp", {"footprint": square}).driver.adapt(before)
-    assert after.footprint[0] == (0.5, 0.4) and after.outline == before.outline
+    after = StackChoice.of("nav2-rpp", {"footprint": square}).driver.adapt(TIAGO)
+    assert after.footprint[0] == (0.5, 0.4) and after.outline == TIAGO.outline

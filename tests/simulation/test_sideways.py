@@ -9,42 +9,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.simulation.parts import MECANUM as MECANUM_FILE
+from tests.simulation.parts import TIAGO, Constant, route, standing
 
-from rvsg.core.documents import read_document
-from rvsg.core.records import Pose
-from rvsg.core.references import refer
 from rvsg.robots.robot import Robot, load_robot
 from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json
-from rvsg.simulation.embedded import base
-from rvsg.simulation.embedded.robot_parameters import stack_of
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator, empty_room, simulate_agents
 from rvsg.simulation.run import ObstacleContact, Outcome, RobotContact, Run
 from rvsg.simulation.stacks.external_process import write_clients_to
-from rvsg.stacks import Ended, LocalObservation, LocalPlanner, Observation, StackChoice, Task, Twist, WholeStack
+from rvsg.stacks import Ended, Observation, StackChoice, Task, Twist, WholeStack
 from rvsg.world.world import Route
 
-MECANUM = Path(__file__).parents[2] / "examples" / "robots" / "mecanum.yaml"
-ASIDE = Route(name="aside", start=Pose(x=0.0, y=-1.5), goal=Pose(x=0.0, y=1.5), time_limit_s=15.0)
-NOBODY: list[HumanAgent] = []
-
-
-def mecanum() -> Robot:
-    return load_robot(MECANUM)
-
-
-class Constant(LocalPlanner):
-    """Answers the same velocity until it is near the goal."""
-
-    def __init__(self, answer: Any = (0.0, 0.4, 0.0)) -> None:
-        self.answer = answer
-
-    def reset(self, task: Task) -> None:
-        self.lateral: list[float] = []
-
-    def command(self, seen: LocalObservation) -> Any:
-        self.lateral.append(seen.lateral)
-        return self.answer
+MECANUM = load_robot(MECANUM_FILE)
+ASIDE = route((0.0, -1.5), (0.0, 1.5), 15.0)
 
 
 class Crab(WholeStack):
@@ -60,12 +38,16 @@ class Crab(WholeStack):
         return Twist(max(-0.4, min(0.4, dx)), max(-0.4, min(0.4, dy)), 0.0)
 
 
-def drive(stack: Any, route: Route = ASIDE, robot: Robot | None = None, people: list[HumanAgent] = NOBODY) -> Run:
-    return simulate_agents(empty_room(), route, people, robot=robot or mecanum(), stack=StackChoice.of(stack))
+def drive(stack: Any, way: Route = ASIDE, robot: Robot = MECANUM, *people: HumanAgent) -> Run:
+    return simulate_agents(empty_room(), way, people, robot=robot, stack=StackChoice.of(stack))
+
+
+def sideways() -> Constant:
+    return Constant((0.0, 0.4, 0.0))
 
 
 def test_a_planner_that_commands_a_lateral_speed_moves_the_robot_sideways() -> None:
-    planner = Constant()
+    planner = sideways()
     run = drive(planner)
     path = run.trajectory
     assert run.outcome is Outcome.REACHED
@@ -78,19 +60,6 @@ def test_a_planner_that_commands_a_lateral_speed_moves_the_robot_sideways() -> N
     assert np.allclose(path.speed, path.lateral)
 
 
-def test_the_base_takes_on_a_lateral_speed_as_fast_as_its_limits_allow() -> None:
-    robot = mecanum()
-    stack, body = refer(stack_of(robot)), base.new_body()
-    body[base.SMOOTH_SIDE] = 1.0
-    for k in range(20):
-        base.advance(body, 1.0, np.zeros((1, 3)), k, stack)
-    assert body[base.SIDE] == pytest.approx(0.2 * robot.limits.acceleration_m_s2)
-    for k in range(20, 100):
-        base.advance(body, 1.0, np.zeros((1, 3)), k, stack)
-    assert body[base.SIDE] == robot.limits.lateral_m_s
-    assert body[base.Y] > 0.2 and body[base.X] == 0.0
-
-
 def test_a_whole_stack_drives_sideways_to_a_goal_beside_it() -> None:
     run = drive(Crab())
     assert run.outcome is Outcome.REACHED
@@ -98,7 +67,7 @@ def test_a_whole_stack_drives_sideways_to_a_goal_beside_it() -> None:
 
 
 def test_another_robot_is_not_moved_sideways() -> None:
-    run = drive(Constant((0.2, 0.4, 0.0)), robot=load_robot("tiago_omni"))
+    run = drive(Constant((0.2, 0.4, 0.0)), robot=TIAGO)
     told: Any = run.details["stack"]
     assert told["clipped"] == told["calls"] > 0
     assert np.abs(run.trajectory.y + 1.5).max() < 1e-6
@@ -115,27 +84,27 @@ def test_a_process_that_speaks_protocol_2_drives_sideways(tmp_path: Path) -> Non
     )
     choice = StackChoice.of(f"exec:{sys.executable} {tmp_path / 'crab.py'}")
     try:
-        piped = simulate_agents(empty_room(), ASIDE, NOBODY, robot=mecanum(), stack=choice)
+        piped = simulate_agents(empty_room(), ASIDE, [], robot=MECANUM, stack=choice)
     finally:
         choice.driver.close()
     assert piped.stack_fault == ""
-    assert np.array_equal(piped.trajectory.y, drive(Constant()).trajectory.y)
+    assert np.array_equal(piped.trajectory.y, drive(sideways()).trajectory.y)
 
 
 def test_dwb_samples_lateral_speeds_where_the_robot_file_asks_for_it() -> None:
-    run = simulate_agents(empty_room(), ASIDE, NOBODY, robot=mecanum())
+    navigation = MECANUM.navigation
+    without = MECANUM.replace(navigation=navigation.replace(dwb=navigation.dwb.replace(max_lateral_m_s=0.0)))
+    run, straight = (simulate_agents(empty_room(), ASIDE, [], robot=robot) for robot in (MECANUM, without))
     assert run.outcome is Outcome.REACHED
     assert np.abs(run.trajectory.lateral).max() > 0.1
-    robot = mecanum()
-    dwb = robot.navigation.dwb.replace(max_lateral_m_s=0.0)
-    without = robot.replace(navigation=robot.navigation.replace(dwb=dwb))
-    run = simulate_agents(empty_room(), ASIDE, NOBODY, robot=without)
-    assert np.abs(run.trajectory.lateral).max() == 0.0
+    assert np.abs(straight.trajectory.lateral).max() == 0.0
+
+
+TO_THE_WALL = route((0.0, 0.0), (0.0, -2.0), 10.0)
 
 
 def test_a_wall_beside_the_robot_holds_it() -> None:
-    route = Route(name="wall", start=Pose(x=0.0, y=0.0), goal=Pose(x=0.0, y=-2.0), time_limit_s=10.0)
-    run = drive(Constant(), route)
+    run = drive(sideways(), TO_THE_WALL)
     contacts = [event for event in run.events if isinstance(event, ObstacleContact)]
     assert contacts and contacts[0].speed_m_s == pytest.approx(0.4)
     half = 0.188
@@ -143,9 +112,7 @@ def test_a_wall_beside_the_robot_holds_it() -> None:
 
 
 def test_a_person_between_the_robot_and_a_wall_holds_it_and_the_contact_is_an_event() -> None:
-    route = Route(name="wall", start=Pose(x=0.0, y=0.0), goal=Pose(x=0.0, y=-2.0), time_limit_s=10.0)
-    person = HumanAgent(name="ann", start=(0.0, 2.6), goals=((0.0, 2.6),), pauses_s=(99.0,))
-    run = drive(Constant(), route, people=[person])
+    run = drive(sideways(), TO_THE_WALL, MECANUM, standing(0.0, 2.6))
     contacts = [event for event in run.events if isinstance(event, RobotContact)]
     assert contacts and contacts[0].robot_part_m_s > 0.2
     assert contacts[0].bearing_rad == pytest.approx(math.pi / 2, abs=0.3)
@@ -153,20 +120,20 @@ def test_a_person_between_the_robot_and_a_wall_holds_it_and_the_contact_is_an_ev
 
 
 @pytest.mark.parametrize(
-    ("stack", "told"), [("nav2-rpp", 1), ("nav2-mppi", 1), ("social", 1), ("nav2-dwb", 0), (Constant(), 0)]
+    ("stack", "told"), [("nav2-rpp", 1), ("nav2-mppi", 1), ("social", 1), ("nav2-dwb", 0), (sideways(), 0)]
 )
 def test_a_stack_that_never_moves_sideways_says_so(stack: Any, told: int) -> None:
     made = EmbeddedSimulator(stack=stack)
-    assert len(made.notes(mecanum())) == told
-    assert made.notes(load_robot("tiago_omni")) == ()
+    assert len(made.notes(MECANUM)) == told
+    assert made.notes(TIAGO) == ()
 
 
 def test_a_run_keeps_its_lateral_speed_in_every_form() -> None:
-    run = drive(Constant())
+    run = drive(sideways())
     for again in (run_from_json(run_to_json(run)), PackedRun.of(run).unpack()):
         assert np.array_equal(again.trajectory.lateral, run.trajectory.lateral)
         assert np.array_equal(again.log.lateral, run.log.lateral)
-    plain = drive(Constant((0.2, 0.0)), robot=load_robot("tiago_omni"))
+    plain = drive(Constant((0.2, 0.0)), robot=TIAGO)
     assert run_from_json(run_to_json(plain)).trajectory.lateral.size == 0
 
 
@@ -191,7 +158,7 @@ def test_a_trace_holds_the_lateral_speed_and_its_samples() -> None:
     from rvsg_exchange.bag import TraceMessages, rosbags_types
 
     world = load_world("warehouse")
-    mission = Mission.of(world, world.route("route_1"), robot=mecanum())
+    mission = Mission.of(world, world.route("route_1"), robot=MECANUM)
     trace = trace_run(Scenario(mission=mission, people=HumanConfiguration(humans=())), world, seed=0)
     assert any(frame.command[2] != 0.0 for frame in trace.frames)
     (tried, *_) = [frame.evaluation for frame in trace.frames if frame.evaluation is not None]
@@ -200,28 +167,7 @@ def test_a_trace_holds_the_lateral_speed_and_its_samples() -> None:
     assert [m.linear.y for m in sent] == [frame.command[2] for frame in trace.frames]
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"drive": {"kind": "differential"}},
-        {"limits": {"lateral_m_s": -0.1}},
-        {"limits": {"lateral_m_s": 0.0}},
-    ],
-)
-def test_a_robot_file_that_contradicts_itself_is_refused(changes: dict[str, Any], tmp_path: Path) -> None:
-    import yaml
-
-    values = yaml.safe_load(MECANUM.read_text())
-    for key, part in changes.items():
-        values[key] = {**values[key], **part}
-    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(values))
-    from rvsg.core.errors import FileError
-
-    with pytest.raises(FileError):
-        read_document(tmp_path / "robot.yaml", Robot)
-
-
 def test_robots_that_stand_keep_their_ids() -> None:
-    dumped = load_robot("tiago_omni").model_dump(mode="json")
+    dumped = TIAGO.model_dump(mode="json")
     assert "lateral_m_s" not in dumped["limits"]
     assert not {"max_lateral_m_s", "lateral_samples"} & dumped["navigation"]["dwb"].keys()
