@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -43,31 +44,28 @@ def test_wrong_options_are_one_error_each(wrong: dict[str, object], keys: tuple[
     assert refused.value.keys == keys
 
 
-def test_a_parameter_file_that_is_not_there_is_refused() -> None:
-    with pytest.raises(InputError, check=coded("params-missing")):
-        read_options({"launch": "ros2 {params}", "params": "/nowhere.yaml"})
+@pytest.mark.parametrize(
+    ("made", "code"),
+    [
+        (lambda: read_options({"launch": "ros2 {params}", "params": "/nowhere.yaml"}), "params-missing"),
+        (lambda: domain_of(None), "ros2-domain"),
+        (lambda: ros_environment(0), "ros2-middleware"),
+        (lambda: Launched("no-such-command-here --x", {}), "ros2-launch"),
+        (lambda: Launched("ros2 'open", {}), "ros2-launch-words"),
+    ],
+)
+def test_what_cannot_be_used_is_one_error(
+    made: Callable[[], object], code: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "seven")
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")
+    with pytest.raises(InputError, check=coded(code)):
+        made()
 
 
 def test_the_domain_is_that_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
-    assert domain_of(None) == 7
-    assert domain_of(3) == 3
-    monkeypatch.setenv("ROS_DOMAIN_ID", "seven")
-    with pytest.raises(InputError, check=coded("ros2-domain")):
-        domain_of(None)
-
-
-def test_another_middleware_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")
-    with pytest.raises(InputError, check=coded("ros2-middleware")):
-        ros_environment(0)
-
-
-def test_a_missing_launch_command_says_what_to_do() -> None:
-    with pytest.raises(InputError, check=coded("ros2-launch")):
-        Launched("no-such-command-here --x", {})
-    with pytest.raises(InputError, check=coded("ros2-launch-words")):
-        Launched("ros2 'open", {})
+    assert (domain_of(None), domain_of(3)) == (7, 3)
 
 
 def test_a_stack_is_pickled_without_its_connection() -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import base64
+import re
 import zlib
+from typing import Any
 
 import pytest
 from tests.simulation.ros2.isolated import drive
@@ -57,29 +59,36 @@ def test_map_and_transform_are_given_where_the_system_has_no_localisation() -> N
     assert told["heard"]["map"] == [120, 120]
 
 
+GONE = {"lose_controller_at_s": 1.0}
+NOT_ACTIVE = "Not active after 15 s: planner_server is inactive."
+
+
+@pytest.mark.parametrize(
+    ("peer", "options", "fault", "from_s"),
+    [
+        pytest.param({"reject": True}, {}, "", 0.0, marks=pytest.mark.exhaustive),
+        ({"hang_at_s": 1.0}, {"speed": SPEED, "answer_limit_s": 1.0}, "controller_server:", 1.0),
+        pytest.param(GONE, {"answer_limit_s": 1.0}, "controller_server:", 1.0, marks=pytest.mark.exhaustive),
+        ({"inactive": ["planner_server"]}, {"start_limit_s": 15.0}, NOT_ACTIVE, 0.0),
+        ({**GONE, "abort_at_s": 1.3}, {"answer_limit_s": 2.0}, "controller_server", 0.0),
+    ],
+    ids=["rejected", "hangs", "gone", "not active", "gone before the navigator gives up"],
+)
+def test_what_fails_is_named(peer: dict[str, Any], options: dict[str, Any], fault: str, from_s: float) -> None:
+    (run,) = drive(peer, options=options)["runs"]
+    assert run["outcome"] == "STACK_FAILED"
+    assert fault in run["stack"]["fault"]
+    assert from_s <= run["stack"]["fault_t"] < 10.0
+
+
 @pytest.mark.exhaustive
-def test_an_aborted_goal_is_an_outcome() -> None:
-    told = drive({"release": "jazzy", "abort_at_s": 1.0}, options={"speed": SPEED})
-    (run,) = told["runs"]
+def test_an_aborted_goal_and_a_late_run_end_with_an_outcome() -> None:
+    (run,) = drive({"release": "jazzy", "abort_at_s": 1.0}, options={"speed": SPEED})["runs"]
     assert run["outcome"] == "ABORTED"
     assert run["stack"]["result"] == {"status": 6, "error_code": 9000, "error_msg": "stuck"}
-
-
-@pytest.mark.exhaustive
-def test_a_rejected_goal_and_a_late_run_end_with_an_outcome() -> None:
-    assert drive({"reject": True})["runs"][0]["outcome"] == "STACK_FAILED"
     late = drive({"speed_m_s": 0.01}, limit=2.0, options={"speed": SPEED})
     assert late["runs"][0]["outcome"] == "TIMED_OUT"
     assert late["heard"]["cancels"] == 3  # both actions before the run, the goal after it
-
-
-@pytest.mark.parametrize("how", ["hang_at_s", pytest.param("lose_controller_at_s", marks=pytest.mark.exhaustive)])
-def test_a_node_that_hangs_or_is_gone_is_named(how: str) -> None:
-    told = drive({how: 1.0}, options={"speed": SPEED, "answer_limit_s": 1.0})
-    (run,) = told["runs"]
-    assert run["outcome"] == "STACK_FAILED"
-    assert run["stack"]["fault"].startswith("controller_server:")
-    assert 1.0 < run["stack"]["fault_t"] < 10.0
 
 
 @pytest.mark.exhaustive
@@ -94,27 +103,21 @@ def test_missed_control_periods_are_told_and_lower_the_speed() -> None:
     assert second["speed_asked"] == first["speed_of_next_runs"]
 
 
-def test_a_node_that_does_not_become_active_is_named() -> None:
-    told = drive({"inactive": ["planner_server"]}, options={"start_limit_s": 15.0})
-    assert told["runs"][0]["stack"]["fault"] == "Not active after 15 s: planner_server is inactive."
+ABSENT = {"to_pose_action": "/elsewhere", "through_poses_action": "/nowhere", "start_limit_s": 15.0}
 
 
-def test_a_missing_system_is_an_error_before_the_first_run() -> None:
-    told = drive(None, options={"start_limit_s": 1.0})
-    assert "/navigate_to_pose" in told["error"]
-    assert told["runs"] == []
-
-
-def test_a_node_that_is_gone_is_named_where_the_navigator_gives_up_before() -> None:
-    told = drive({"lose_controller_at_s": 1.0, "abort_at_s": 1.3}, options={"answer_limit_s": 2.0})
-    assert [run["outcome"] for run in told["runs"]] == ["STACK_FAILED"]
-    assert "controller_server" in told["runs"][0]["stack"]["fault"]
-
-
-def test_nodes_that_keep_the_action_from_being_there_are_named() -> None:
-    names = {"to_pose_action": "/elsewhere", "through_poses_action": "/nowhere"}
-    told = drive({"inactive": ["planner_server"]}, options={"start_limit_s": 15.0, **names})
-    assert "planner_server is inactive" in told["error"]
+@pytest.mark.parametrize(
+    ("peer", "options", "said"),
+    [
+        (None, {"start_limit_s": 1.0}, "/navigate_to_pose"),
+        ({"inactive": ["planner_server"]}, ABSENT, "planner_server is inactive"),
+        (None, {"launch": "sh -c 'echo no such package; exit 3'"}, "ended with code 3.*no such package"),
+    ],
+    ids=["missing", "a node that keeps the action away", "a launch command that ends"],
+)
+def test_what_keeps_the_first_run_from_starting_is_an_error(peer: Any, options: Any, said: str) -> None:
+    told = drive(peer, options=options)
+    assert re.search(said, told["error"], re.DOTALL)
     assert "bt_navigator" not in told["error"]  # it is active
     assert told["runs"] == []
 
@@ -133,9 +136,3 @@ def test_a_launched_system_that_works_is_ended_with_its_children() -> None:
     assert told["runs"][0]["outcome"] == "REACHED"
     assert told["mark"]
     assert told["left"] == []
-
-
-def test_a_launch_command_that_ends_at_once_is_an_error_with_its_output() -> None:
-    told = drive(None, options={"launch": "sh -c 'echo no such package; exit 3'"})
-    assert "ended with code 3" in told["error"]
-    assert "no such package" in told["error"]
