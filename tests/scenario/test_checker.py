@@ -6,7 +6,7 @@ import pytest
 from tests.scenario.small_world import GOOD, MISSION, WORLD, human, people, walk
 
 from rvsg.scenario.rules import near_place, read_ends
-from rvsg.scenario.scenario import HumanConfiguration, Mission, Pause, Task
+from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Task
 from rvsg.scenario.validity import check, warnings
 
 
@@ -61,14 +61,10 @@ def test_a_finding_says_who_where_why_and_what_helps() -> None:
     assert str(finding) == ('Ada, task "Dock → Store", waypoint 3: B1 and D1 are not neighbours. Walk B1 C1 D1.')
 
 
-def test_an_unknown_waypoint_comes_with_the_name_that_was_meant() -> None:
-    (finding,) = check(people(human("Dock → Dock: A1 a-2 A1")), MISSION, WORLD)
-    assert finding.suggestion == 'Did you mean "A2"?'
-
-
-def test_an_unknown_area_comes_with_the_name_that_was_meant() -> None:
-    (finding,) = check(people(human("Dokc → Store: A1 B1 C1 D1 E1", GOOD[1])), MISSION, WORLD)
-    assert finding.suggestion == 'Did you mean "Dock"?'
+@pytest.mark.parametrize(("task", "meant"), [("Dock → Dock: A1 a-2 A1", "A2"), ("Dokc → Dock: A1 A2 A1", "Dock")])
+def test_an_unknown_name_comes_with_the_one_that_was_meant(task: str, meant: str) -> None:
+    (finding,) = check(people(human(task)), MISSION, WORLD)
+    assert finding.suggestion == f'Did you mean "{meant}"?'
 
 
 @pytest.mark.parametrize(
@@ -115,21 +111,22 @@ def test_a_start_close_to_the_robot_is_a_warning_and_stays_valid(gap_m: float, f
     assert all(f"{gap_m:.2f} m" in str(finding) for finding in warned)
 
 
-def test_two_people_may_not_start_in_the_same_place() -> None:
-    (finding,) = check(people(human(*GOOD), human(*GOOD, name="Bob")), MISSION, WORLD)
-    assert (finding.rule, finding.human) == ("spawn-on-human", "Bob")
+OTHER = ("Bench → Bench: A6 A7 A6",)
 
 
-def test_a_running_person_and_a_creeping_one_are_refused() -> None:
-    assert rules_of(people(human(*GOOD, speed_m_s=2.6))) == ["speed-out-of-range"]
-    assert rules_of(people(human(*GOOD, speed_m_s=0.1))) == ["speed-out-of-range"]
-
-
-def test_a_group_needs_two_and_names_need_to_differ() -> None:
-    other = ("Bench → Bench: A6 A7 A6",)
-    assert rules_of(people(human(*GOOD, group=1), human(*other, name="Bob"))) == ["group-of-one"]
-    assert rules_of(people(human(*GOOD, group=1), human(*other, name="Bob", group=1))) == []
-    assert rules_of(people(human(*GOOD), human(*other))) == ["same-name"]
+@pytest.mark.parametrize(
+    ("humans", "rules"),
+    [
+        ([human(*GOOD), human(*GOOD, name="Bob")], ["spawn-on-human"]),
+        ([human(*GOOD, speed_m_s=2.6)], ["speed-out-of-range"]),
+        ([human(*GOOD, speed_m_s=0.1)], ["speed-out-of-range"]),
+        ([human(*GOOD, group=1), human(*OTHER, name="Bob")], ["group-of-one"]),
+        ([human(*GOOD, group=1), human(*OTHER, name="Bob", group=1)], []),
+        ([human(*GOOD), human(*OTHER)], ["same-name"]),
+    ],
+)
+def test_rules_of_a_person_or_of_several(humans: list[Human], rules: list[str]) -> None:
+    assert rules_of(people(*humans)) == rules
 
 
 def test_more_people_than_can_be_simulated_are_refused() -> None:

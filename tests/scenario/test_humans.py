@@ -1,21 +1,68 @@
-"""Children, wheelchairs and trolleys in the records and in the checker."""
+"""People of a scenario: their ways as coordinates, their reactions, and children, wheelchairs and trolleys."""
 
 from __future__ import annotations
 
 import pytest
 from tests.scenario.small_world import GOOD, MISSION, WORLD, human, people
 
-from rvsg.scenario.scenario import Human, HumanConfiguration, PersonKind, Trolley, decode
+from rvsg.core.errors import UnknownName
+from rvsg.scenario.scenario import (
+    Behaviour,
+    Human,
+    HumanAgent,
+    HumanConfiguration,
+    Pause,
+    Task,
+    Trolley,
+    decode,
+    reaction_of,
+)
 from rvsg.scenario.validity import check
+
+
+def walker(*ways: tuple[str, dict[str, float]], **more: object) -> HumanAgent:
+    """Return somebody who walks these ways and pauses at these waypoints of each."""
+    tasks = tuple(
+        Task(name=path, path=path.split(), pauses=tuple(Pause(at=at, duration_s=s) for at, s in pauses.items()))
+        for path, pauses in ways
+    )
+    (agent,) = decode(HumanConfiguration(humans=(human(*tasks, **more),)), WORLD.grid)
+    return agent
+
+
+@pytest.mark.parametrize(
+    ("ways", "start_pause_s", "pauses_s"),
+    [
+        ([("A1 A2 A3", {}), ("A3 A2 A1", {})], 0.0, (0.0, 0.0, 0.0, 0.0)),
+        ([("A1 A2", {"A2": 3, "A1": 1}), ("A2 A1", {"A2": 4})], 1.0, (1.0, 7.0)),
+        ([("A1 A2", {}), ("A2 A1", {"A1": 4})], 0.0, (4.0, 0.0)),
+        ([("A1 A2", {"A1": 1}), ("A2 A1", {"A1": 4})], 1.0, (5.0, 0.0)),
+    ],
+    ids=["none", "added up at a joint", "not at the start", "at the start if the first task asks for it"],
+)
+def test_goals_are_the_waypoints_of_all_tasks_with_joints_counted_once(
+    ways: list[tuple[str, dict[str, float]]], start_pause_s: float, pauses_s: tuple[float, ...]
+) -> None:
+    agent = walker(*ways)
+    assert agent.start == (0.0, 0.0)
+    assert agent.goals == ((0.0, 0.0), (0.0, 1.0), (0.0, 2.0), (0.0, 1.0))[: len(pauses_s)]
+    assert (agent.start_pause_s, agent.pauses_s) == (start_pause_s, pauses_s)
+
+
+def test_a_name_that_the_grid_does_not_know_is_refused() -> None:
+    with pytest.raises(UnknownName, check=lambda error: error.name == "A9"):
+        walker(("A1 A9", {}))
+
+
+def test_reactions_are_those_of_the_behaviour() -> None:
+    assert reaction_of(Behaviour.CURIOUS, 1.2).speed_m_s == 1.2
+    agent = walker(("A1", {}), behaviour=Behaviour.SCARED)
+    assert (agent.reaction.distance_m, agent.reaction.speed_m_s) == (3.0, 0.6)
 
 
 def of(**changes: object) -> Human:
     given = human(*GOOD).model_dump(mode="json", exclude={"radius_m", "speed_m_s"})
     return Human.model_validate(given | changes)
-
-
-def rules(person: Human) -> list[str]:
-    return [finding.rule for finding in check(people(person), MISSION, WORLD)]
 
 
 def test_an_adult_on_foot_has_the_record_it_always_had() -> None:
@@ -52,13 +99,12 @@ def test_a_trolley_lies_ahead_of_who_pushes_it() -> None:
     ],
 )
 def test_each_limit_is_found_and_named(rule: str, changes: dict[str, object]) -> None:
-    assert rule in rules(of(**changes))
+    assert rule in [finding.rule for finding in check(people(of(**changes)), MISSION, WORLD)]
 
 
 def test_a_trolley_may_not_start_on_the_robot() -> None:
     start = MISSION.route.start
     person = human("walk about: B1 B2 B1").replace(trolley=Trolley(length_m=2.4))
-    assert start is not None and PersonKind.ADULT is person.kind
     beside = person.replace(start=(start.x, start.y - 1.2), points={"a": (start.x, start.y + 1.5)})
     walked = beside.tasks[0].model_copy(update={"path": ("a", *beside.tasks[0].path)})
     found = check(people(beside.replace(tasks=(walked,))), MISSION, WORLD)
