@@ -176,8 +176,7 @@ def searched(
 
     Args:
         options: Of the strategy.
-        changes: Of the parts.
-        how: The rest of what `parts` takes.
+        changes: Of the parts, whose other arguments are `how`.
     """
     the_plan = plan() if the_plan is None else the_plan
     made = dataclasses.replace(parts(MemoryLedger() if ledger is None else ledger, **how), **(changes or {}))
@@ -194,16 +193,16 @@ def a_scenario() -> Scenario:
 
 
 class Stops(WalkGenerator):
-    """A service that fails from some proposal on."""
+    """A service that fails from some proposal on, or another generator that does."""
 
-    def __init__(self, after: int) -> None:
+    def __init__(self, after: int, generator: WalkGenerator | None = None) -> None:
         super().__init__()
-        self.after = after
+        self.after, self.inner = after, generator or WalkGenerator()
 
     def propose(self, brief: Brief, world: World) -> Proposal:
-        if len(self.briefs) >= self.after:
+        if len(self.inner.briefs) >= self.after:
             raise GenerationError("the service does not answer")
-        return super().propose(brief, world)
+        return self.inner.propose(brief, world)
 
 
 class Noted(Runner):

@@ -40,16 +40,15 @@ pytestmark = [
 ]
 
 
+def local(workers: int) -> Any:
+    how = {"threads_per_worker": 1, "dashboard_address": ":0", "host": "127.0.0.1"}
+    return distributed.LocalCluster(n_workers=workers, **how)
+
+
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[object]:
-    with _local() as local:
-        yield local
-
-
-def _local() -> Any:
-    return distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", host="127.0.0.1"
-    )
+    with local(2) as started:
+        yield started
 
 
 def campaign(
@@ -95,7 +94,7 @@ def test_a_worker_that_dies_costs_at_most_its_own_run(tmp_path: Path, always: bo
     seed = calm.measurements[2].seed
     told: list[str] = []
     deadly = Deadly(tmp_path / "died", seed, always)
-    with _local() as own:
+    with local(2) as own:
         (shaken,) = campaign(the_plan, own.scheduler_address, told, deadly, now=time.monotonic, patience_s=300.0)
     assert list(shaken.measurements) == [m for m in calm.measurements if not always or m.seed != seed]
     assert [failure.seed for failure in shaken.failures] == ([seed] if always else [])
@@ -151,7 +150,7 @@ def test_what_answers_without_being_a_scheduler_is_one_message() -> None:
 
 def test_a_cluster_without_workers_is_one_message() -> None:
     with (
-        distributed.LocalCluster(n_workers=0, dashboard_address=":0", host="127.0.0.1") as empty,
+        local(0) as empty,
         pytest.raises(InputError, check=coded("cluster-no-worker")),
     ):
         campaign(plan(), empty.scheduler_address, [], patience_s=0.5)
@@ -173,7 +172,7 @@ def test_a_cluster_that_is_gone_stops_the_campaign_and_the_same_call_resumes_it(
     told: list[str] = []
     ledger = MemoryLedger()
     with (
-        distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0", host="127.0.0.1") as small,
+        local(1) as small,
         pytest.raises(SimulationError, check=coded("cluster-no-worker")),
     ):
         campaign(plan(), small.scheduler_address, told, Last(), ledger, now=itertools.count(0, 25).__next__)
@@ -183,11 +182,11 @@ def test_a_cluster_that_is_gone_stops_the_campaign_and_the_same_call_resumes_it(
 
 
 def test_a_scheduler_that_ends_stops_the_campaign_with_one_message() -> None:
-    local = distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0", host="127.0.0.1")
-    with Runner(KinematicSimulator(), warehouse(), executor=Cluster(address=local.scheduler_address)) as runner:
+    own = local(1)
+    with Runner(KinematicSimulator(), warehouse(), executor=Cluster(address=own.scheduler_address)) as runner:
         scenario = a_scenario()
         assert isinstance(runner.submit(scenario, 1).result(), FinishedRun)
-        local.close()
+        own.close()
         with pytest.raises(SimulationError, check=coded("cluster-lost")):
             runner.submit(scenario, 2).result()
 
@@ -237,24 +236,17 @@ def test_workers_of_other_versions_are_refused(cluster, monkeypatch: pytest.Monk
         campaign(plan(), cluster.scheduler_address, [])
 
 
-class Closes(KinematicSimulator):
-    """Leaves a file where it is closed."""
-
-    def __init__(self, mark: Path) -> None:
-        super().__init__()
-        self.mark = mark
-
-    def close(self) -> None:
-        self.mark.touch()
-
-
 def test_a_worker_closes_its_copy_of_the_simulator(cluster, tmp_path: Path) -> None:
-    scenario = a_scenario()
-    closes = Closes(tmp_path / "closed")
-    with Runner(closes, warehouse(), executor=Cluster(address=cluster.scheduler_address)) as runner:
-        assert isinstance(runner.submit(scenario, 1).result(), FinishedRun)
-        assert not closes.mark.exists()
-    assert closes.mark.exists()
+    mark = tmp_path / "closed"
+
+    class Closes(KinematicSimulator):
+        def close(self) -> None:
+            mark.touch()
+
+    with Runner(Closes(), warehouse(), executor=Cluster(address=cluster.scheduler_address)) as runner:
+        assert isinstance(runner.submit(a_scenario(), 1).result(), FinishedRun)
+        assert not mark.exists()
+    assert mark.exists()
 
 
 @pytest.mark.parametrize(

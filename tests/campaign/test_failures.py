@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.campaign.parts import REQUIREMENT, MemoryLedger, WalkGenerator, parts, plan, searched, warehouse
+from tests.campaign.parts import REQUIREMENT, MemoryLedger, a_scenario, parts, plan, searched, warehouse
 from tests.evaluation.runs import run_of as measured_run
 from tests.evaluation.runs import trajectory
 
@@ -15,11 +15,9 @@ from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.observation import FailureMode, encounter_of, met, mode_of, observe, usual
 from rvsg.campaign.runner import Evaluator, FinishedRun, Runner
 from rvsg.campaign.strategies import StudyStrategy
-from rvsg.evaluation.statistics import clopper_pearson
-from rvsg.evaluation.verdict import Status, Verdict
-from rvsg.scenario.brief import Brief
+from rvsg.evaluation.verdict import judge
 from rvsg.simulation.kinematic import KinematicSimulator
-from rvsg.simulation.run import Outcome, Run, Trajectory
+from rvsg.simulation.run import Outcome, Run
 
 
 def run_of(
@@ -27,28 +25,17 @@ def run_of(
 ) -> Run:
     """The robot drives along x; the person passes `human` at t = 5 s, where they are nearest."""
     t = np.arange(0.0, 10.05, 0.1)
-    zero = np.zeros_like(t)
     x = 0.5 * t
     hx = x[50] + human[0] + velocity[0] * (t - 5.0)
     hy = human[1] + velocity[1] * (t - 5.0) + 0.3 * (np.maximum(0.0, t - 5.0) + np.maximum(0.0, 3.5 - t))
     speed = np.full_like(t, 0.5)
     if stops:
         speed[45:55] = 0.0
-    path = Trajectory(
-        t=t, x=x, y=zero, yaw=zero, v=speed, omega=zero, acceleration=zero,
-        human_x=hx[:, None], human_y=hy[:, None], human_yaw=zero[:, None], human_speed=zero[:, None],
-    )  # fmt: skip
-    outcome = Outcome.REACHED if reached else Outcome.TIMED_OUT
-    return Run(
-        scenario_id="s", simulator="t", options={}, seed=1, outcome=outcome, trajectory=path, log=path,
-        human_names=("Human 1",), human_radius_m=(0.4,), goal=(5.0, 0.0, 0.0), time_limit_s=25.0,
-    )  # fmt: skip
+    path = trajectory(t, x, v=speed, humans=[(hx, hy)])
+    return measured_run(path, outcome=Outcome.REACHED if reached else Outcome.TIMED_OUT, goal=(5.0, 0.0, 0.0))
 
 
-def test_a_person_beside_a_narrow_body_is_not_said_to_be_touched() -> None:
-    narrow = ((0.35, 0.1), (-0.35, 0.1), (-0.35, -0.1), (0.35, -0.1))
-    mode = mode_of(replace(run_of((0.0, 0.7), (0.0, 0.0)), robot_outline=narrow), warehouse())
-    assert mode is not None and mode.robot == "drives on"
+NARROW = ((0.35, 0.1), (-0.35, 0.1), (-0.35, -0.1), (0.35, -0.1))
 
 
 @pytest.mark.parametrize(
@@ -60,12 +47,12 @@ def test_a_person_beside_a_narrow_body_is_not_said_to_be_touched() -> None:
         (run_of((1.0, 0.0), (0.4, 0.8)), "crosses its way ahead of it", "drives on"),
         (run_of((0.0, 0.7), (0.0, 0.0), stops=True), "stands beside it", "stops and touches the person"),
         (run_of((0.0, 1.0), (0.0, 0.0), reached=False), "stands beside it", "drives on and does not arrive"),
+        (replace(run_of((0.0, 0.7), (0.0, 0.0)), robot_outline=NARROW), "stands beside it", "drives on"),
     ],
 )
 def test_a_run_is_told_by_its_closest_approach(run: Run, person: str, robot: str) -> None:
     mode = mode_of(run, warehouse())
-    assert mode is not None
-    assert (mode.person, mode.robot) == (person, robot)
+    assert mode is not None and (mode.person, mode.robot) == (person, robot)
 
 
 def test_the_usual_mode_is_that_of_most_runs() -> None:
@@ -76,17 +63,9 @@ def test_the_usual_mode_is_that_of_most_runs() -> None:
 
 def finding(attempt: int, violated: bool, share: float, mode: FailureMode | None) -> Finding:
     safety = {"contacts": {"runs": 0, "of": 1}, "arrived": {"runs": 1, "of": 1}}
-    return Finding.model_construct(
-        attempt=attempt,
-        violated=violated,
-        violation_probability=share,
-        failure=mode,
-        about_people="yes",
-        without_people=None,
-        cause=(),
-        smallest=None,
-        **safety,
-    )
+    why = {"about_people": "yes", "without_people": None, "cause": (), "smallest": None}
+    found = {"attempt": attempt, "violated": violated, "violation_probability": share, "failure": mode}
+    return Finding.model_construct(**found, **why, **safety)
 
 
 def test_confirmed_violations_are_grouped_by_how_the_robot_fails() -> None:
@@ -99,19 +78,13 @@ def test_confirmed_violations_are_grouped_by_how_the_robot_fails() -> None:
 
 
 def test_more_runs_count_for_more_than_a_larger_share() -> None:
-    few, many = confirmation(1, 2, 2), confirmation(2, 14, 15)
-    assert worst_confirmation([few, many]) is many
-
-
-def confirmation(index: int, violations: int, runs: int) -> Attempt:
-    verdict = Verdict.model_construct(
-        status=Status.FAIL,
-        violations=violations,
-        runs=runs,
-        violation_probability=violations / runs,
-        violation_interval=clopper_pearson(violations, runs),
+    few, many = (
+        Attempt.model_construct(
+            index=bad, purpose="confirmation", verdict=judge(REQUIREMENT, [0.0] * bad + [2.0] * good)
+        )
+        for bad, good in ((2, 0), (14, 1))
     )
-    return Attempt.model_construct(index=index, purpose="confirmation", verdict=verdict)
+    assert worst_confirmation([few, many]) is many
 
 
 @pytest.mark.parametrize(
@@ -131,10 +104,7 @@ def test_what_was_observed_of_a_run_when_it_was_made_is_what_the_stored_run_show
     ledger = MemoryLedger()
     cached = CachedLedger(ledger)
     with Runner(KinematicSimulator(), warehouse(), ledger=cached) as runner:
-        brief = Brief(mission=plan().mission, requirement=REQUIREMENT, seed=0, scenario_index=0)
-        scenario = WalkGenerator().propose(brief, warehouse()).scenario
-        assert scenario is not None
-        made = runner.submit(scenario, 1).result()
+        made = runner.submit(a_scenario(), 1).result()
     assert isinstance(made, FinishedRun) and made.observation is None
     ledger.keep(made.packed)
     stored = ledger.run(made.id)

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.campaign.parts import REQUIREMENT, KinematicSimulator, WalkGenerator, measure, plan, warehouse
+from tests.evaluation.runs import run_of, trajectory
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.feedback import decisive_moments, feedback_of, separable
 from rvsg.campaign.observation import passings_of, stops_of, touches_of
 from rvsg.evaluation.sampled import sampled
 from rvsg.evaluation.verdict import Verdict, judge
-from rvsg.generation.generator import Proposal
-from rvsg.scenario.brief import Brief
-from rvsg.simulation.run import Outcome, Recovery, Run, Trajectory
+from rvsg.scenario.brief import Brief, Feedback
+from rvsg.simulation.run import Recovery, Run
 
 
 def verdict(*values: float) -> Verdict:
@@ -27,16 +27,12 @@ def attempt_of(seed: int, runs: int = 3) -> tuple[Attempt, list[Run]]:
     made = [KinematicSimulator().run(proposal.scenario, warehouse(), seed=k) for k in range(runs)]
     measurements = tuple(measure(run) for run in made)
     values = [m.objective for m in measurements]
-    attempt = Attempt(
-        campaign="test",
-        index=0,
-        strategy="study",
-        brief=brief,
-        proposal=proposal,
-        measurements=measurements,
-        verdict=judge(REQUIREMENT, values),
-    )
-    return attempt, made
+    how = {"campaign": "test", "index": 0, "strategy": "study", "brief": brief, "proposal": proposal}
+    return Attempt(**how, measurements=measurements, verdict=judge(REQUIREMENT, values)), made
+
+
+def told_of(attempt: Attempt, runs: list[Run], previous: Attempt | None = None) -> Feedback:
+    return feedback_of(attempt, runs, requirement=REQUIREMENT, world=warehouse(), previous=previous)
 
 
 def gaps(run: Run) -> np.ndarray:
@@ -45,50 +41,25 @@ def gaps(run: Run) -> np.ndarray:
 
 def a_run(gap: np.ndarray, v: np.ndarray | None = None) -> Run:
     """One human straight ahead of a robot at the origin, `gap` metres away edge to edge, at 10 Hz."""
-    n = len(gap)
-    zeros, column = np.zeros(n), np.zeros((n, 1))
-    path = Trajectory(
-        t=np.arange(n) / 10,
-        x=zeros,
-        y=zeros,
-        yaw=zeros,
-        v=np.full(n, 0.5) if v is None else v,
-        omega=zeros,
-        acceleration=zeros,
-        human_x=(gap + 0.75)[:, None],
-        human_y=column,
-        human_yaw=column,
-        human_speed=column,
-    )
-    return Run(
-        scenario_id="s",
-        simulator="test",
-        options={},
-        seed=0,
-        outcome=Outcome.REACHED,
-        trajectory=path,
-        log=path,
-        human_names=("Ann",),
-        human_radius_m=(0.4,),
-        goal=(0.0, 0.0, 0.0),
-        time_limit_s=60.0,
-    )
+    path = trajectory(np.arange(len(gap)) / 10, 0.0, v=0.5 if v is None else v, humans=[(gap + 0.75, 0.0)])
+    return run_of(path, time_limit_s=60.0)
 
 
 def test_the_feedback_tells_every_value_the_mean_and_the_share_of_violations() -> None:
     attempt, runs = attempt_of(1)
-    told = feedback_of(attempt, runs, requirement=REQUIREMENT, world=warehouse())
+    told = told_of(attempt, runs)
     values = [m.objective for m in attempt.measurements]
     assert told.objectives == tuple(values)
     assert told.mean == pytest.approx(np.mean(values))
     assert told.violation_share == sum(v < 1.0 for v in values) / 3
     assert told.previous_mean is None and told.separable is None
+    assert told.mildest == max(told.objectives) and told.mildest_parts
 
 
 def test_a_single_run_has_no_interval_and_is_never_separable() -> None:
     attempt, runs = attempt_of(1, runs=1)
     before, _ = attempt_of(2, runs=1)
-    told = feedback_of(attempt, runs, requirement=REQUIREMENT, world=warehouse(), previous=before)
+    told = told_of(attempt, runs, before)
     assert told.interval == (told.mean, told.mean)
     assert told.previous_mean == before.mean and told.separable is False
     assert told.mildest is None and told.mildest_parts == ()
@@ -113,8 +84,7 @@ def test_the_closest_approach_is_a_decisive_moment_with_its_place_and_human() ->
     gap = 3.0 - 2.9 * np.exp(-(((np.arange(200) - 120) / 20) ** 2))
     moments = decisive_moments(a_run(gap), warehouse())
     closest = next(m for m in moments if "closest approach" in m.note)
-    assert closest.time_s == 12.0
-    assert closest.closest_human == "Ann"
+    assert (closest.time_s, closest.closest_human) == (12.0, "Human 1")
     assert closest.gap_m == pytest.approx(0.1)
     assert closest.robot_at == warehouse().grid.nearest(0.0, 0.0)
     assert [m.time_s for m in moments] == sorted(m.time_s for m in moments)
@@ -124,7 +94,7 @@ def test_touches_are_told_with_time_place_and_person() -> None:
     gap = np.full(200, 3.0)
     gap[50:60] = gap[150] = -0.01
     first, second = touches_of(a_run(gap), warehouse())
-    assert (first.who, first.time_s, first.until_s) == ("Ann", 5.0, 5.9)
+    assert (first.who, first.time_s, first.until_s) == ("Human 1", 5.0, 5.9)
     assert first.at in warehouse().grid.valid
     assert second.time_s == 15.0
     assert touches_of(a_run(np.full(200, 3.0)), warehouse()) == ()
@@ -141,7 +111,7 @@ def test_a_stop_and_hard_braking_are_decisive_moments() -> None:
 
 def test_the_series_is_of_the_worst_run_and_names_everybodys_place_every_second() -> None:
     attempt, runs = attempt_of(3)
-    told = feedback_of(attempt, runs, requirement=REQUIREMENT, world=warehouse())
+    told = told_of(attempt, runs)
     worst = min(runs, key=lambda run: measure(run).objective)
     assert attempt.worst(REQUIREMENT).run_id == worst.id
     path = worst.trajectory
@@ -156,7 +126,7 @@ def test_the_series_is_of_the_worst_run_and_names_everybodys_place_every_second(
 def test_a_waypoint_that_never_met_the_robot_is_idle_and_one_that_did_is_not() -> None:
     for seed in range(6):
         attempt, runs = attempt_of(seed)
-        told = feedback_of(attempt, runs, requirement=REQUIREMENT, world=warehouse())
+        told = told_of(attempt, runs)
         for h, influence in enumerate(told.influences):
             assert influence.closest_gap_m == pytest.approx(min(gaps(run)[:, h].min() for run in runs))
             assert 0.0 <= influence.share_within_2_m <= 1.0
@@ -170,12 +140,8 @@ def test_a_waypoint_that_never_met_the_robot_is_idle_and_one_that_did_is_not() -
 
 
 def test_an_attempt_without_an_objective_has_no_feedback() -> None:
-    brief = Brief(mission=plan().mission, requirement=REQUIREMENT, seed=0)
-    empty = Attempt(
-        campaign="test", index=0, strategy="study", brief=brief, proposal=Proposal(generator="walk", scenario=None)
-    )
     with pytest.raises(ValueError):
-        feedback_of(empty, [], requirement=REQUIREMENT, world=warehouse())
+        told_of(attempt_of(0, runs=0)[0], [])
 
 
 @pytest.mark.parametrize(("gap_m", "said"), [(0.007, "closest approach"), (0.0, "contact"), (-0.01, "contact")])
@@ -190,11 +156,11 @@ RECOVERY = Recovery(time_s=9.0, x=0.0, y=0.0, until_s=12.0, action="spin")
 @pytest.mark.parametrize(
     ("gap", "changes", "reason", "who"),
     [
-        (0.6, {}, "person_ahead", "Ann"),
-        (1.5, {}, "person_near", "Ann"),
+        (0.6, {}, "person_ahead", "Human 1"),
+        (1.5, {}, "person_near", "Human 1"),
         (3.0, {}, "unknown", ""),
         (3.0, {"events": (RECOVERY,)}, "recovery", ""),
-        (0.6, {"goal": (1.35, 0.0, 0.0)}, "goal_taken", "Ann"),
+        (0.6, {"goal": (1.35, 0.0, 0.0)}, "goal_taken", "Human 1"),
     ],
 )
 def test_a_stop_tells_why_the_robot_stands(gap: float, changes: dict[str, object], reason: str, who: str) -> None:
@@ -207,23 +173,8 @@ def test_a_stop_tells_why_the_robot_stands(gap: float, changes: dict[str, object
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_side_on_which_somebody_is_passed_is_told(side: float) -> None:
-    n = 200
-    run = a_run(np.full(n, 0.0))
-    path = replace(
-        run.trajectory,
-        human_x=np.linspace(5.0, -5.0, n)[:, None],
-        human_y=np.full((n, 1), side),
-        human_yaw=np.full((n, 1), np.pi),
-        human_speed=np.full((n, 1), 0.5),
-    )
-    (passing,) = passings_of(replace(run, trajectory=path, log=path), warehouse())
-    assert passing.left is (side > 0)
-    assert passing.how == "head-on"
+    human = (np.linspace(5.0, -5.0, 200), side, np.pi, 0.5)
+    run = run_of(trajectory(np.arange(200) / 10, 0.0, v=0.5, humans=[human]))
+    (passing,) = passings_of(run, warehouse())
+    assert (passing.left, passing.how) == (side > 0, "head-on")
     assert passing.time_s == pytest.approx(10.0, abs=0.3)
-
-
-def test_the_mildest_run_stands_beside_the_worst() -> None:
-    attempt, runs = attempt_of(1)
-    told = feedback_of(attempt, runs, requirement=REQUIREMENT, world=warehouse())
-    assert told.mildest == max(told.objectives)
-    assert told.mildest_parts

@@ -1,39 +1,44 @@
 from __future__ import annotations
 
-from collections import defaultdict
-from dataclasses import replace
+import itertools
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
 import pytest
 from tests.campaign.parts import (
+    REQUIREMENT,
     Distance,
     MemoryLedger,
     Noted,
-    Stops,
     WalkGenerator,
+    distance,
     measure,
     parts,
     plan,
     searched,
     warehouse,
 )
+from tests.campaign.test_failures import run_of
 
-from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.attempt import Attempt, Measurement, Plan
 from rvsg.campaign.execution import Limits, account
-from rvsg.campaign.feedback import StoredFeedback
-from rvsg.campaign.hybrid import HybridStrategy
+from rvsg.campaign.feedback import StoredFeedback, failure_map
+from rvsg.campaign.hybrid import HybridStrategy, MapElitesStrategy, MultiStrategy
 from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.loop import run_campaign
+from rvsg.campaign.observation import encounter_of
 from rvsg.campaign.race import Candidate, estimate, in_the_race, last_written, tried, tuning_of
-from rvsg.campaign.ranking import best_attempt, measured, seeds_of
-from rvsg.core.errors import BudgetSpent, GenerationError, NotRecorded
+from rvsg.campaign.ranking import best_attempt, front_of, hypervolume, measured, seeds_of, share_of, undominated
+from rvsg.core.errors import BudgetSpent, NotRecorded
+from rvsg.evaluation.metrics.registry import measure as measure_all
 from rvsg.generation.generator import Call, Proposal
 from rvsg.scenario.brief import Brief
-from rvsg.scenario.requirement import Aim
+from rvsg.scenario.requirement import Aim, Requirement
 from rvsg.scenario.scenario import Human, HumanConfiguration, Scenario, Task
 from rvsg.scenario.variation import differences
 from rvsg.simulation.kinematic import KinematicSimulator
+from rvsg.simulation.run import Run
 
 PLAN = {"scenarios": 5, "refinements": 3, "repeats": 3, "confirmations": 0, "budget_runs": 60}
 
@@ -64,9 +69,7 @@ def test_the_first_run_of_a_changed_configuration_takes_another_seed_in_every_ba
     first = {a.proposal.scenario.id: a for a in reversed(whole) if a.proposal.scenario}.values()
     drafts = {a.measurements[0].seed for a in first if a.brief.kind == "new"}
     changes = {a.measurements[0].seed for a in first if a.brief.kind != "new"}
-    assert len(drafts) == 1
-    assert len(changes) > 1
-    assert not drafts & changes
+    assert len(drafts) == 1 < len(changes) and not drafts & changes
 
 
 @pytest.mark.exhaustive
@@ -76,11 +79,9 @@ def test_the_kinds_of_encounter_lend_configurations_to_change(whole: list[Attemp
     strategy = HybridStrategy(
         the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse()), warehouse(), explore=1.0
     )
-    made = parts(ledger)
-    with made.runner:
+    with (made := parts(ledger)).runner:
         run_campaign(the_plan, strategy, made)
-    elites = strategy.elites()
-    assert len(elites) > 1
+    assert len(strategy.elites()) > 1
     changed = {c.parent.index for c in strategy.candidates if c.parent is not None}
     ranked = sorted(strategy.candidates, key=lambda c: -c.estimate)
     assert len(changed - {c.index for c in ranked[:3]}) > 1
@@ -88,8 +89,7 @@ def test_the_kinds_of_encounter_lend_configurations_to_change(whole: list[Attemp
 
 def test_a_configuration_that_has_lost_gets_no_further_run(whole: list[Attempt]) -> None:
     runs = sorted(len(seeds_of(a)) for a in measured(whole))
-    assert runs[0] == 1
-    assert runs[-1] >= 4
+    assert runs[0] == 1 and runs[-1] >= 4
     assert sum(count >= 4 for count in runs) <= 8
     best = best_attempt(whole, plan().requirement)
     assert best is not None
@@ -105,45 +105,13 @@ def test_it_tunes_and_refines_to_a_worse_configuration_than_its_drafts(whole: li
     assert best.mean < min(a.mean for a in measured(drafts) if a.mean is not None)
 
 
-@pytest.mark.parametrize(
-    "cut", [pytest.param(1, marks=pytest.mark.exhaustive), 9, pytest.param(23, marks=pytest.mark.exhaustive), 40]
-)
-def test_it_resumes_to_the_same_records(whole: list[Attempt], cut: int) -> None:
-    ledger = MemoryLedger()
-    with pytest.raises(GenerationError):
-        hybrid(ledger, generator=Stops(max(1, cut // 4)))
-    assert len(ledger.kept) < len(whole)
-    assert hybrid(ledger) == whole
-
-
-@pytest.mark.exhaustive
-def test_it_is_the_same_for_any_number_of_workers(whole: list[Attempt]) -> None:
-    assert hybrid(jobs=3) == whole
-
-
 def test_the_runs_of_a_batch_begin_before_their_turn_and_no_others() -> None:
-    the_plan, ledger = plan(**PLAN), MemoryLedger()
+    ledger = MemoryLedger()
     runner = Noted(KinematicSimulator(), warehouse(), measuring=Distance(measure), ledger=CachedLedger(ledger))
-    strategy = HybridStrategy(the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse()), warehouse())
-    made = replace(parts(ledger), runner=runner)
-    with runner:
-        run_campaign(the_plan, strategy, made)
+    hybrid(ledger, {"runner": runner})
     assert {run for run, _ in runner.made} == runner.begun
     ahead = [begun - k for k, (_, begun) in enumerate(runner.made)]
-    assert max(ahead) >= strategy.batch / 2
-
-
-def test_a_generator_that_repeats_itself_costs_no_runs() -> None:
-    class Repeats(WalkGenerator):
-        def propose(self, brief: Brief, world: object) -> Proposal:
-            return super().propose(brief.replace(seed=3, scenario_index=0), world)  # type: ignore[arg-type]
-
-    attempts = hybrid(generator=Repeats())
-    by_scenario = defaultdict(set)
-    for attempt in attempts:
-        assert attempt.proposal.scenario is not None
-        by_scenario[attempt.proposal.scenario.id].update(m.run_id for m in attempt.measurements)
-    assert len({run for runs in by_scenario.values() for run in runs}) == sum(len(r) for r in by_scenario.values())
+    assert max(ahead) >= 4  # half a batch
 
 
 def candidate(index: int, *badness: float, parent: Candidate | None = None) -> Candidate:
@@ -187,20 +155,26 @@ def test_a_quiet_objective_needs_few_runs() -> None:
 
 
 class Dear(WalkGenerator):
-    """A generator whose every proposal costs a call of a model."""
+    """A generator whose every proposal costs a call of a model; its answers may be invalid, alike or end."""
 
     asks_a_model = True
+    fails = repeats = False
+    ends = 99
 
     def __init__(self) -> None:
         super().__init__()
         self.answers: list[Scenario] = []
 
     def propose(self, brief: Brief, world: object) -> Proposal:
-        proposal = super().propose(brief, world)  # type: ignore[arg-type]
+        if len(self.briefs) == self.ends:
+            raise NotRecorded("the record ends")
+        asked = brief.replace(seed=3, scenario_index=0) if self.repeats else brief
+        proposal = super().propose(asked, world)  # type: ignore[arg-type]
         assert proposal.scenario is not None
         self.answers.append(proposal.scenario)
         call = Call(purpose=brief.kind, model="walk", input_tokens=1000, output_tokens=200)
-        return proposal.replace(calls=(call,), lesson="Corners hold it up.", reasoning="They meet.")
+        proposal = proposal.replace(calls=(call,), lesson="Corners hold it up.", reasoning="They meet.")
+        return proposal.replace(scenario=None) if self.fails else proposal
 
 
 TURNS = {"scenarios": 2, "refinements": 1, "proposals": 4, "budget_runs": 32}
@@ -227,14 +201,12 @@ def test_with_few_proposals_each_is_tuned_before_the_next(turns: tuple[list[Atte
 def test_the_generator_is_told_its_ideas_at_their_best(turns: tuple[list[Attempt], Dear]) -> None:
     attempts, generator = turns
     _, second, third, _ = generator.briefs
-    assert second.untold is not None
+    assert second.untold is not None and second.untold.rows
     known = [a for a in attempts if a.brief.scenario_index == 0]
     first = next(a for a in known if a.brief.kind == "new")
     assert first.mean is not None
     assert plan().requirement.badness(second.untold.mean) >= plan().requirement.badness(first.mean)
-    assert second.untold.rows
-    assert third.feedback is not None
-    assert third.lessons == ("Corners hold it up.",)
+    assert third.feedback is not None and third.lessons == ("Corners hold it up.",)
     assert any(brief.feedback is not None and brief.feedback.tuned for brief in generator.briefs)
 
 
@@ -265,47 +237,33 @@ def test_turns_resume_to_the_same_records_after_the_budget_was_spent(cut: int) -
     limits = {"limits": Limits(calls=2)}
     whole = hybrid(generator=Dear(), **TURNS, changes=limits)
     ledger = MemoryLedger()
-    seen = []
-
-    def cancelled() -> bool:
-        seen.append(None)
-        return len(seen) > cut * 3
-
-    hybrid(ledger, generator=Dear(), **TURNS, changes={**limits, "cancelled": cancelled})
+    asked = itertools.count(1)
+    stops = {**limits, "cancelled": lambda: next(asked) > cut * 3}
+    hybrid(ledger, generator=Dear(), **TURNS, changes=stops)
     assert len(ledger.kept) < len(whole)
     assert hybrid(ledger, generator=Dear(), **TURNS, changes=limits) == whole
 
 
 def test_a_model_that_never_answers_well_costs_its_proposals_and_no_more() -> None:
-    class Fails(Dear):
-        def propose(self, brief: Brief, world: object) -> Proposal:
-            return super().propose(brief, world).replace(scenario=None)
-
-    generator = Fails()
+    generator = Dear()
+    generator.fails = True
     attempts = hybrid(generator=generator, **TURNS)
     assert len(generator.briefs) == len(attempts) == 4
 
 
 def test_a_model_that_repeats_itself_is_tuned_all_the_same() -> None:
-    class Repeats(Dear):
-        def propose(self, brief: Brief, world: object) -> Proposal:
-            return super().propose(brief.replace(seed=3, scenario_index=0), world)
-
-    generator = Repeats()
+    generator = Dear()
+    generator.repeats = True
     attempts = hybrid(generator=generator, **TURNS)
     assert len(generator.briefs) == 4
     assert len({m.run_id for a in attempts for m in a.measurements}) >= 28
 
 
 def test_a_record_that_ends_leaves_the_rest_to_the_optimiser_as_the_budget_did() -> None:
-    class Ends(Dear):
-        def propose(self, brief: Brief, world: object) -> Proposal:
-            if len(self.briefs) == 2:
-                raise NotRecorded("the record ends")
-            return super().propose(brief, world)
-
     told = hybrid(generator=Dear(), **TURNS, changes={"limits": Limits(calls=2)})
-    assert hybrid(generator=Ends(), **TURNS) == told
+    generator = Dear()
+    generator.ends = 2
+    assert hybrid(generator=generator, **TURNS) == told
 
 
 def test_a_refinement_is_told_what_the_optimiser_changed(turns: tuple[list[Attempt], Dear]) -> None:
@@ -376,3 +334,72 @@ def configured(
     made.badness = {0: badness}
     made.estimate = badness
     return made
+
+
+PLAN = {"scenarios": 5, "refinements": 3, "repeats": 3, "confirmations": 0, "budget_runs": 60}
+
+
+def test_an_encounter_says_where_on_the_way_it_is_and_who_is_met() -> None:
+    met = encounter_of(run_of((0.0, 1.0), (0.0, 0.0)), warehouse())
+    assert met is not None
+    assert (met.stretch, met.who, met.kind) == ("middle third", "Human 1", "stands beside it")
+
+
+def test_the_map_holds_the_worst_configuration_of_every_kind_and_repeats_it() -> None:
+    attempts = searched(MapElitesStrategy, plan(**PLAN), ledger := MemoryLedger())
+    cells = failure_map(attempts, plan().requirement, run_of=ledger.run, world=warehouse())
+    assert len({cell.encounter for cell in cells}) == len(cells) > 3
+    assert sum(cell.configurations for cell in cells) == len(measured(attempts))
+    shares = [cell.violations / cell.runs for cell in cells]
+    assert shares == sorted(shares, reverse=True)
+    assert len({m.run_id for a in attempts for m in a.measurements}) == 60
+    assert max(len(a.measurements) for a in measured(attempts)) > 1
+
+
+LATE = Requirement(name="R3", title="Time", text="Arrive.", metric="trg", worse="larger", limit=20.0, unit="s")
+NEAR = REQUIREMENT.replace(limit=10.0)
+
+
+def times(run: Run, _place: object = None) -> Measurement:
+    values = measure_all(run, ["trg"])
+    return Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values=values, objective=distance(run))
+
+
+@pytest.mark.parametrize(
+    ("requirement", "value", "share"), [(NEAR, 10.0, 1.0), (NEAR, 5.0, 1.5), (NEAR, 30.0, 0.0), (LATE, 10.0, 0.5)]
+)
+def test_a_value_is_a_share_of_what_violates(requirement: Requirement, value: float, share: float) -> None:
+    assert share_of(requirement, value) == pytest.approx(share)
+
+
+def test_the_front_holds_what_none_beats_and_one_of_equals() -> None:
+    shares = np.array([[1.0, 1.0], [2.0, 0.5], [0.5, 0.5], [1.0, 1.0], [2.0, 0.4]])
+    assert undominated(shares) == [0, 1]
+
+
+@pytest.mark.parametrize(
+    ("points", "volume"),
+    [
+        ([], 0.0),
+        ([(1.0, 1.0)], 1.0),
+        ([(2.0, 0.5), (1.0, 1.0)], 1.5),
+        ([(2.0, 0.0)], 0.0),
+        ([(1.0, 1.0, 1.0), (2.0, 1.0, 0.5), (0.5, 0.5, 2.0)], 1.75),
+    ],
+)
+def test_the_hypervolume_is_what_the_front_dominates(points: list[tuple[float, ...]], volume: float) -> None:
+    assert hypervolume(points) == pytest.approx(volume)
+
+
+def test_multi_spends_its_runs_and_repeats_its_front() -> None:
+    the_plan = plan(**PLAN | {"requirement": NEAR, "also": (LATE,), "repeats": 2, "budget_runs": 40})
+    found = searched(MultiStrategy, the_plan, measure=times)
+    assert len({m.run_id for a in found for m in a.measurements}) == 40
+    front = front_of(the_plan, found)
+    assert front.points and front.hypervolume > 0.0
+    for point in front.points:
+        assert [tried.requirement for tried in point.tried] == ["R1", "R3"]
+        assert all(tried.runs > 1 for tried in point.tried)
+    shares = [[tried.share for tried in point.tried] for point in front.points]
+    assert undominated(np.array(shares)) == list(range(len(shares)))
+    assert shares == sorted(shares, reverse=True)

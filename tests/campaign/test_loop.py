@@ -1,15 +1,19 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
 import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import fields
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 from hypothesis.strategies import integers
 from tests.campaign.parts import (
     REQUIREMENT,
@@ -25,22 +29,28 @@ from tests.campaign.parts import (
 )
 from tests.coded import coded
 
-from rvsg.campaign.attempt import Attempt, Measurement, Plan
+from rvsg.campaign import ledger, runner
+from rvsg.campaign.attempt import Attempt, AttemptSummary, Measurement, Plan
 from rvsg.campaign.confirmation import Confirmations
 from rvsg.campaign.execution import AttemptFinished, account
-from rvsg.campaign.ledger import CachedLedger
+from rvsg.campaign.feedback import StoredFeedback
+from rvsg.campaign.hybrid import HybridStrategy, MapElitesStrategy
+from rvsg.campaign.ledger import CachedLedger, Ledger
+from rvsg.campaign.loop import stream_campaign
 from rvsg.campaign.ranking import best_attempt, confirmations, ranking, rule
 from rvsg.campaign.runner import Evaluator, Runner
 from rvsg.campaign.strategies import Ask, RandomStrategy, StudyStrategy, UnguidedStrategy
-from rvsg.core.errors import BudgetSpent, SimulationError
-from rvsg.core.seeds import fresh_seeds
+from rvsg.core.errors import BudgetSpent, SimulationError, StoreError
+from rvsg.core.seeds import fresh_seeds, seed_for
 from rvsg.evaluation.verdict import Status, judge, violated
 from rvsg.generation.generator import Proposal
+from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
+from rvsg.store.sqlite import SqliteLedger
 from rvsg.world.world import World
 
 STRATEGIES = [StudyStrategy, UnguidedStrategy, RandomStrategy]
@@ -50,15 +60,18 @@ def run(ledger, the_plan=None, strategy=StudyStrategy, **how):
     return searched(strategy, the_plan, ledger, **how)
 
 
-def confirming(value_of: Callable[[Run], float], the_plan: Plan, strategy: type = StudyStrategy, ledger=None, **how):
-    """Run a campaign whose runs measure these values and whose verdicts are ours; return its attempts."""
-
+def measuring(value_of: Callable[[Run], float]) -> Callable[[Run, object], Measurement]:
     def measured(made: Run, _place: object) -> Measurement:
         value = value_of(made)
         return Measurement(run_id=made.id, seed=made.seed, outcome="goal", values={"dto": value}, objective=value)
 
+    return measured
+
+
+def confirming(value_of: Callable[[Run], float], the_plan: Plan, strategy: type = StudyStrategy, ledger=None, **how):
+    """Run a campaign whose runs measure these values and whose verdicts are ours; return its attempts."""
     changes = {"judge": Evaluator(the_plan.requirement).judge}
-    return searched(strategy, the_plan, ledger, measure=measured, changes=changes, **how)
+    return searched(strategy, the_plan, ledger, measure=measuring(value_of), changes=changes, **how)
 
 
 def fresh(the_plan: Plan, strategy: type = StudyStrategy) -> tuple[list[Attempt], tuple[int, ...]]:
@@ -74,10 +87,13 @@ def confirmations_of(attempts: list[Attempt]) -> list[Attempt]:
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_every_strategy_spends_the_same_number_of_runs(strategy: type) -> None:
-    attempts = run(MemoryLedger(), strategy=strategy)
+    generator = WalkGenerator()
+    attempts = run(MemoryLedger(), strategy=strategy, generator=generator)
     search = [a for a in attempts if a.purpose == "search"]
     assert len(search) == plan().attempts
     assert sum(len(a.measurements) for a in search) == plan().attempts * plan().repeats
+    if strategy is UnguidedStrategy:
+        assert {(b.requirement, b.feedback, b.memory) for b in generator.briefs} == {(None, None, ())}
     decisive = [a for a in attempts if a.purpose in ("search", "confirmation")]
     assert sum(len(a.measurements) for a in decisive) == plan().runs
 
@@ -100,13 +116,6 @@ def test_the_study_refines_from_feedback_and_remembers_earlier_scenarios() -> No
     assert [m.scenario for m in fourth.memory] == [best.proposal.scenario]
 
 
-def test_an_unguided_brief_holds_no_requirement_feedback_or_memory() -> None:
-    generator = WalkGenerator()
-    run(MemoryLedger(), strategy=UnguidedStrategy, generator=generator)
-    for brief in generator.briefs:
-        assert (brief.requirement, brief.feedback, brief.memory) == (None, None, ())
-
-
 def test_the_confirmation_uses_seeds_that_took_no_part_in_the_selection() -> None:
     attempts = run(MemoryLedger())
     confirmation = confirmations_of(attempts)[0]
@@ -127,13 +136,17 @@ def confirmed_with(values: list[float], *, limit: float | None = 1.0, confirmati
     return confirmations_of(attempts)[0]
 
 
+LATE = [2.0] * 5 + [0.5] + [2.0] * 24
+"""Values of which one violates, so that only many runs are sure."""
+
+
 @pytest.mark.parametrize(
     ("values", "status", "runs"),
     [
         ([2.0] * 30, Status.PASS, 15),
         ([0.5] * 30, Status.FAIL, 15),
         ([0.5, 2.0] * 15, Status.FLAKY, 4),
-        ([2.0] * 5 + [0.5] + [2.0] * 24, Status.PASS, 28),
+        (LATE, Status.PASS, 28),
     ],
 )
 def test_a_confirmation_ends_when_the_verdict_is_sure(values: list[float], status: Status, runs: int) -> None:
@@ -153,7 +166,6 @@ def test_a_candidate_that_does_not_always_violate_leaves_runs_for_one_that_does(
         return (2.0 if made.seed == seeds[12] else 0.4) if made.scenario_id == first[0].scenario_id else 0.5
 
     one, two = confirmations_of(confirming(value, the_plan, RandomStrategy))
-    assert one.verdict is not None and two.verdict is not None
     assert (one.verdict.status, one.verdict.violations) == (Status.INCONCLUSIVE, one.verdict.runs - 1)
     assert violated(one.verdict)
     assert (two.verdict.status, two.verdict.runs) == (Status.FAIL, 15)
@@ -178,10 +190,7 @@ def test_a_further_configuration_that_cannot_always_violate_is_dropped_early() -
     the_plan = plan(scenarios=1, refinements=1, repeats=1, confirmations=100, requirement=REQUIREMENT)
     first, seeds = fresh(the_plan, RandomStrategy)
 
-    def measured(made: Run, _place: object) -> Measurement:
-        value = 2.0 if made.seed in (seeds[10], seeds[12]) else 0.5
-        return Measurement(run_id=made.id, seed=made.seed, outcome="goal", values={"dto": value}, objective=value)
-
+    measured = measuring(lambda made: 2.0 if made.seed in (seeds[10], seeds[12]) else 0.5)
     made = dataclasses.replace(parts(MemoryLedger(), measure=measured), judge=Evaluator(REQUIREMENT).judge)
     with made.runner:
         confirming = Confirmations(the_plan, [made.ledger.summary(a) for a in first], made)
@@ -216,8 +225,7 @@ def test_what_ended_without_a_verdict_goes_on_with_the_runs_that_are_left() -> N
 
 @pytest.mark.slow
 def test_a_confirmation_ends_at_the_same_run_in_any_number_of_processes() -> None:
-    values = [2.0] * 5 + [0.5] + [2.0] * 24
-    assert confirmed_with(values, jobs=2) == confirmed_with(values)
+    assert confirmed_with(LATE, jobs=2) == confirmed_with(LATE)
 
 
 @pytest.mark.parametrize(
@@ -331,7 +339,9 @@ def whole_campaign(strategy: type, max_in_flight: int) -> list[Attempt]:
     return run(MemoryLedger(), plan(max_in_flight=max_in_flight), strategy)
 
 
-STOPS = [(strategy, stop, most) for strategy in STRATEGIES for stop in (1, 5, 11, 14) for most in (1, 2)]
+STOPS = [
+    (strategy, stop, most) for strategy in [*STRATEGIES, HybridStrategy] for stop in (1, 5, 11, 14) for most in (1, 2)
+]
 
 
 @pytest.mark.parametrize(
@@ -342,19 +352,13 @@ def test_a_stopped_campaign_resumes_to_the_same_records(strategy: type, stop_aft
     the_plan = plan(max_in_flight=max_in_flight)
     whole = whole_campaign(strategy, max_in_flight)
 
-    class Stopping(Counted):
-        def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
-            if self.runs == stop_after:
-                raise KeyboardInterrupt
-            return super().run(scenario, world, seed=seed)
-
     ledger = MemoryLedger()
     with pytest.raises(KeyboardInterrupt):
-        run(ledger, the_plan, strategy, simulator=Stopping())
+        run(ledger, the_plan, strategy, simulator=Fails(KeyboardInterrupt(), lambda number: number > stop_after))
     rest = Counted()
     resumed = run(ledger, the_plan, strategy, simulator=rest)
     assert resumed == whole
-    made = sum(attempt.runs for attempt in whole)
+    made = len({m.run_id for attempt in whole for m in attempt.measurements})
     assert rest.runs == made - stop_after  # no finished run is made again
     assert run(ledger, the_plan, strategy, simulator=(again := Counted())) == whole and again.runs == 0
 
@@ -388,19 +392,19 @@ def test_an_invalid_proposal_is_kept_without_runs_and_the_scenario_is_asked_for_
 class Fails(Counted):
     """Cannot make some of its runs, which it counts from 1."""
 
-    def __init__(self, fails: Callable[[int], bool]) -> None:
+    def __init__(self, error: BaseException, fails: Callable[[int], bool]) -> None:
         super().__init__()
-        self.fails = fails
+        self.error, self.fails = error, fails
 
     def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
         made = super().run(scenario, world, seed=seed)
         if self.fails(self.runs):
-            raise SimulationError("no luck")
+            raise self.error
         return made
 
 
 def test_a_run_that_fails_is_recorded_and_the_others_count() -> None:
-    attempts = run(MemoryLedger(), simulator=Fails(lambda number: number == 2))
+    attempts = run(MemoryLedger(), simulator=Fails(SimulationError("no luck"), lambda number: number == 2))
     assert [f.reason for f in attempts[0].failures] == ["no luck"]
     assert len(attempts[0].measurements) == 1
 
@@ -408,7 +412,7 @@ def test_a_run_that_fails_is_recorded_and_the_others_count() -> None:
 def test_a_simulator_that_makes_no_run_at_all_stops_the_campaign() -> None:
     ledger = MemoryLedger()
     with pytest.raises(SimulationError, check=coded("no-run")):
-        run(ledger, simulator=Fails(lambda _: True))
+        run(ledger, simulator=Fails(SimulationError("no luck"), lambda _: True))
     assert ledger.kept == []
 
 
@@ -448,3 +452,70 @@ def _runs(process: int) -> bool:
     except (FileNotFoundError, ProcessLookupError):
         return False
     return state != "Z"
+
+
+SEEDS = st.integers(0, 2**63)
+
+
+@given(SEEDS, st.integers(0, 10_000), st.integers(0, 100))
+def test_a_seed_follows_from_purpose_and_index_alone(seed: int, attempt: int, repeat: int) -> None:
+    assert seed_for(seed, "search", attempt, repeat) == seed_for(seed, "search", attempt, repeat)
+    assert 0 <= seed_for(seed, "search", attempt, repeat) < 2**32
+
+
+@given(SEEDS, st.integers(1, 40), st.integers(0, 40))
+def test_fresh_seeds_are_different_and_none_is_used(seed: int, count: int, taken: int) -> None:
+    used = set(fresh_seeds(seed, "confirmation", taken, used=()))  # the very seeds that would come first
+    fresh = fresh_seeds(seed, "confirmation", count, used=used)
+    assert len(set(fresh)) == count
+    assert not used & set(fresh)
+
+
+def test_purposes_do_not_share_seeds() -> None:
+    seeds = {seed_for(0, purpose, index) for purpose in ("brief", "search", "confirmation") for index in range(300)}
+    assert len(seeds) == 900
+
+
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keep so few attempts that nearly everything is read from the store."""
+    monkeypatch.setattr(ledger, "ATTEMPTS", 2)
+    monkeypatch.setattr(runner, "RECENT", 3)
+
+
+@pytest.mark.usefixtures("few")
+@pytest.mark.parametrize("strategy", [StudyStrategy, HybridStrategy, MapElitesStrategy])
+def test_a_search_that_reads_its_attempts_from_the_store_makes_the_same_records(strategy: Any, tmp_path: Path) -> None:
+    def made(ledger: Ledger) -> list[Attempt]:
+        return searched(strategy, plan(scenarios=3), ledger, generator=HeuristicGenerator())
+
+    kept = made(MemoryLedger())
+    with SqliteLedger(tmp_path / "ledger.sqlite") as ledger:
+        assert [a.to_json() for a in made(ledger)] == [a.to_json() for a in kept]
+        cached = CachedLedger(ledger)
+        for attempt in kept:
+            summary = cached.summary(attempt)
+            assert all(
+                getattr(summary, f.name) == getattr(attempt, f.name) for f in fields(summary) if f.name != "read"
+            )
+            assert summary.runs == attempt.runs and summary.record == attempt == attempt.record
+        with pytest.raises(StoreError) as caught:
+            ledger.attempt("test", len(kept))
+        assert caught.value.code == "store-damaged"
+
+
+@pytest.mark.usefixtures("few")
+def test_a_campaign_holds_few_measurements_at_a_time(tmp_path: Path) -> None:
+    def measurements() -> int:
+        gc.collect()
+        return sum(type(each) is Measurement for each in gc.get_objects())
+
+    wanted = plan(scenarios=6, refinements=1, repeats=3, confirmations=0)
+    with SqliteLedger(tmp_path / "ledger.sqlite") as ledger:
+        made = parts(ledger)
+        strategy = StudyStrategy(wanted, StoredFeedback(made.ledger, wanted, warehouse()), warehouse())
+        before = measurements()
+        running = stream_campaign(wanted, strategy, made)
+        most = max(measurements() - before for event in running if isinstance(event, AttemptFinished))
+    assert len(strategy.attempts) == 12 and all(type(each) is AttemptSummary for each in strategy.attempts)
+    assert most <= 3 * (2 + 1), "two attempts in the cache, and the last runs"

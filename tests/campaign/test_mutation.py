@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from tests.campaign.parts import WalkGenerator, plan, warehouse
@@ -38,16 +40,19 @@ def operators() -> Operators:
     return Operators(plan().mission, warehouse(), Aim.SHARE)
 
 
+def described(operators: Operators, scenario: Scenario, made: Any) -> Scenario:
+    text = operators.describe(scenario, made)
+    return scenario.replace(people=made.people, description=text.description, idea=text.idea)
+
+
 def test_our_own_text_is_written_anew_for_people_of_another_scenario(operators: Operators) -> None:
     parent, other = candidate(0, 0, told=None, seed=1), candidate(1, 1, told=None, seed=2)
     rng = np.random.default_rng(3)
     made = next(m for _ in range(200) if (m := operators._crossed(parent, [parent, other], rng)) is not None)
     lent = {human.tasks for human in other.scenario.people.humans}
     assert any(human.tasks in lent for human in made.people.humans)
-    described = operators.describe(parent.scenario, made)
-    after = parent.scenario.replace(people=made.people, description=described.description, idea=described.idea)
-    assert tells_of(after, goods=True)
-    assert described.description != parent.scenario.description
+    after = described(operators, parent.scenario, made)
+    assert tells_of(after, goods=True) and after.description != parent.scenario.description
 
 
 def test_a_models_text_stays_with_its_own_people(operators: Operators) -> None:
@@ -78,10 +83,7 @@ def test_tuned_numbers_are_told_in_either_text(operators: Operators) -> None:
     assert tuned is not None
     assert operators.describe(model.scenario, tuned).description == f"{TOLD} {TUNED}"
     tuned = operators._tuned(ours, rng)
-    assert tuned is not None
-    described = operators.describe(ours.scenario, tuned)
-    after = ours.scenario.replace(people=tuned.people, description=described.description, idea=described.idea)
-    assert tells_of(after, goods=True)
+    assert tuned is not None and tells_of(described(operators, ours.scenario, tuned), goods=True)
 
 
 CROSSED = FailureMode(place="Area 3", person="crosses its way ahead of it", robot="stops")
@@ -114,16 +116,13 @@ def test_who_violates_surely_stands_for_a_kind(shown: tuple[Kinds, list[Candidat
 def test_a_kind_that_one_run_shows_is_run_again(shown: tuple[Kinds, list[Candidate]]) -> None:
     kinds, known = shown
     assert [c.index for c in kinds.doubtful(known)] == [2]
+    known[2].deviation = 0.1
+    assert kinds.doubtful(known) == [], "what surely violates needs no second run"
+    known[2].deviation = 1.0
     for again in ((STOOD,), (STOOD, STOOD)):
         known[2].badness[1] = 3.0
         kinds.place(known[2], again)
         assert kinds.doubtful(known) == []
-
-
-def test_a_kind_that_surely_violates_needs_no_second_run(shown: tuple[Kinds, list[Candidate]]) -> None:
-    kinds, known = shown
-    known[2].deviation = 0.1
-    assert kinds.doubtful(known) == []
 
 
 def test_kinds_take_turns_to_be_changed(shown: tuple[Kinds, list[Candidate]]) -> None:
@@ -144,11 +143,10 @@ def test_the_closest_approach_of_a_forecast_has_a_place_and_a_person() -> None:
     time = np.arange(0.0, 10.0, 0.1)
     robot = 0.5 * time + 0j
     crossing = 3.5 + 1j * 0.8 * (5.0 - time)
-    met = _closest(np.stack([robot, crossing], axis=1), warehouse())
-    assert met is not None and met[1] == "crosses its way ahead of it"
     standing = np.full_like(robot, 2.5 + 0.9j)
-    met = _closest(np.stack([robot, standing], axis=1), warehouse())
-    assert met is not None and met[1] == "stands beside it"
+    for person, kind in ((crossing, "crosses its way ahead of it"), (standing, "stands beside it")):
+        met = _closest(np.stack([robot, person], axis=1), warehouse())
+        assert met is not None and met[1] == kind
 
 
 def test_every_configuration_is_foreseen_in_its_place_and_people_are_needed() -> None:
@@ -156,8 +154,7 @@ def test_every_configuration_is_foreseen_in_its_place_and_people_are_needed() ->
     proposals = [WalkGenerator().propose(Brief(mission=mission, requirement=None, seed=k), world) for k in (1, 2)]
     people = [p.scenario.people for p in proposals if p.scenario is not None]
     forecaster = forecaster_of(mission, world)
+    first, second = (foreseen(forecaster, [each], world)[0] for each in people)
+    assert first is not None and second is not None
     both = foreseen(forecaster, [people[0], HumanConfiguration(humans=()), people[1]], world)
-    assert both[1] is None
-    assert both[0] == foreseen(forecaster, people[:1], world)[0]
-    assert both[2] == foreseen(forecaster, people[1:], world)[0]
-    assert all(each is not None for each in (both[0], both[2]))
+    assert list(both) == [first, None, second]

@@ -85,25 +85,18 @@ def test_the_death_of_an_idle_worker_is_not_noticed() -> None:
     assert again == first
 
 
-class Forks(KinematicSimulator):
-    """Dies for one seed, and leaves a process behind that holds the pipes of the worker until the file is there."""
-
-    def __init__(self, end: Path) -> None:
-        super().__init__()
-        self.end = end
-
-    def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
-        if seed == 2:
-            if os.fork() == 0:
-                while not self.end.exists():
-                    time.sleep(0.1)
-                os._exit(0)
-            os.kill(os.getpid(), signal.SIGKILL)
-        return super().run(scenario, world, seed=seed)
-
-
 def test_a_worker_that_dies_is_noticed_though_its_child_holds_the_pipe(tmp_path: Path) -> None:
-    processes = started(Forks(tmp_path / "end"), jobs=1)
+    class Forks(KinematicSimulator):
+        def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
+            if seed == 2:
+                if os.fork() == 0:
+                    while not (tmp_path / "end").exists():
+                        time.sleep(0.1)
+                    os._exit(0)
+                os.kill(os.getpid(), signal.SIGKILL)
+            return super().run(scenario, world, seed=seed)
+
+    processes = started(Forks(), jobs=1)
     pending = [processes.submit(a_scenario(), seed) for seed in (1, 2, 3)]
     done = []
     waiting = threading.Thread(target=lambda: done.extend(map(processes.result, pending)), daemon=True)
@@ -114,32 +107,22 @@ def test_a_worker_that_dies_is_noticed_though_its_child_holds_the_pipe(tmp_path:
     processes.stop(kill=True)
 
 
-class Halves(KinematicSimulator):
-    """Dies while its result is half written, as long as the file is absent."""
-
-    def __init__(self, mark: Path) -> None:
-        super().__init__()
-        self.mark = mark
-
-    def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
-        if not self.mark.exists():
-            self.mark.touch()
-            from rvsg.campaign import worker_pool
-
-            original = worker_pool.write_frame
-
-            def half(stream, data: bytes) -> None:  # type: ignore[no-untyped-def]
-                worker_pool.write_frame = original
-                stream.write(len(data).to_bytes(8, "little") + data[: len(data) // 2])
-                stream.flush()
-                os.kill(os.getpid(), signal.SIGKILL)
-
-            worker_pool.write_frame = half
-        return super().run(scenario, world, seed=seed)
-
-
 def test_a_result_that_is_half_written_is_made_again(tmp_path: Path) -> None:
-    processes = started(Halves(tmp_path / "mark"))
+    class Halves(KinematicSimulator):
+        def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
+            if not (tmp_path / "mark").exists():
+                (tmp_path / "mark").touch()
+                from rvsg.campaign import worker_pool
+
+                def half(stream, data: bytes) -> None:  # type: ignore[no-untyped-def]
+                    stream.write(len(data).to_bytes(8, "little") + data[: len(data) // 2])
+                    stream.flush()
+                    os.kill(os.getpid(), signal.SIGKILL)
+
+                worker_pool.write_frame = half
+            return super().run(scenario, world, seed=seed)
+
+    processes = started(Halves())
     submitted = [processes.submit(a_scenario(), seed) for seed in range(4)]
     found = [processes.result(each) for each in submitted]
     processes.stop(kill=False)

@@ -28,13 +28,8 @@ def dense(candidates: list[Candidate]) -> dict[int, tuple[float, float]]:
     place = {c.index: k for k, c in enumerate(known)}
     seeds = list(dict.fromkeys(seed for c in known for seed in c.badness))
     n, m = len(known), len(seeds)
-    entries: list[list[dict[int, float]]] = [
-        [],
-        [],
-        [],
-        [{n + j: 1.0} for j in range(m)],
-        [{n + m: 1.0}, {n + m + 1: 1.0}],
-    ]
+    last = [[{n + j: 1.0} for j in range(m)], [{n + m: 1.0}, {n + m + 1: 1.0}]]
+    entries: list[list[dict[int, float]]] = [[], [], [], *last]
     for k, c in enumerate(known):
         entries[0] += [{k: 1.0, n + seeds.index(seed): 1.0} for seed in c.badness]
         parent = place.get(c.parent.index) if c.parent is not None else None
@@ -74,9 +69,8 @@ def test_estimates_are_those_of_the_whole_matrix(seed: int, count: int, seeds: i
     expected = dense(candidates)
     for candidate in candidates:
         if candidate.runs:
-            mean, deviation = expected[candidate.index]
-            assert candidate.estimate == pytest.approx(mean, abs=1e-5)
-            assert candidate.deviation == pytest.approx(deviation, abs=1e-5)
+            found = (candidate.estimate, candidate.deviation)
+            assert found == pytest.approx(expected[candidate.index], abs=1e-5)
         else:
             assert candidate.estimate == -math.inf
 

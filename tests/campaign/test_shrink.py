@@ -2,7 +2,6 @@
 
 import json
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -21,7 +20,7 @@ from tests.coded import coded
 
 from rvsg.campaign.attempt import Attempt, Measurement, Plan
 from rvsg.campaign.execution import account
-from rvsg.campaign.findings import DistinctFailure, Smallest, distinct_failures, findings
+from rvsg.campaign.findings import Smallest, distinct_failures, findings
 from rvsg.campaign.runner import Evaluator, Runner
 from rvsg.campaign.smallest_scenario import Shrinker, simpler, size
 from rvsg.campaign.strategies import RandomStrategy
@@ -38,11 +37,14 @@ MISSION = Mission(world="warehouse", world_id=WORLD.id, route=ROUTE)
 LIMIT = REQUIREMENT.replace(limit=2.5)
 
 
-def to_and_fro(name: str, a: str, b: str, **more: object) -> Human:
+def walk(a: str, b: str) -> Task:
     path = WORLD.grid.shortest_path(a, b)
     assert path is not None
-    tasks = (Task(name=f"{a} → {b}", path=path), Task(name=f"{b} → {a}", path=path[::-1]))
-    return Human(name=name, tasks=tasks, **more)  # type: ignore[arg-type]
+    return Task(name=f"{a} → {b}", path=path)
+
+
+def to_and_fro(name: str, a: str, b: str, **more: object) -> Human:
+    return Human(name=name, tasks=(walk(a, b), walk(b, a)), **more)  # type: ignore[arg-type]
 
 
 def crowd() -> Scenario:
@@ -68,7 +70,7 @@ def shrinking(simulator: Counted | None = None, **more: object) -> Shrinker:
     )
 
 
-def test_people_and_details_that_do_not_matter_are_taken_away() -> None:
+def test_people_and_details_that_do_not_matter_are_taken_away_and_the_result_is_valid() -> None:
     simulator = Counted()
     found = shrinking(simulator)(crowd())
     assert [human.name for human in found.smallest.people.humans] == ["near"]
@@ -76,8 +78,14 @@ def test_people_and_details_that_do_not_matter_are_taken_away() -> None:
     assert near.start_delay_s == 0.0 and near.behaviour is Behaviour.REGULAR
     assert not any(task.pauses for task in near.tasks)
     assert found.after.violations == found.after.runs == 4
-    assert found.runs == simulator.runs
-    assert found.original == crowd()
+    assert (found.runs, found.original) == (simulator.runs, crowd())
+    assert [step.what for step in found.steps if step.kept][:2] == ["without far", "without away"]
+    assert "without near" in [step.what for step in found.steps if not step.kept]
+    assert check(found.smallest.people, MISSION, WORLD) == () and found.smallest.mission == MISSION
+    assert "near" in found.smallest.description and "1 of 3" in found.smallest.description
+    assert not {"far", "away", "three"} & set(re.findall(r"\w+", found.smallest.description)), "nobody else is named"
+    assert shrinking()(crowd()) == found, "equal seeds give equal results"
+    assert shrinking()(found.smallest).smallest == found.smallest, "nothing more is found"
 
 
 def test_trials_are_judged_and_neither_packed_nor_measured_otherwise() -> None:
@@ -104,34 +112,7 @@ def test_trials_that_are_made_in_any_case_begin_at_once_and_no_others() -> None:
     assert any(step.runs < shrinks.repeats for step in steps)
 
 
-def test_what_matters_stays_and_is_said_to_have_been_tried() -> None:
-    found = shrinking()(crowd())
-    refused = [step.what for step in found.steps if not step.kept]
-    kept = [step.what for step in found.steps if step.kept]
-    assert kept[:2] == ["without far", "without away"]
-    assert "without near" in refused
-
-
-def test_the_smallest_scenario_is_valid_and_its_description_names_nobody_who_was_removed() -> None:
-    found = shrinking()(crowd())
-    assert check(found.smallest.people, MISSION, WORLD) == ()
-    assert found.smallest.mission == MISSION
-    assert "near" in found.smallest.description and "1 of 3" in found.smallest.description
-    assert not {"far", "away", "three"} & set(re.findall(r"\w+", found.smallest.description))
-
-
-def test_shrinking_again_finds_nothing_more_and_equal_seeds_give_equal_results() -> None:
-    once = shrinking()(crowd())
-    assert shrinking()(crowd()) == once
-    assert shrinking()(once.smallest).smallest == once.smallest
-
-
 def test_stops_that_are_reached_late_are_left_out_and_the_loop_stays_closed() -> None:
-    def walk(a: str, b: str) -> Task:
-        path = WORLD.grid.shortest_path(a, b)
-        assert path is not None
-        return Task(name=f"{a} → {b}", path=path)
-
     tasks = (walk("F13", "E20"), walk("E20", "M20"), walk("M20", "M2"), walk("M2", "F13"))
     person = Human(name="near", tasks=tasks, speed_m_s=0.6)
     long_round = crowd().replace(people=HumanConfiguration(humans=(person,)))
@@ -143,11 +124,9 @@ def test_stops_that_are_reached_late_are_left_out_and_the_loop_stays_closed() ->
 
 def test_every_simpler_configuration_is_smaller_before_it_is_repaired() -> None:
     people = crowd().people
-    whats = []
-    for what, candidate in simpler(people, WORLD.grid):
-        whats.append(what)
-        assert size(candidate) < size(people)
-    assert len(set(whats)) == len(whats) == 6
+    candidates = list(simpler(people, WORLD.grid))
+    assert all(size(candidate) < size(people) for _, candidate in candidates)
+    assert len({what for what, _ in candidates}) == len(candidates) == 6
 
 
 def test_without_a_violation_or_a_limit_there_is_nothing_to_shrink() -> None:
@@ -157,15 +136,9 @@ def test_without_a_violation_or_a_limit_there_is_nothing_to_shrink() -> None:
         shrinking(requirement=LIMIT.replace(limit=None))(crowd())
 
 
-@pytest.fixture
-def scenario_file(tmp_path: Path) -> Iterator[Path]:
-    path = tmp_path / "scenario.json"
-    path.write_text(crowd().to_json(), encoding="utf-8")
-    yield path
-
-
-def test_the_command_writes_the_smallest_scenario(scenario_file: Path, tmp_path: Path) -> None:
-    requirement = tmp_path / "mine.yaml"
+def test_the_command_writes_the_smallest_scenario(tmp_path: Path) -> None:
+    scenario_file, requirement = tmp_path / "scenario.json", tmp_path / "mine.yaml"
+    scenario_file.write_text(crowd().to_json(), encoding="utf-8")
     requirement.write_text(
         "near:\n  title: Near\n  text: Keep away.\n  metric: dto\n  worse: smaller\n  limit: 2.5\n  unit: m\n"
     )
@@ -189,10 +162,6 @@ def campaign(ledger: MemoryLedger, requirement: Requirement = EASY, **changes: o
     return searched(RandomStrategy, the_plan(requirement), ledger, changes=given)
 
 
-def failures(ledger: MemoryLedger, attempts: list[Attempt]) -> tuple[DistinctFailure, ...]:
-    return distinct_failures(findings(the_plan(), attempts, run_of=ledger.run, world=warehouse()))
-
-
 @pytest.fixture(scope="module")
 def ended() -> tuple[MemoryLedger, list[Attempt]]:
     ledger = MemoryLedger()
@@ -205,25 +174,15 @@ def shrunk(attempts: list[Attempt]) -> list[Attempt]:
 
 def test_every_distinct_failure_is_shrunk_and_keeps_its_causes(ended: tuple[MemoryLedger, list[Attempt]]) -> None:
     ledger, attempts = ended
-    found = failures(ledger, attempts)
+    found = distinct_failures(findings(the_plan(), attempts, run_of=ledger.run, world=warehouse()))
     assert found
     for failure in found:
         smallest = failure.smallest
-        assert smallest is not None
-        assert smallest.taken_away
+        assert smallest is not None and smallest.taken_away
         assert smallest.violated == smallest.of > 0
-        assert failure.cause
-        assert failure.without_people is not None
-
-
-def test_what_is_left_is_smaller_and_meets_seeds_of_the_confirmation(
-    ended: tuple[MemoryLedger, list[Attempt]],
-) -> None:
-    _, attempts = ended
+        assert failure.cause and failure.without_people is not None
     for attempt in shrunk(attempts):
         confirmation = next(a for a in attempts if a.index == attempt.confirms)
-        assert attempt.proposal.scenario is not None
-        assert confirmation.proposal.scenario is not None
         assert size(attempt.proposal.scenario.people) < size(confirmation.proposal.scenario.people)
         assert {m.seed for m in attempt.measurements} <= {m.seed for m in confirmation.measurements}
 

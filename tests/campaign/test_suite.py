@@ -5,15 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rvsg.campaign.suite import (
-    CaseResult,
-    Change,
-    State,
-    SuiteResult,
-    changes_of,
-    counts,
-    state_of,
-)
+from rvsg.campaign.suite import CaseResult, Change, State, SuiteResult, changes_of, counts, state_of
 from rvsg.evaluation.verdict import Verdict, judge
 from rvsg.scenario.requirement import Requirement
 
@@ -27,16 +19,8 @@ def verdict(violations: int, runs: int) -> Verdict:
 def result(flags: list[bool | None], name: str = "door") -> CaseResult:
     known = [flag for flag in flags if flag is not None]
     made = verdict(sum(known), len(known))
-    return CaseResult(
-        case=name,
-        title=name,
-        requirement="X",
-        expected="pass",
-        state=state_of("pass", made),
-        verdict=made,
-        seeds=tuple(range(len(flags))),
-        violations=tuple(flags),
-    )
+    how = {"requirement": "X", "expected": "pass", "state": state_of("pass", made), "verdict": made}
+    return CaseResult(case=name, title=name, seeds=tuple(range(len(flags))), violations=tuple(flags), **how)
 
 
 def suite(*cases: CaseResult) -> SuiteResult:
@@ -65,29 +49,17 @@ def test_only_a_broken_case_fails_a_build() -> None:
     assert [state for state in State if state.fails] == [State.BROKEN]
 
 
-def test_a_case_that_violates_on_every_seed_of_the_new_version_is_broken_and_the_other_way_fixed() -> None:
+def test_a_change_is_what_all_seeds_of_both_versions_show() -> None:
     clean, bad = result([False] * 20), result([True] * 20)
     (broken,) = changes_of(suite(clean), suite(bad))
     (fixed,) = changes_of(suite(bad), suite(clean))
     assert (broken.change, fixed.change) == (Change.BROKEN, Change.FIXED)
-    assert broken.difference == 1.0
-    assert broken.interval is not None
-    assert broken.interval[1] == 1.0
+    assert broken.difference == 1.0 == broken.interval[1]
     assert broken.p == pytest.approx(2 * 0.5**20)
-
-
-def test_a_verdict_that_flips_on_few_seeds_is_unclear() -> None:
-    (change,) = changes_of(suite(result([False] * 20)), suite(result([True] * 4 + [False] * 16)))
-    assert change.change is Change.UNCLEAR
-    assert (change.only_first, change.only_second) == (0, 4)
-
-
-def test_runs_without_judgement_and_seeds_of_one_version_alone_do_not_count() -> None:
-    (change,) = changes_of(suite(result([None, False, False])), suite(result([True, False])))
-    assert change.seeds == 1
-
-
-def test_a_case_of_one_version_alone_is_said() -> None:
+    (few,) = changes_of(suite(clean), suite(result([True] * 4 + [False] * 16)))
+    assert (few.change, few.only_first, few.only_second) == (Change.UNCLEAR, 0, 4)
+    (unjudged,) = changes_of(suite(result([None, False, False])), suite(result([True, False])))
+    assert unjudged.seeds == 1
     changes = changes_of(suite(result([False], "a")), suite(result([False], "b")))
     assert [(each.case, each.change) for each in changes] == [("a", Change.MISSING), ("b", Change.MISSING)]
 

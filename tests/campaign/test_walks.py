@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from tests.campaign.parts import MemoryLedger, plan, searched, warehouse
+from tests.evaluation.runs import trajectory
 
 from rvsg.campaign.observation import Walk, walks_of
 from rvsg.campaign.strategies import StudyStrategy
@@ -16,11 +17,14 @@ from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 
 
+def to_and_fro(path: tuple[str, ...]) -> tuple[Task, Task]:
+    return tuple(Task(name=f"{way[0]} → {way[-1]}", path=way) for way in (path, path[::-1]))  # type: ignore[return-value]
+
+
 def walker(**changes: object) -> Human:
     path = warehouse().grid.shortest_path("E3", "E9")
     assert path is not None
-    tasks = (Task(name=f"{path[0]} → {path[-1]}", path=path), Task(name=f"{path[-1]} → {path[0]}", path=path[::-1]))
-    return Human(**{"name": "Human 1", "tasks": tasks, "speed_m_s": 1.0, **changes})  # type: ignore[arg-type]
+    return Human(**{"name": "Human 1", "tasks": to_and_fro(path), "speed_m_s": 1.0, **changes})  # type: ignore[arg-type]
 
 
 def paused(human: Human, index: int, seconds: float) -> Human:
@@ -43,9 +47,7 @@ def test_a_walk_is_followed_from_leg_to_leg_with_its_delay_and_pause() -> None:
     run = KinematicSimulator().run(scenario(human), warehouse(), seed=1)
     walk = walk_of(run, human)
     t = run.trajectory.t
-    assert walk.doing[0] == "waiting to start"
-    assert "pausing" in walk.doing
-    assert walk.stuck_at is None
+    assert walk.doing[0] == "waiting to start" and "pausing" in walk.doing and walk.stuck_at is None
     arrived = walk.arrivals
     assert [arrival.at for arrival in arrived[:3]] == list(human.tasks[0].path[1:4])
     for arrival in arrived[:4]:
@@ -60,16 +62,7 @@ def along(at: np.ndarray) -> tuple[Run, Human]:
     (x, y), (to_x, to_y) = (warehouse().grid.position(name) for name in (path[0], path[-1]))
     share = at / float(np.hypot(to_x - x, to_y - y))
     run = KinematicSimulator().run(scenario(human), warehouse(), seed=1)
-    none, column = np.zeros(len(at)), np.zeros((len(at), 1))
-    seen = replace(
-        run.trajectory,
-        **dict.fromkeys(("x", "y", "yaw", "v", "omega", "acceleration"), none),
-        t=np.arange(len(at)) / 10,
-        human_x=(x + (to_x - x) * share)[:, None],
-        human_y=(y + (to_y - y) * share)[:, None],
-        human_yaw=column,
-        human_speed=column,
-    )
+    seen = trajectory(np.arange(len(at)) / 10, 0.0, humans=[(x + (to_x - x) * share, y + (to_y - y) * share)])
     return replace(run, trajectory=seen, log=seen, events=()), human
 
 
@@ -93,12 +86,7 @@ def test_who_does_not_walk_further_until_the_end_is_stuck() -> None:
 
 @pytest.mark.parametrize("simulator", ["kinematic", pytest.param("embedded", marks=pytest.mark.slow)])
 def test_a_pause_where_people_turn_back_is_a_pause_in_every_round(simulator: str) -> None:
-    there = walker().tasks[0].path[:3]
-    tasks = (
-        Task(name=f"{there[0]} → {there[-1]}", path=there),
-        Task(name=f"{there[-1]} → {there[0]}", path=there[::-1]),
-    )
-    human = paused(walker(tasks=tasks), 2, 3.0)
+    human = paused(walker(tasks=to_and_fro(walker().tasks[0].path[:3])), 2, 3.0)
     run = plugins.make("simulator", simulator, {}).run(scenario(human), warehouse(), seed=1)
     walk = walk_of(run, human)
     assert walk.stuck_at is None and walk.stood == ()
@@ -135,10 +123,8 @@ def test_a_refinement_reads_a_table_the_best_and_all_that_was_tried() -> None:
         assert all(person.side in ("ahead", "behind", "left", "right") for person in row.people.values())
     assert [tried.mean for tried in feedback.tried] == [a.mean for a in attempts[:3]]
     means = [a.mean for a in attempts[:3]]
-    assert feedback.best_mean == min(m for m in means if m is not None)
     best = attempts[means.index(feedback.best_mean)].proposal.scenario
-    assert best is not None
-    assert feedback.best in (None, best)
+    assert best is not None and feedback.best in (None, best)
     assert (feedback.best is None) == (feedback.mean == feedback.best_mean)
     assert [tried.runs for tried in feedback.tried] == [len(a.measurements) for a in attempts[:3]]
     assert feedback.best_mean == min(tried.mean for tried in feedback.tried)
@@ -147,16 +133,16 @@ def test_a_refinement_reads_a_table_the_best_and_all_that_was_tried() -> None:
 
 
 def test_differences_name_what_changed_and_nothing_else() -> None:
-    human = walker()
-    one = HumanConfiguration(humans=(human,))
+    one = HumanConfiguration(humans=(walker(),))
     assert differences(one, one) == "no change"
-    faster = HumanConfiguration(humans=(human.replace(speed_m_s=1.4),))
+    faster = HumanConfiguration(humans=(walker(speed_m_s=1.4),))
     assert differences(one, faster) == "Human 1 walks at 1.4 m/s (was 1)"
-    assert "pauses 4 s" in differences(one, HumanConfiguration(humans=(paused(human, 1, 4.0),)))
-    way = HumanConfiguration(humans=(human.replace(tasks=(Task(name="a", path=("G12", "F13", "G14")),)),))
-    other = HumanConfiguration(humans=(human.replace(tasks=(Task(name="a", path=("G12", "H13", "G14")),)),))
+    assert "pauses 4 s" in differences(one, HumanConfiguration(humans=(paused(walker(), 1, 4.0),)))
+    way, other, work = (
+        HumanConfiguration(humans=(walker(tasks=(Task(name=name, path=("G12", middle, "G14")),)),))
+        for name, middle in (("a", "F13"), ("a", "H13"), ("b", "H13"))
+    )
     assert differences(way, other) == "Human 1 goes G12 H13 G14 instead of G12 F13 G14"
-    work = HumanConfiguration(humans=(human.replace(tasks=(Task(name="b", path=("G12", "H13", "G14")),)),))
     assert differences(way, work) == "Human 1 now does b, no longer a"
 
 

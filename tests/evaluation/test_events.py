@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.evaluation.runs import run_of, trajectory
 
-from rvsg.evaluation.detection import events_of
+from rvsg.evaluation.detection import EncounterKind, encounters_of, events_of
 from rvsg.evaluation.metrics.registry import measure
 from rvsg.evaluation.run_events import (
     EVENTS,
@@ -24,8 +24,11 @@ from rvsg.evaluation.run_events import (
     PersonStuck,
     StandStill,
     TimeOut,
+    place_name,
 )
 from rvsg.evaluation.sampled import Sampled
+from rvsg.evaluation.story import story_of
+from rvsg.evaluation.verdict import MEASURED, summarise_safety
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task
 from rvsg.simulation import run as recorded
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
@@ -87,7 +90,7 @@ def test_a_near_miss_is_told_at_its_closest_and_a_contact_is_none() -> None:
 
 def test_a_hard_brake_is_found_on_the_way_and_not_at_the_goal() -> None:
     v = np.where(T < 6, 0.5, np.where(T < 10, 0.0, 0.5))
-    (brake,) = of(HardBrake, run_of(trajectory(T, 0.0, v=v), goal=(0.0, 0.0, 0.0)))
+    (brake,) = of(HardBrake, run_of(trajectory(T, 0.0, v=v)))
     assert 5.4 <= brake.time_s <= 6.0 and brake.from_speed_m_s == 0.5 and brake.to_speed_m_s == 0.0
     arriving = np.where(T < 19.5, 0.5, 0.0)
     assert of(HardBrake, run_of(trajectory(T, 0.0, v=arriving))) == []
@@ -130,12 +133,13 @@ def test_waiting_for_the_goal_and_standing_at_it_are_no_standstill() -> None:
 
 
 def test_a_person_on_the_goal_blocks_it_while_the_robot_is_near() -> None:
-    def blocked(robot_x):
-        return of(BlockedGoal, run_of(trajectory(T, robot_x, humans=[(9.1, 0.0)]), goal=(9.0, 0.0, 0.0)))
+    def blocked(until_x):
+        series = trajectory(T, np.linspace(0, until_x, len(T)), humans=[(9.1, 0.0)])
+        return of(BlockedGoal, run_of(series, goal=(9.0, 0.0, 0.0)))
 
-    (event,) = blocked(np.linspace(0, 8, len(T)))
+    (event,) = blocked(8)
     assert event.person == "Human 1" and 14.5 < event.time_s < 15.5 and event.until_s == 20.0
-    assert blocked(np.linspace(0, 5, len(T))) == []
+    assert blocked(5) == []
 
 
 @pytest.mark.parametrize(
@@ -160,15 +164,20 @@ def scenario_of(*humans: Human) -> Scenario:
     return Scenario(mission=mission, people=HumanConfiguration(humans=humans))
 
 
-def a_run(scenario: Scenario):
-    return KinematicSimulator().run(scenario, warehouse(), seed=1)
+def to_and_fro(to: str = "H15", *, pauses: tuple[Pause, ...] = (), **more: object) -> Scenario:
+    """Somebody walks from E15 to another waypoint and back, again and again."""
+    path = warehouse().grid.shortest_path("E15", to)
+    tasks = (Task(name="out", path=path, pauses=pauses), Task(name="back", path=path[::-1]))
+    return scenario_of(Human(**{"name": "Anna", "tasks": tasks, **more}))
+
+
+def simulated(scenario: Scenario):
+    run = KinematicSimulator().run(scenario, warehouse(), seed=1)
+    return run, events_of(run, world=warehouse(), scenario=scenario)
 
 
 def test_people_arrive_and_pause_as_their_tasks_say() -> None:
-    path = warehouse().grid.shortest_path("E15", "H15")
-    there = Task(name="out", path=path, pauses=(Pause(at="H15", duration_s=3.0),))
-    scenario = scenario_of(Human(name="Anna", tasks=(there, Task(name="back", path=path[::-1])), speed_m_s=1.0))
-    events = events_of(a_run(scenario), world=warehouse(), scenario=scenario)
+    _, events = simulated(to_and_fro(pauses=(Pause(at="H15", duration_s=3.0),), speed_m_s=1.0))
     reached = [event for event in events if isinstance(event, PersonReached)]
     assert next((event.task, event.place.waypoint) for event in reached) == ("out", "H15")
     assert {event.task for event in reached} == {"out", "back"}
@@ -178,8 +187,8 @@ def test_people_arrive_and_pause_as_their_tasks_say() -> None:
 
 
 def test_a_person_who_does_not_come_on_is_stuck_from_then_on() -> None:
-    path = warehouse().grid.shortest_path("E15", "H15")
-    scenario = scenario_of(Human(name="Anna", tasks=(Task(name="out", path=path),)))
+    scenario = to_and_fro()
+    path = scenario.people.humans[0].tasks[0].path
     start, middle = warehouse().grid.position("E15"), warehouse().grid.position(path[1])
     walked = [np.interp(T, [0, 4], [start[axis], middle[axis]]) for axis in (0, 1)]
     run = run_of(trajectory(T, 90.0, 90.0, humans=[(walked[0], walked[1])]))
@@ -188,19 +197,9 @@ def test_a_person_who_does_not_come_on_is_stuck_from_then_on() -> None:
     assert 2.5 < stuck.time_s < 4.5 and stuck.until_s == 20.0 and stuck.place.waypoint == path[1]
 
 
-def test_somebody_who_walks_to_and_fro_is_not_stuck() -> None:
-    path = warehouse().grid.shortest_path("E15", "F15")
-    scenario = scenario_of(
-        Human(name="Anna", tasks=(Task(name="out", path=path), Task(name="back", path=path[::-1])), speed_m_s=1.5)
-    )
-    events = events_of(a_run(scenario), world=warehouse(), scenario=scenario)
+def test_somebody_who_walks_to_and_fro_is_not_stuck_and_events_survive_json() -> None:
+    _, events = simulated(to_and_fro("F15", speed_m_s=1.5))
     assert not [event for event in events if isinstance(event, PersonStuck)]
-
-
-def test_events_survive_json() -> None:
-    path = warehouse().grid.shortest_path("E15", "H15")
-    scenario = scenario_of(Human(name="Anna", tasks=(Task(name="out", path=path), Task(name="b", path=path[::-1]))))
-    events = events_of(a_run(scenario), world=warehouse(), scenario=scenario)
     assert events and EVENTS.validate_json(EVENTS.dump_json(events)) == events
     assert [event.time_s for event in events] == sorted(event.time_s for event in events)
 
@@ -238,8 +237,8 @@ def test_recorded_contacts_are_those_of_events_and_metrics() -> None:
 
 
 def test_recorded_events_of_people_become_events_of_the_run() -> None:
-    path = warehouse().grid.shortest_path("E15", "H15")
-    scenario = scenario_of(Human(name="Human 1", tasks=(Task(name="out", path=path), Task(name="b", path=path[::-1]))))
+    scenario = to_and_fro(name="Human 1")
+    path = scenario.people.humans[0].tasks[0].path
     at = {"person": "Human 1", "x": 0.0, "y": 0.0}
     told = (
         recorded.PersonReached(time_s=1.0, goal=1, **at),
@@ -250,23 +249,19 @@ def test_recorded_events_of_people_become_events_of_the_run() -> None:
     )
     run = run_of(trajectory(T, 50.0, humans=[(0.0, 0.0)]), events=told)
     events = events_of(run, world=warehouse(), scenario=scenario)[:-1]
-    assert [(event.kind, event.time_s) for event in events] == [
-        ("person_reached", 2.0),
-        ("person_reacted", 3.0),
-        ("person_stuck", 4.0),
-    ]
+    assert [event.kind for event in events] == ["person_reached", "person_reacted", "person_stuck"]
+    assert [event.time_s for event in events] == [2.0, 3.0, 4.0]
     assert events[0].task == "out" and events[1].until_s == 20.0
 
 
 @pytest.mark.exhaustive
 def test_the_contacts_of_a_simulated_run_are_those_it_recorded() -> None:
-    there = tuple(warehouse().grid.shortest_path("E21", "G12"))
+    there = warehouse().grid.shortest_path("E21", "G12")
     tasks = (Task(name="towards", path=there), Task(name="back", path=there[::-1]))
     scenario = scenario_of(Human(name="Anna", tasks=tasks, behaviour=Behaviour.IMPASSIVE))
     run = EmbeddedSimulator().run(scenario, warehouse(), seed=1)
     events = events_of(run, world=warehouse(), scenario=scenario)
-    contacts = [event for event in events if isinstance(event, Contact)]
-    assert len(contacts) == measure(run, ["contacts"])["contacts"]
+    assert sum(isinstance(event, Contact) for event in events) == measure(run, ["contacts"])["contacts"]
     assert Sampled(run, run.trajectory).gap.min() > -0.02
 
 
@@ -278,3 +273,81 @@ def test_the_reference_page_names_every_kind_and_every_field() -> None:
         row = next(line for line in page.splitlines() if line.startswith(f"| `{kind.model_fields['kind'].default}` |"))
         for name in kind.model_fields.keys() - {"kind", "time_s", "place", "until_s"}:
             assert f"`{name}`" in row
+
+
+ROBOT_X = 0.5 * T
+
+
+@pytest.mark.parametrize(
+    ("human", "kind"),
+    [
+        ((10.0 - 0.5 * T, 0.9, np.pi, 0.5), EncounterKind.HEAD_ON),
+        ((3.0 + 0.2 * T, 0.9, 0.0, 0.2), EncounterKind.ROBOT_OVERTAKES),
+        ((-4.0 + 1.0 * T, 0.9, 0.0, 1.0), EncounterKind.PERSON_OVERTAKES),
+        ((5.0, 10.0 - 1.0 * T, -np.pi / 2, 1.0), EncounterKind.FROM_LEFT),
+        ((5.0, -10.0 + 1.0 * T, np.pi / 2, 1.0), EncounterKind.FROM_RIGHT),
+        ((5.0, 0.9, 2.0, 0.0), EncounterKind.STANDING),
+    ],
+)
+def test_the_kind_follows_from_the_directions_of_both(human, kind) -> None:  # type: ignore[no-untyped-def]
+    run = run_of(trajectory(T, ROBOT_X, v=0.5, humans=[human]))
+    (met,) = encounters_of(run)
+    assert (met.kind, met.person) == (kind, "Human 1")
+
+
+def test_someone_far_away_is_not_met_and_a_second_approach_is_a_second_encounter() -> None:
+    def beside(y):
+        return encounters_of(run_of(trajectory(T, ROBOT_X, v=0.5, humans=[(ROBOT_X, y, 0.0, 0.5)])))
+
+    assert beside(5.0) == ()
+    met = beside(np.where((T % 10) < 2, 1.5, 6.0))
+    assert [round(each.gap_m, 2) for each in met[:2]] == [0.75, 0.75]
+    assert met[0].time_s < 2.0 <= 10.0 <= met[1].time_s
+    assert encounters_of(run_of(trajectory(T, ROBOT_X, v=0.5))) == (), "without people"
+
+
+def test_a_story_tells_start_contact_and_end_at_their_times() -> None:
+    gap = np.where((T >= 5) & (T < 7), -0.1, 1.5)
+    story = story_of(passing(gap, robot_speed=0.5))
+    assert [sentence.time_s for sentence in story] == [0.0, 5.0, 20.0]
+    assert "Human 1" in story[1].text and "2.0 s" in story[1].text
+
+
+def test_the_contact_stays_in_a_story_with_many_events() -> None:
+    gap = np.min([dip(at, 0.05, 0.3) for at in np.arange(2, 18, 2.5)], axis=0)
+    gap[(T >= 9) & (T < 9.5)] = -0.05
+    run = passing(gap, robot_speed=0.5)
+    story = story_of(run)
+    (contact,) = (event for event in events_of(run) if isinstance(event, Contact))
+    assert len(story) == 6
+    assert contact.time_s in [sentence.time_s for sentence in story]
+    assert [sentence.time_s for sentence in story] == sorted(sentence.time_s for sentence in story)
+
+
+def test_the_story_of_a_run_in_which_nobody_comes_near_tells_the_closest_approach() -> None:
+    story = story_of(passing(dip(8, 2.0)))
+    assert [sentence.time_s for sentence in story] == [0.0, 8.0, 20.0]
+    assert story_of(run_of(trajectory(np.empty(0), np.empty(0)))) == ()
+
+
+def test_a_simulated_run_has_a_story_with_the_names_of_its_places() -> None:
+    scenario = to_and_fro()
+    story = story_of(simulated(scenario)[0], world=warehouse(), scenario=scenario)
+    assert 3 <= len(story) <= 6
+    assert any("Anna" in sentence.text for sentence in story)
+    start = scenario.mission.route.start
+    assert f"({place_name(warehouse(), start.x, start.y)})" in story[0].text
+
+
+def test_what_is_reported_beside_a_requirement_counts_contacts_arrivals_and_clearance() -> None:
+    touching = passing(np.where((T >= 5) & (T < 7), -0.1, 1.0), robot_speed=0.5)
+    late = run_of(trajectory(T, 0.0, humans=[(REACH + 0.4, 0.0)]), outcome=Outcome.TIMED_OUT)
+    nobody = run_of(trajectory(T, 0.0))
+    summary = summarise_safety([measure(run, MEASURED) for run in (late, touching, nobody)])
+    assert (summary.contacts.runs, summary.contacts.of, summary.contacts.which) == (1, 2, (1,))
+    assert summary.contacts.longest_s == pytest.approx(1.95)
+    assert summary.contacts.worst_speed_m_s == pytest.approx(0.5)
+    assert (summary.arrived.runs, summary.arrived.of, summary.arrived.missed) == (2, 3, (0,))
+    assert summary.least_clearance_m == pytest.approx(-0.1) and summary.closest_run == 1
+    apart = summarise_safety([measure(run_of(trajectory(T, 0.0, humans=[(5.0, 0.0)])), MEASURED)])
+    assert (apart.contacts.runs, apart.contacts.longest_s, apart.contacts.worst_speed_m_s) == (0, None, None)

@@ -10,7 +10,7 @@ import pytest
 from tests.campaign.parts import MemoryLedger, warehouse
 from tests.report.test_overview import reported
 from tests.report.test_page import NastyGenerator, campaign, default_campaign, page
-from tests.report.test_trace_view import made
+from tests.report.test_payload import traced
 
 from rvsg.report.overview import Pin, render_overview
 from rvsg.report.replay_data import trace_json, trace_view
@@ -44,7 +44,7 @@ class Pages(dict[str, Path]):
             the_plan, attempts = campaign(ledger, **changes[name])
         traces = []
         if name == "traced":
-            run = made(ledger.run(attempts[0].measurements[0].run_id))
+            run = traced(ledger.run(attempts[0].measurements[0].run_id))
             (self.folder / "one.trace.json").write_text(trace_json(run, warehouse()), encoding="utf-8")
             traces = [trace_view(run, warehouse())]
         return page(the_plan, attempts, ledger, traces=traces)
@@ -52,17 +52,10 @@ class Pages(dict[str, Path]):
 
 def overview() -> str:
     link, the_plan, summary = reported()
-    row = {
-        "campaign": "route_1, R1",
-        "scenario": "1. Two people",
-        "where": "Shelf 1",
-        "happens": "A person stands.",
-        "chip": "FAIL",
-    }
-    row |= {"violated": "15 of 15", "contacts": "0 of 15", "people": "yes"}
-    pin = Pin(
-        link=link, address="#run=a&t=1.0", name="route_1, R1, scenario 1", x=1.0, y=2.0, world=warehouse(), row=row
-    )
+    row = {"campaign": "route_1, R1", "scenario": "1. Two people", "where": "Shelf 1", "happens": "A person stands."}
+    row |= {"chip": "FAIL", "violated": "15 of 15", "contacts": "0 of 15", "people": "yes"}
+    at = {"address": "#run=a&t=1.0", "x": 1.0, "y": 2.0, "world": warehouse()}
+    pin = Pin(link=link, name="route_1, R1, scenario 1", row=row, **at)
     several = [(link, the_plan, summary), ("route_3-R3/report.html", the_plan, summary)]
     return render_overview(several, command="rvsg run", pins=[pin])
 

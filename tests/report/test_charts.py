@@ -3,31 +3,36 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
 
+import numpy as np
 import pytest
-from tests.campaign.parts import REQUIREMENT, MemoryLedger
-from tests.report.test_page import campaign
+from PIL import Image
+from tests.campaign.parts import REQUIREMENT, warehouse
+from tests.coded import coded
+from tests.report.test_page import default_campaign
 
 from rvsg.campaign.attempt import Attempt, Plan
-from rvsg.evaluation.verdict import Verdict, judge
+from rvsg.core.errors import InputError
+from rvsg.evaluation.verdict import judge
 from rvsg.report.charts import LETTER, confirmation_chart, search_chart
+from rvsg.report.film import HOLD_S, RATE_HZ, Shot, check_film, strip, write_film
+from rvsg.report.run_facts import footprint_of
+from rvsg.robots.robot import shipped_robots
 
 WIDE = [(-9.0, 1.0), (0.5, 40.0), (-1000.0, 1000.0)]
 
 
 @pytest.fixture(scope="module")
 def found() -> tuple[Plan, list[Attempt]]:
-    plan, attempts = campaign(MemoryLedger())
+    plan, attempts, _ = default_campaign()
     return plan, [attempt for attempt in attempts if attempt.purpose in ("search", "confirmation")]
 
 
-def verdict(attempt: Attempt) -> Verdict:
-    assert attempt.verdict is not None
-    return attempt.verdict
-
-
 def spread(attempt: Attempt, interval: tuple[float, float]) -> Attempt:
-    return attempt.replace(verdict=verdict(attempt).replace(interval=interval))
+    return attempt.replace(verdict=attempt.verdict.replace(interval=interval))
 
 
 def lines(svg: str, kind: str) -> list[dict[str, float]]:
@@ -46,12 +51,8 @@ def test_the_bars_of_the_confirmation_stay_right_of_their_names_and_left_of_the_
 ) -> None:
     plan, attempts = found
     old, new = attempts[0], attempts[-1]
-    svg = (
-        confirmation_chart(plan, spread(old, interval), new)
-        if which == "old"
-        else confirmation_chart(plan, old, spread(new, interval))
-    )
-    bars = lines(svg, "bar")
+    both = (spread(old, interval), new) if which == "old" else (old, spread(new, interval))
+    bars = lines(confirmation_chart(plan, *both), "bar")
     assert len(bars) == 2
     assert all(116 <= bar["x1"] <= bar["x2"] <= 640 - 16 for bar in bars)
 
@@ -115,3 +116,50 @@ def test_a_search_that_returns_to_scenarios_is_numbered_by_attempts(found: tuple
     assert numbers(searched) == ["1", "2", "scenario"]
     *counted, axis = numbers(returns)
     assert axis.startswith("attempt") and counted == [str(k) for k in range(len(searched))]
+
+
+WIDTH = 480
+
+
+@cache
+def a_shot() -> Shot:
+    _, attempts, ledger = default_campaign()
+    run, robot = ledger.run(attempts[0].measurements[0].run_id), shipped_robots()["tiago_omni"]
+    moments = (2.0, 5.0, 9.0)
+    return Shot(run=run, world=warehouse(), robot=robot, moments=moments, judged=lambda t: f"judged at {t:.0f}")
+
+
+def test_a_robot_that_is_not_given_is_drawn_with_the_outline_of_the_run() -> None:
+    outline = ((0.5, 0.2), (-0.5, 0.2), (-0.5, -0.2), (0.5, -0.2))
+    run = a_shot().run
+    assert footprint_of(replace(run, robot_outline=outline), None) == outline
+    assert len(footprint_of(replace(run, robot_outline=()), None)) > 8  # a disc
+
+
+def test_a_strip_has_a_picture_for_each_moment() -> None:
+    sheet = strip(a_shot(), WIDTH)
+    each = (sheet.width - 2 * 8) / 3
+    assert sheet.width > 2 * WIDTH and each == int(each)
+    pixels = np.asarray(sheet)
+    first, second = pixels[:, : int(each)], pixels[:, int(each) + 8 : 2 * int(each) + 8]
+    assert (first != second).any()
+
+
+@pytest.mark.slow
+def test_a_film_shows_all_of_the_run_at_its_speed(tmp_path: Path) -> None:
+    out = tmp_path / "run.webp"
+    write_film(out, a_shot(), speed=10.0, width_px=WIDTH)
+    with Image.open(out) as film:
+        shown = 0
+        for frame in range(film.n_frames):
+            film.seek(frame)
+            film.load()
+            shown += film.info["duration"]
+    lasts = float(a_shot().run.trajectory.t[-1])
+    assert shown / 1000 == pytest.approx(lasts / 10 + HOLD_S, abs=3 / RATE_HZ)
+
+
+@pytest.mark.parametrize("name", ["run.avi", "run.mp4", "run", "run.png.exe"])
+def test_an_unknown_format_is_refused_with_the_known_ones(name: str) -> None:
+    with pytest.raises(InputError, check=coded("film-format")):
+        check_film(Path(name))

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -9,10 +10,11 @@ from markupsafe import escape
 from tests.campaign.parts import MemoryLedger, warehouse
 from tests.report.test_page import NastyGenerator, Reader, campaign, default_campaign
 
+from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.findings import findings
 from rvsg.evaluation.run_events import place_name
 from rvsg.evaluation.verdict import Status, judge
-from rvsg.report.overview import Reported, pins_of, render_overview, write_overview
+from rvsg.report.overview import Pin, Reported, pins_of, render_overview, write_overview
 from rvsg.report.page import render_page
 from rvsg.report.summary import summarise
 from rvsg.world.drawing.sheet import known_window
@@ -34,8 +36,7 @@ def page(*each: Reported, missing: int = 0) -> str:
 
 def test_the_overview_is_whole_and_leads_to_the_reports_beside_it_alone() -> None:
     text = page(reported(), reported("Gang_Süd-R 1/report.html"))
-    reader = Reader()
-    reader.feed(text)
+    reader = Reader.of(text)
     assert reader.open == []
     assert set(reader.refers) == {"route_1-R1/report.html", "Gang_S%C3%BCd-R%201/report.html"}
     assert "//" not in text and "script" not in reader.tags
@@ -43,9 +44,7 @@ def test_the_overview_is_whole_and_leads_to_the_reports_beside_it_alone() -> Non
 
 
 def test_words_of_a_model_stay_words() -> None:
-    reader = Reader()
-    reader.feed(page(reported(generator=NastyGenerator())))
-    assert "script" not in reader.tags and "img" not in reader.tags
+    assert not {"script", "img"} & set(Reader.of(page(reported(generator=NastyGenerator()))).tags)
 
 
 def test_a_campaign_is_told_by_its_fresh_runs_with_the_limit_they_are_judged_by() -> None:
@@ -76,15 +75,12 @@ def test_a_violation_of_which_fail_or_flaky_is_open_is_counted_and_coloured_as_o
     verdict = summary.confirmed.verdict.replace(violations=8, runs=8)
     text = page((link, the_plan, summary.replace(confirmed=summary.confirmed.replace(verdict=verdict))))
     assert "In 1 of 1 campaign the worst scenario found violates its requirement." in text
-    assert (
-        text.count('<span class="chip bad"') == 2
-        and text.count('class="cell bad"') == 1
-        and "FAIL or FLAKY is still open (INCONCLUSIVE)" in text
-    )
+    assert (text.count('<span class="chip bad"'), text.count('class="cell bad"')) == (2, 1)
+    assert "FAIL or FLAKY is still open (INCONCLUSIVE)" in text
 
 
 def test_what_is_not_finished_or_has_not_begun_is_told() -> None:
-    the_plan, attempts = campaign(MemoryLedger())
+    the_plan, attempts, _ = default_campaign()
     text = page(("a", the_plan, summarise(the_plan, attempts[:2])), ("b", the_plan, summarise(the_plan, [])), missing=3)
     assert ">not confirmed<" in text and ">no result<" in text and "3 more not begun" in text
     assert "0 of 2 campaigns passed" in text
@@ -118,13 +114,16 @@ def test_campaigns_of_one_pair_share_a_cell_and_worlds_are_named_where_they_diff
 
 
 def test_every_finding_has_a_pin_where_it_happens_and_a_row_that_opens_it() -> None:
-    ledger = MemoryLedger()
-    the_plan, attempts = campaign(ledger)
+    the_plan, attempts, ledger = default_campaign()
     confirmation = next(a for a in attempts if a.purpose == "confirmation")
     bad = confirmation.replace(verdict=judge(the_plan.requirement, [0.1] * 15))
-    changed = [bad if a is confirmation else a for a in attempts]
-    found = findings(the_plan, changed, run_of=ledger.run, world=warehouse())
-    (pin,) = pins_of("a/report.html", the_plan, changed, found, warehouse(), ledger.run)
+
+    def pinned(confirmed: Attempt) -> tuple[list[Attempt], Sequence[Pin]]:
+        changed = [confirmed if a is confirmation else a for a in attempts]
+        found = findings(the_plan, changed, run_of=ledger.run, world=warehouse())
+        return changed, pins_of("a/report.html", the_plan, changed, found, warehouse(), ledger.run)
+
+    changed, (pin,) = pinned(bad)
     x0, y0, x1, y1 = known_window(warehouse())
     assert x0 < pin.x < x1 and y0 < pin.y < y1
     runs = {measured.run_id for measured in bad.measurements}
@@ -144,7 +143,4 @@ def test_every_finding_has_a_pin_where_it_happens_and_a_row_that_opens_it() -> N
     both = render_overview(shown, command="rvsg run", pins=[pin, elsewhere])
     assert both.count('<figure id="map-') == 2 and both.count('class="pin"') == 2
     assert re.findall(r">(\d)</text></g></a>", both) == ["1", "2"], "numbered as in the table"
-    kept = confirmation.replace(verdict=judge(the_plan.requirement, [2.0] * 15))
-    changed = [kept if a is confirmation else a for a in attempts]
-    found = findings(the_plan, changed, run_of=ledger.run, world=warehouse())
-    assert pins_of("a", the_plan, changed, found, warehouse(), ledger.run) == []
+    assert pinned(confirmation.replace(verdict=judge(the_plan.requirement, [2.0] * 15)))[1] == []

@@ -7,30 +7,32 @@ import json
 import re
 import xml.etree.ElementTree as ET
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import pytest
 from rich.console import Console
-from tests.campaign.parts import REQUIREMENT, MemoryLedger, WalkGenerator, parts, plan, warehouse
+from tests.campaign.parts import REQUIREMENT, MemoryLedger, WalkGenerator, a_scenario, plan, searched, warehouse
+from tests.coded import coded
 from tests.report.test_page_parts import call
 
+import rvsg
 from rvsg.campaign.attempt import Attempt, Plan
-from rvsg.campaign.feedback import StoredFeedback
 from rvsg.campaign.findings import findings
-from rvsg.campaign.ledger import CachedLedger
-from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.strategies import RandomStrategy, StudyStrategy
 from rvsg.cli.tables import ranked_table
+from rvsg.core.errors import InputError
 from rvsg.evaluation.verdict import Status, how_sure, judge, number
 from rvsg.generation.generator import Proposal
 from rvsg.generation.vlm.recording import Recording
 from rvsg.report.answer import CAUSE_WORDS, answer
-from rvsg.report.page import _curse, render_page
+from rvsg.report.page import _curse, render_page, write_runs_page
 from rvsg.report.renderer import unbroken
-from rvsg.report.run_facts import facts_of
+from rvsg.report.run_facts import EDGES, facts_of
 from rvsg.report.summary import Ranked, junit_xml, summarise
 from rvsg.report.terminal import describe_finding
 from rvsg.scenario.brief import Brief
+from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.world.world import World
 
 NASTY = "</script><script>alert(1)</script><img src=x onerror=alert(2)> & \"quoted\" 'single' \u2028"
@@ -52,11 +54,7 @@ class NastyGenerator(WalkGenerator):
 
 def campaign(ledger: MemoryLedger, generator: object = None, strategy: type = StudyStrategy, **changes: object):
     the_plan = plan(**changes)
-    with (made := parts(ledger, generator=generator)).runner:
-        attempts = run_campaign(
-            the_plan, strategy(the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse())), made
-        )
-    return the_plan, attempts
+    return the_plan, searched(strategy, the_plan, ledger, generator=generator)
 
 
 def page(the_plan, attempts: list[Attempt], ledger: MemoryLedger, **more: Any) -> str:
@@ -87,8 +85,7 @@ class Reader(html.parser.HTMLParser):
         self.refers: list[str] = []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append(tag)
-        self.refers += [value or "" for name, value in attrs if name in ("src", "href", "onerror", "onload")]
+        self.handle_startendtag(tag, attrs)
         if tag not in self.VOID:
             self.open.append(tag)
 
@@ -98,6 +95,12 @@ class Reader(html.parser.HTMLParser):
 
     def handle_endtag(self, tag: str) -> None:
         assert self.open.pop() == tag
+
+    @classmethod
+    def of(cls, text: str) -> Reader:
+        reader = cls()
+        reader.feed(text)
+        return reader
 
 
 def data_of(text: str) -> dict[str, Any]:
@@ -110,8 +113,7 @@ def data_of(text: str) -> dict[str, Any]:
 def test_the_page_is_whole_and_refers_to_nothing_outside(strategy: type) -> None:
     ledger = MemoryLedger()
     text = page(*campaign(ledger, strategy=strategy), ledger)
-    reader = Reader()
-    reader.feed(text)
+    reader = Reader.of(text)
     assert reader.open == []
     assert reader.refers and all(target.startswith("#") for target in reader.refers)
     assert not re.search(r"https?:(?!//www\.w3\.org/2000/svg)", text)
@@ -119,21 +121,11 @@ def test_the_page_is_whole_and_refers_to_nothing_outside(strategy: type) -> None
 
 def test_words_of_a_model_stay_words() -> None:
     ledger = MemoryLedger()
-    text = page(*campaign(ledger, NastyGenerator()), ledger)
-    reader = Reader()
-    reader.feed(text)
-    assert reader.tags.count("script") == 2
-    assert "img" not in reader.tags
+    the_plan, attempts = campaign(ledger, NastyGenerator())
+    text = page(the_plan, attempts, ledger)
+    assert Reader.of(text).tags.count("script") == 2 and "img" not in Reader.of(text).tags
+    assert len(ET.fromstring(junit_xml(the_plan, summarise(the_plan, attempts)))[0]) == the_plan.scenarios
     assert data_of(text)["groups"][0]["people"][0]["name"].startswith("</script>")
-
-
-def test_the_page_says_what_the_confirmation_measured() -> None:
-    _, attempts, _ = default_campaign()
-    verdict = next(attempt.verdict for attempt in attempts if attempt.purpose == "confirmation")
-    assert verdict is not None
-    text = default_page()
-    assert f"{verdict.violations} of {verdict.runs}" in text or "none of 5 confirmation runs" in text
-    assert "rvsg run --seed 7" in text
 
 
 def test_page_terminal_json_and_junit_say_in_the_same_words_how_sure_the_verdict_is() -> None:
@@ -152,9 +144,7 @@ def test_page_terminal_json_and_junit_say_in_the_same_words_how_sure_the_verdict
 def test_every_link_of_the_page_opens_runs_that_the_replay_holds() -> None:
     text = default_page()
     known = {run["id"] for group in data_of(text)["groups"] for run in group["runs"]}
-    reader = Reader()
-    reader.feed(text)
-    linked = [target for target in reader.refers if target.startswith(("#run=", "#runs="))]
+    linked = [target for target in Reader.of(text).refers if target.startswith(("#run=", "#runs="))]
     assert len(linked) > 10
     for target in linked:
         runs = target.split("=", 1)[1].split("&")[0].split(",")
@@ -164,11 +154,7 @@ def test_every_link_of_the_page_opens_runs_that_the_replay_holds() -> None:
 @pytest.mark.parametrize(
     ("selected", "fresh", "said"),
     [
-        (
-            (0.40, 0.44),
-            (0.42, 0.46, 0.43, 0.45),
-            "is 0.02 m less severe. Selection bias or chance can explain",
-        ),
+        ((0.40, 0.44), (0.42, 0.46, 0.43, 0.45), "is 0.02 m less severe. Selection bias or chance can explain"),
         ((0.10, 0.11, 0.12), (0.50, 0.51, 0.52), "more than chance explains (Welch"),
         ((0.4, 0.4, 0.4), (0.3, 0.35, 0.3, 0.4, 0.3, 0.3), "The confirmation is no less severe"),
     ],
@@ -205,28 +191,12 @@ def test_the_replay_holds_every_run_of_every_configuration() -> None:
     assert values == sorted(values)  # R1 is worse when smaller
 
 
-def test_the_accounting_counts_every_run_once() -> None:
-    the_plan, attempts, _ = default_campaign()
-    account = summarise(the_plan, attempts).accounting
-    assert account.search_runs == the_plan.attempts * the_plan.repeats
-    assert account.confirmation_runs == the_plan.confirmations
-
-
 def _scenario_case(suite: ET.Element, entry: Ranked) -> ET.Element:
     return next(case for case in suite if case.attrib["name"].startswith(f"scenario {entry.scenario + 1}:"))
 
 
 def _properties(case: ET.Element) -> dict[str, str]:
     return {each.attrib["name"]: each.attrib["value"] for each in case.iter("property")}
-
-
-def test_junit_has_a_case_per_scenario() -> None:
-    ledger = MemoryLedger()
-    the_plan, attempts = campaign(ledger, NastyGenerator())
-    suite = ET.fromstring(junit_xml(the_plan, summarise(the_plan, attempts)))[0]
-    assert len(suite) == the_plan.scenarios == int(suite.attrib["tests"])
-    assert len(suite.findall(".//failure")) == int(suite.attrib["failures"])
-    assert len(suite.findall(".//skipped")) == int(suite.attrib["skipped"])
 
 
 def test_in_junit_a_violation_of_which_fail_or_flaky_is_open_is_a_failure_that_says_so() -> None:
@@ -253,6 +223,10 @@ def test_in_junit_the_confirmation_decides_and_what_is_not_sure_is_skipped_with_
     ]
     summary = summarise(the_plan, changed)
     suite = ET.fromstring(junit_xml(the_plan, summary))[0]
+    assert len(suite) == int(suite.attrib["tests"]) == the_plan.scenarios
+    assert [len(suite.findall(f".//{tag}")) for tag in ("failure", "skipped")] == [
+        int(suite.attrib[key]) for key in ("failures", "skipped")
+    ]
     assert (int(suite.attrib["failures"]) > 0) == summary.violated == (status in (Status.FAIL, Status.FLAKY))
     for entry in summary.ranking:
         case = _scenario_case(suite, entry)
@@ -266,8 +240,7 @@ def test_in_junit_the_confirmation_decides_and_what_is_not_sure_is_skipped_with_
 
 
 def test_a_confirmed_scenario_shows_its_confirmation_verdict_on_the_page_in_terminal_json_and_junit() -> None:
-    ledger = MemoryLedger()
-    the_plan, attempts = campaign(ledger)
+    the_plan, attempts, ledger = default_campaign()
     worst = summarise(the_plan, attempts).ranking[0]
     touched = {"contacts": 2.0, "contact_longest": 1.0, "contact_speed": 0.5, "min_distance": -0.01, "completed": 1.0}
     search = [_with_objectives(a, 0.5) for a in attempts if a.purpose == "search"]
@@ -289,6 +262,7 @@ def test_a_confirmed_scenario_shows_its_confirmation_verdict_on_the_page_in_term
     assert "PASS‡ 0/15" in rows[-1] and all("candidate 2/2" in row for row in rows[:-1])
     case = _scenario_case(ET.fromstring(junit_xml(the_plan, summary))[0], last)
     assert case[-1].tag == "system-out" and _properties(case)["contacts"] == "5 of 5 runs"
+    assert _properties(case)["arrived"] == "5 of 5 runs"
     text = page(the_plan, changed, ledger)
     states = re.findall(r'<td data-label="State">(.*?)</td>', text)
     assert set(re.findall(r'<td data-label="People">(.*?)</td>', text)) <= set(CAUSE_WORDS.values())
@@ -331,21 +305,6 @@ def test_the_answer_tells_of_contacts_in_other_confirmations_and_in_the_search()
     assert [set(runs) for runs in linked] == [{run.id for run in confirmed.with_contact}, touched]
 
 
-def test_in_junit_the_confirmation_tells_of_contacts_and_arrivals() -> None:
-    the_plan, attempts, _ = default_campaign()
-    values = {"contacts": 2.0, "min_distance": -0.01, "completed": 1.0}
-    changed = [
-        a.replace(measurements=tuple(m.replace(values=values) for m in a.measurements))
-        if a.purpose == "confirmation"
-        else a
-        for a in attempts
-    ]
-    summary = summarise(the_plan, changed)
-    confirmed = next(entry for entry in summary.ranking if entry.state == "confirmed")
-    told = _properties(_scenario_case(ET.fromstring(junit_xml(the_plan, summary))[0], confirmed))
-    assert (told["contacts"], told["arrived"]) == ("5 of 5 runs", "5 of 5 runs")
-
-
 def test_an_unconfirmed_candidate_says_the_command_that_confirms_it() -> None:
     the_plan, attempts, ledger = default_campaign()
     changed = [_with_objectives(a, 0.5) for a in attempts if a.purpose == "search"]
@@ -378,10 +337,8 @@ def test_the_conversation_of_a_model_stands_on_the_page_as_text(tmp_path: Any) -
     said = call(recording, 1, ("user", NASTY), answer="an answer")
     changed = [a.replace(proposal=a.proposal.replace(calls=(said,))) if a.purpose == "search" else a for a in attempts]
     text = page(the_plan, changed, ledger, recording=recording)
-    reader = Reader()
-    reader.feed(text)
     assert "replayed" not in text and "replayed" in page(the_plan, changed, ledger, recording=recording, replayed=True)
-    assert "an answer" in text and "&lt;script&gt;alert(1)" in text and "img" not in reader.tags
+    assert "an answer" in text and "&lt;script&gt;alert(1)" in text and "img" not in Reader.of(text).tags
 
 
 @pytest.mark.parametrize(
@@ -407,12 +364,30 @@ def test_runs_that_several_attempts_of_the_search_share_are_shown_and_counted_on
     known = attempts[0]
     more = known.replace(index=len(attempts), measurements=known.measurements[:1])
 
-    def told(made: list[Attempt]) -> tuple[list[str], list[str], str]:
+    def told(made: list[Attempt]) -> tuple[list[str], list[str], list[str]]:
         text = page(the_plan, made, ledger)
-        found = re.search(r'id="data">(.*?)</script>', text, re.S)
-        assert found is not None
-        groups = json.loads(found[1])["groups"]
-        searched = re.search(r"In the search, [^.]*\.", text)
-        return [g["id"] for g in groups], [r["id"] for g in groups for r in g["runs"]], searched[0] if searched else ""
+        groups = data_of(text)["groups"]
+        counted = re.findall(r"In the search, [^.]*\.", text)
+        return [g["id"] for g in groups], [r["id"] for g in groups for r in g["runs"]], counted
 
     assert told([*attempts, more]) == told(attempts)
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_runs_of_no_campaign_have_a_page_with_verdict_story_and_replay(tmp_path: Path, named: bool) -> None:
+    world, scenario = warehouse(), a_scenario()
+    runs = rvsg.RunSet(tuple(KinematicSimulator().run(scenario, world, seed=seed) for seed in (1, 2)))
+    judged = rvsg.judge(runs, "R1", world=world)
+    page = tmp_path / "page.html"
+    with pytest.raises(InputError, check=coded("no-world")):
+        write_runs_page(page, judged, runs)
+    write_runs_page(page, judged, runs, scenario=scenario if named else None, world=world, notes=[NASTY])
+    text = page.read_text(encoding="utf-8")
+    reader = Reader.of(text)
+    assert reader.open == [] and reader.tags.count("script") == 2 and "img" not in reader.tags
+    assert {run["id"] for run in data_of(text)["groups"][0]["runs"]} == {run.id for run in runs}
+    assert all(target.startswith("#") for target in reader.refers)
+    assert judged.outcome.value in text and text.count("<figure") > 2
+    assert ("asked to do" in text) is named
+    corners = data_of(text)["groups"][0]["robot"]["outline"]
+    assert (len(corners) == EDGES) is not named  # a robot that nobody names is drawn as the disc that measures the gaps

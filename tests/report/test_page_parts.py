@@ -42,10 +42,9 @@ def call(recording: Recording, number: int, *texts: tuple[str, str], answer: str
 
 def test_every_message_is_shown_once_and_every_answer(tmp_path: Path) -> None:
     recording = Recording(tmp_path)
-    first = call(recording, 1, ("system", "You test."), ("user", "One?"), answer="Two.")
-    second = call(
-        recording, 2, ("system", "You test."), ("user", "One?"), ("assistant", "Two."), ("user", "Again?"), answer="No."
-    )
+    asked = (("system", "You test."), ("user", "One?"))
+    first = call(recording, 1, *asked, answer="Two.")
+    second = call(recording, 2, *asked, ("assistant", "Two."), ("user", "Again?"), answer="No.")
     shown = Conversations(recording).of([first, second])
     assert [[(m["role"], m["text"]) for m in each["said"]] for each in shown] == [
         [("system", "You test."), ("user", "One?")],
@@ -78,17 +77,13 @@ def cell(stretch: str, place: str, kind: str, mean: float) -> MapCell:
 
 
 def test_a_place_and_a_kind_show_their_worst_cell_on_any_part_of_the_way() -> None:
-    worst, other, third = (
-        cell("first third", "Shelf 1", "crosses", 0.5),
-        cell("last third", "Shelf 1", "crosses", 0.9),
-        cell("last third", "Area 2", "stands", 1.0),
+    worst, other = (
+        cell(part, "Shelf 1", "crosses", mean) for part, mean in (("first third", 0.5), ("last third", 0.9))
     )
+    third = cell("last third", "Area 2", "stands", 1.0)
     table = broken([worst, other, third])
     assert table["places"] == ("Shelf 1", "Area 2")
     assert dict(table["rows"]) == {"crosses": [worst, None], "stands": [None, third]}
-
-
-def test_nothing_met_is_no_table() -> None:
     assert broken([])["rows"] == []
 
 
@@ -112,24 +107,14 @@ def test_a_door_that_the_robot_hits_is_named_where_it_is_that_alone(
 
 def stack_run(**stack: Any) -> Run:
     options = {"stack": {"name": "ros2", "options": {"launch": "ros2 launch x", "params": None}}}
-    return cast(
-        Run,
-        SimpleNamespace(
-            id=str(stack), details={"stack": stack}, options=options, stack_warnings=stack.get("warnings", ())
-        ),
-    )
+    how = {"id": str(stack), "details": {"stack": stack}, "stack_warnings": stack.get("warnings", ())}
+    return cast(Run, SimpleNamespace(options=options, **how))
 
 
 def test_pace_and_missed_periods_are_summed_up() -> None:
     kept = {"repeatable": False, "release": "jazzy", "speed_asked": 5.0, "missed_periods": 0, "commands": 600}
-    told = under_test(
-        [
-            stack_run(**kept, speed=5.0),
-            stack_run(**{**kept, "missed_periods": 30, "commands": 570}, speed=4.9, warnings=("slow",)),
-            stack_run(calls=3, fault="gone"),
-            stack_run(calls=3, fault="gone"),
-        ]
-    )
+    late = stack_run(**{**kept, "missed_periods": 30, "commands": 570}, speed=4.9, warnings=("slow",))
+    told = under_test([stack_run(**kept, speed=5.0), late, *[stack_run(calls=3, fault="gone")] * 2])
     assert not told.repeatable
     assert dict(told.rows) == {
         "Launch command": "ros2 launch x",
@@ -151,13 +136,11 @@ def test_refused_velocities_are_counted_and_the_built_in_stack_says_nothing() ->
 
 def test_only_the_calibrated_robot_is_called_calibrated() -> None:
     world = load_world("warehouse")
-    words = {
-        name: robot_words(Mission.of(world, world.routes[0], robot=name))
-        for name in ("tiago_omni", "tugger", "elsewhere")
-    }
-    assert "calibrated" in words["tiago_omni"] and "not calibrated" not in words["tiago_omni"]
-    assert "not calibrated" in words["tugger"]
-    assert words["elsewhere"] == "elsewhere"
+    ours, other, unknown = (
+        robot_words(Mission.of(world, world.routes[0], robot=name)) for name in ("tiago_omni", "tugger", "elsewhere")
+    )
+    assert "calibrated" in ours and "not calibrated" not in ours
+    assert "not calibrated" in other and unknown == "elsewhere"
 
 
 INSIDE = (0.0, 0.0, 30.0, 20.0)

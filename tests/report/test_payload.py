@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import base64
+import itertools
+import json
+import math
 import zlib
+from dataclasses import replace
 from functools import cache
 from itertools import accumulate
+from typing import Any
 
 import numpy as np
 import pytest
-from tests.campaign.parts import REQUIREMENT, MemoryLedger, warehouse
+from tests.campaign.parts import REQUIREMENT, warehouse
 from tests.evaluation.runs import run_of, trajectory
-from tests.report.test_page import campaign, default_campaign, default_page, page
+from tests.report.test_page import default_campaign, default_page, page
 
 from rvsg.campaign.runner import Evaluator
 from rvsg.evaluation.metrics.registry import METRICS
@@ -20,22 +25,31 @@ from rvsg.evaluation.verdict import objective
 from rvsg.report.replay_data import (
     FAR_STEP,
     INVOLVED_M,
+    MOST_RAYS,
     ReplayGroup,
     distinct_colours,
     people_colours,
     replay_payload,
+    trace_json,
+    trace_view,
     varints,
 )
 from rvsg.report.run_facts import decisive, judged_curve, prefix, run_facts
+from rvsg.robots.robot import load_robot
 from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import ROBOT
+from rvsg.simulation.embedded.trace import Evaluation, Frame, NodeChange, Patch, Trace
 from rvsg.simulation.run import Outcome, Run
 
 
 @cache
 def a_run() -> Run:
-    ledger = MemoryLedger()
-    _, attempts = campaign(ledger)
+    _, attempts, ledger = default_campaign()
     return ledger.run(attempts[0].measurements[0].run_id)
+
+
+def binary(blob: str) -> bytes:
+    return zlib.decompress(base64.b64decode(blob))
 
 
 def unpacked(data: bytes) -> list[int]:
@@ -54,7 +68,7 @@ def payload(run: Run) -> dict[str, object]:
     facts = run_facts(run, Evaluator(REQUIREMENT, warehouse()).measure(run), REQUIREMENT, warehouse())
     return replay_payload(
         [ReplayGroup(id="0", label="runs", purpose="search", runs=(facts,))],
-        mission=campaign(MemoryLedger())[0].mission,
+        mission=default_campaign()[0].mission,
         requirement=REQUIREMENT,
         world=warehouse(),
         matrix="matrix(1 0 0 1 0 0)",
@@ -69,7 +83,7 @@ def test_varints_are_read_back(values: list[int]) -> None:
 def test_a_run_is_kept_at_10_hz_to_the_centimetre() -> None:
     run = a_run()
     data = payload(run)["groups"][0]["runs"][0]
-    steps = unpacked(zlib.decompress(base64.b64decode(data["blob"])))
+    steps = unpacked(binary(data["blob"]))
     n = data["samples"]
     assert n == round(float(run.trajectory.t[-1]) / 0.1) + 1
     x = np.array(list(accumulate(steps[:n]))) / 100
@@ -91,9 +105,8 @@ def test_a_mean_is_decided_where_the_run_adds_most_to_it() -> None:
     run, world = a_run(), warehouse()
     curve = judged_curve(run, REQUIREMENT, world)
     decided = decisive(run, REQUIREMENT, curve).time_s
-    path = run.trajectory
-    away = np.hypot(path.human_x - path.x[:, None], path.human_y - path.y[:, None]).min(axis=1)
-    assert away[np.searchsorted(path.t, decided - 0.5)] < np.quantile(away, 0.25)
+    away = Sampled(run, run.trajectory).closest_gap
+    assert away[np.searchsorted(run.trajectory.t, decided - 0.5)] < np.quantile(away, 0.25)
 
 
 def test_a_minimum_is_decided_where_it_passes_its_limit() -> None:
@@ -119,15 +132,7 @@ def test_no_two_people_share_a_colour(count: int) -> None:
     colours = distinct_colours(count)
     assert len(set(colours)) == count
     channels = [tuple(int(c[k : k + 2], 16) for k in (1, 3, 5)) for c in colours]
-    nearest = (
-        min(
-            (sum((a - b) ** 2 for a, b in zip(one, two, strict=True)) ** 0.5)
-            for i, one in enumerate(channels)
-            for two in channels[:i]
-        )
-        if count > 1
-        else 99.0
-    )
+    nearest = min((math.dist(one, two) for one, two in itertools.combinations(channels, 2)), default=99.0)
     assert nearest > (12 if count <= 30 else 5)
 
 
@@ -155,3 +160,91 @@ def test_what_a_metric_gives_at_once_for_every_moment_is_what_it_measures_of_eac
     for end in range(2, 61):
         one = known.measure(prefix(run, end))
         assert at_once[end - 1] == pytest.approx(np.nan if one is None else one, abs=1e-9, nan_ok=True)
+
+
+def traced(run: Any) -> Trace:
+    """A trace of five frames at a place, with numbers that are easy to find again."""
+    robot = load_robot(ROBOT)
+    rays = [lidar.rays for lidar in robot.lidars]
+    frames = []
+    for k in range(5):
+        tried = Evaluation(
+            t=k / 10, pose=(1.0, 2.0, 0.0), velocity=np.array([[0.5, 0.0], [0.2, 0.3]]),
+            end=np.array([[1.8, 2.0], [1.3, 2.1]]), score=np.array([4.2, np.inf]), best=0,
+            critics=("PathDist", "GoalDist", "RotateToGoal"), scales=(0.5, 0.1, 32.0),
+            raw=np.array([[8.0, 2.0, 0.0], [0.0, 0.0, 0.0]]),
+        )  # fmt: skip
+        scans = tuple(np.where(np.arange(n) % 2 == 0, 1.5 + k, np.inf) for n in rays)
+        whole = Patch(row=0, column=0, cells=np.arange(12, dtype=np.uint8).reshape(3, 4))
+        part = Patch(row=1, column=2, cells=np.full((1, 2), 254, np.uint8))
+        frame = Frame(
+            t=k / 10, pose=(1.0, 2.0, 0.0), velocity=(0.4, 0.0), command=(0.5, 0.0),
+            phase="spin" if k > 2 else "drive", recoveries=int(k > 2), seen_from=((1.0, 2.0, 0.0),) * len(rays),
+            scans=scans, costmap=np.full((6, 6), k, np.uint8), costmap_origin=(0.5, 0.25),
+            plan=np.array([[1.0, 2.0], [2.0, 2.0]]) if k == 0 else None,
+            global_costmap=whole if k == 0 else part if k == 2 else None, evaluation=tried,
+        )  # fmt: skip
+        frames.append(frame)
+    nodes = (NodeChange(0.1, "ComputePathToPose", "IDLE", "SUCCESS"), NodeChange(0.3, "Spin", "IDLE", "RUNNING"))
+    return Trace(
+        run=run, robot=robot, frames=tuple(frames), nodes=nodes, resolution=0.05, global_resolution=0.05,
+        global_origin=(-1.0, -2.0),
+    )  # fmt: skip
+
+
+@cache
+def a_trace() -> Trace:
+    return traced(run_of(trajectory(np.arange(5) / 10, np.arange(5.0))))
+
+
+def test_a_trace_is_kept_five_times_a_second_in_centimetres() -> None:
+    view = trace_view(a_trace(), warehouse())
+    assert view["frames"] == [0.0, 0.2, 0.4]
+    assert view["phases"] == [[0.0, "drive"], [0.3, "spin"]]
+    assert view["nodes"][1] == [0.3, "Spin", "IDLE", "RUNNING"]
+    lidar = view["lidars"][0]
+    read = unpacked(binary(lidar["blob"]))
+    assert np.cumsum(read[:3]).tolist() == [100, 100, 100]  # x of the robot, cm
+    assert lidar["rays"] <= MOST_RAYS
+    assert set(np.cumsum(read[9 : 9 + lidar["rays"]]).tolist()) <= {0, 150}
+    assert view["plans"] == {"plans": [[0.0, 2]], "blob": view["plans"]["blob"]}
+    assert np.cumsum(unpacked(binary(view["plans"]["blob"]))[:2]).tolist() == [100, 200]
+
+
+def test_costmaps_are_kept_as_bytes_and_changes() -> None:
+    view = trace_view(a_trace(), warehouse())
+    assert view["global"]["patches"] == [[0.0, 0, 0, 3, 4], [0.2, 1, 2, 1, 2]]
+    assert binary(view["global"]["blob"]) == bytes(range(12)) + b"\xfe\xfe"
+    assert binary(view["local"]["blob"]) == bytes(36) + bytes([2] * 36) + bytes([4] * 36)
+
+
+def test_forbidden_samples_have_no_score_and_the_chosen_one_is_named() -> None:
+    tried = trace_view(a_trace(), warehouse())["tried"]
+    assert tried["asked"][0] == [0.0, 2, 0, 1.0, 2.0, 0.0]
+    assert tried["critics"] == ("PathDist", "GoalDist", "RotateToGoal")
+    assert tried["shares"][0] == [4.0, 0.2, 0.0]
+    v, w, dx, dy, score = (np.cumsum(part) for part in np.array(unpacked(binary(tried["blob"]))[:10]).reshape(5, 2))
+    assert (v.tolist(), w.tolist()) == ([500, 200], [0, 300])
+    assert (dx.tolist(), dy.tolist(), score.tolist()) == ([80, 30], [0, 10], [42, -1])
+
+
+def test_a_base_that_moves_sideways_keeps_its_speed_to_the_left() -> None:
+    trace = a_trace()
+    tried = trace.frames[0].evaluation
+    assert tried is not None
+    aside = replace(tried, velocity=np.array([[0.5, 0.0, 0.1], [0.2, 0.3, -0.4]]))
+    view = trace_view(replace(trace, frames=(replace(trace.frames[0], evaluation=aside),)), warehouse())["tried"]
+    assert view["sideways"] and "sideways" not in trace_view(trace, warehouse())["tried"]
+    assert np.array(unpacked(binary(view["blob"]))).reshape(6, 2).cumsum(axis=1)[2].tolist() == [100, -400]
+
+
+def test_a_trace_without_frames_is_valid_json() -> None:
+    empty = replace(a_trace(), frames=(), nodes=())
+    assert json.loads(trace_json(empty, warehouse()))["frames"] == []
+
+
+@pytest.mark.parametrize("k", [0, 1])
+def test_a_patch_changes_a_copy_of_the_costmap(k: int) -> None:
+    first = np.zeros((3, 3), np.uint8)
+    changed = Patch(row=k, column=1, cells=np.full((2, 2), 7, np.uint8)).onto(first)
+    assert changed.sum() == 28 and changed[k, 1] == 7 and not first.any()
