@@ -20,6 +20,10 @@ import rvsg
 from rvsg_studio.workspace import Jobs
 from rvsg_studio.world_editor import folder_of_world
 
+Show = Callable[..., Any]
+"""Opens a page of the studio in a tab."""
+PATIENT = 600_000
+"""Milliseconds after which something is broken rather than slow."""
 HOSTILE = "<img src=x onerror=alert(1)><script>alert(2)</script>"
 
 
@@ -88,8 +92,7 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     campaign = rvsg.Campaign.create(
         folder / "runs" / "first", scenarios=2, refinements=1, repeats=3, confirmations=6, simulator="kinematic", jobs=1
     )
-    for _ in campaign.run():
-        pass
+    list(campaign.run())
     return folder
 
 
@@ -118,7 +121,7 @@ def office(studio: Server) -> Path:
 
 
 @pytest.fixture
-def show(browser: Any, studio: Server) -> Iterator[Callable[..., Any]]:
+def show(browser: Any, studio: Server) -> Iterator[Show]:
     """Open a page of the studio in a tab; errors of scripts, dialogs and requests elsewhere fail the test."""
     contexts: list[Any] = []
     wrong: list[str] = []

@@ -2,28 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import pytest
 import yaml
-from tests.studio.conftest import HOSTILE, Server, axe_violations, confirmed, fits, waited
+from tests.studio.conftest import PATIENT, Server, Show, axe_violations, fits
 
 import rvsg
-from rvsg_studio.workspace import notes_of
 
-Show = Callable[..., Any]
-PATIENT = 300_000
-"""Milliseconds after which something is broken rather than slow."""
-SETTINGS = {
-    "simulator": "kinematic",
-    "strategy": "study",
-    "scenarios": 2,
-    "refinements": 0,
-    "repeats": 2,
-    "confirmations": 2,
-    "out": "runs/new",
-}
+SETTINGS = {"simulator": "kinematic", "strategy": "study", "scenarios": 2, "refinements": 0, "repeats": 2}
+SETTINGS |= {"confirmations": 2, "out": "runs/new"}
 
 
 @pytest.mark.exhaustive
@@ -71,32 +57,6 @@ def test_a_running_campaign_outlives_the_studio_and_pauses_and_resumes(show: Sho
     tab.get_by_role("button", name="Stop now").click(timeout=PATIENT)
     tab.get_by_role("button", name="Resume").wait_for(timeout=PATIENT)
     assert rvsg.Campaign.open(folder).attempts()[: len(before)] == before
-
-
-@pytest.mark.exhaustive
-def test_a_finding_is_replayed_noted_and_simulated_again(show: Show, studio: Server) -> None:
-    index = confirmed(studio.folder)
-    tab = show(f"/finding?campaign=runs/first&attempt={index}")
-    tab.get_by_label("Comment").fill(HOSTILE)
-    tab.get_by_label("Status").select_option("accepted")
-    tab.get_by_text("Kept in notes.yaml").wait_for(timeout=PATIENT)
-    scenario = rvsg.Campaign.open(studio.folder / "runs" / "first").attempts()[index].proposal.scenario
-    assert scenario is not None
-    identity = scenario.id
-
-    def kept() -> tuple[str, str]:
-        found = notes_of(studio.folder / "runs" / "first").findings.get(identity)
-        return (found.comment, found.status) if found else ("", "")
-
-    waited(lambda: kept() == (HOSTILE, "accepted"))
-    tab.get_by_role("button", name="30 more runs").click()
-    line = tab.locator(".st-job", has_text="30 more runs")
-    line.get_by_role("link", name="Replay these runs").wait_for(timeout=PATIENT)
-    runs = rvsg.load_runs(studio.folder / f"runs/first/attempt-{index}-runs.jsonl")
-    assert sorted(run.seed for run in runs) == list(range(900_000, 900_030))
-    tab.reload()
-    assert tab.get_by_label("Comment").input_value() == HOSTILE
-    assert tab.locator("main img").count() == 0
 
 
 def test_files_outside_the_folder_are_never_shown(show: Show, studio: Server) -> None:

@@ -8,14 +8,12 @@ from typing import Any
 
 import pytest
 import shapely
-from tests.studio.conftest import Server, pixel, press, reach, ready, waited
+from tests.studio.conftest import PATIENT, Server, Show, pixel, press, reach, ready, waited
 
 import rvsg
 from rvsg_studio.world_editor import editable_world
 
-Show = Callable[..., Any]
 Draw = Callable[[Any, list[tuple[float, float]]], None]
-PATIENT = 300_000
 CORNERS = [(1.0, 6.6), (3.0, 6.6), (2.0, 7.6)]
 
 

@@ -14,7 +14,19 @@ from typing import Any
 
 import pytest
 import yaml
-from tests.studio.conftest import HOSTILE, Server, axe_violations, confirmed, fits, press, reach, ready, rewrite, waited
+from tests.studio.conftest import (
+    HOSTILE,
+    PATIENT,
+    Server,
+    axe_violations,
+    confirmed,
+    fits,
+    press,
+    reach,
+    ready,
+    rewrite,
+    waited,
+)
 from tests.studio.test_worlds import MAP, room_map
 
 import rvsg
@@ -26,7 +38,6 @@ from rvsg.simulation.archive import runs_text
 from rvsg_studio.workspace import notes_of
 
 Open = Callable[[str], Any]
-PATIENT = 300_000
 LOOK = (1280, "light")
 OTHER_LOOKS = [(1280, "dark"), (390, "light"), (390, "dark")]
 TIME = "document.querySelector('[data-studio=replay]').replay.state().t"
@@ -50,8 +61,7 @@ def more(tmp_path_factory: pytest.TempPathFactory, work: Path) -> Path:
     listed = {"route": ["route_1", "route_2"], "requirement": ["R1", "R3"], "out": str(folder / "runs" / "all")}
     matrix = Matrix.of(quick | listed, {})
     assert matrix is not None
-    for _ in matrix.run(matrix.create()):
-        pass
+    list(matrix.run(matrix.create()))
     crossing = rvsg.scenario("warehouse", "route_1", [rvsg.walk("Worker", "E15", "H15")])
     suite = rvsg.Suite.create(folder / "cases").add(crossing, "R3", name="aisle", title=HOSTILE, expected="pass")
     slow = rvsg.Spec("kinematic", {"robot_speed_m_s": 0.1})
@@ -95,10 +105,10 @@ def test_world_an_area_is_drawn_and_named(opened: Open, office: Path) -> None:
     for keys in ("Space", "Shift+ArrowRight", "Shift+ArrowRight", "Shift+ArrowUp", "Space"):
         tab.keyboard.press(keys)
     tab.get_by_label("Name", exact=True).wait_for()
-    tab.keyboard.type("Drawn by keys")
+    tab.keyboard.type(HOSTILE)
     tab.keyboard.press("Enter")
-    tab.get_by_role("button", name="Drawn by keys").wait_for()
-    xs, ys = zip(*rvsg.load_world(office).area("Drawn by keys").outline, strict=True)
+    tab.get_by_role("button", name=HOSTILE).wait_for()
+    xs, ys = zip(*rvsg.load_world(office).area(HOSTILE).outline, strict=True)
     assert max(xs) - min(xs) == pytest.approx(2.0, abs=0.51)  # both edges may snap by 25 cm
     assert max(ys) - min(ys) == pytest.approx(1.0, abs=0.51)
     is_well(tab)
@@ -165,14 +175,8 @@ def test_proposal_is_accepted(opened: Open, full: Path) -> None:
 
 def test_campaign_is_written_started_and_paused(opened: Open, studio: Server) -> None:
     tab = opened("/campaign/new")
-    settings = {
-        "world": "warehouse",
-        "simulator": "kinematic",
-        "strategy": "study",
-        "scenarios": 4000,
-        "refinements": 0,
-    }
-    rewrite(tab, tab.locator("#yaml"), yaml.safe_dump(settings))
+    settings = {"world": "warehouse", "simulator": "kinematic", "strategy": "study", "scenarios": 4000}
+    rewrite(tab, tab.locator("#yaml"), yaml.safe_dump(settings | {"refinements": 0}))
     tab.wait_for_function("[...document.querySelectorAll('input')].some(each => each.value === '4000')")
     tab.wait_for_timeout(500)  # the form is laid out anew for every keystroke
     rewrite(tab, tab.get_by_label("Folder"), "runs/new")
@@ -209,13 +213,13 @@ def test_finding_is_replayed_and_noted(opened: Open, studio: Server) -> None:
     assert tab.evaluate(TIME) > before
     reach(tab, tab.get_by_label("Status"))
     tab.keyboard.type("accepted")
-    rewrite(tab, tab.get_by_label("Comment"), "Known since May.")
+    rewrite(tab, tab.get_by_label("Comment"), HOSTILE)
     scenario = rvsg.Campaign.open(folder).attempts()[index].proposal.scenario
     assert scenario is not None
 
     def kept() -> bool:
         note = notes_of(folder).findings.get(scenario.id)
-        return note is not None and (note.status, note.comment) == ("accepted", "Known since May.")
+        return note is not None and (note.status, note.comment) == ("accepted", HOSTILE)
 
     waited(kept)
     is_well(tab)

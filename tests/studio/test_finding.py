@@ -4,19 +4,14 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
-from tests.studio.conftest import Server, axe_violations, confirmed, fits
+from tests.studio.conftest import PATIENT, Server, Show, axe_violations, confirmed, fits
 
 import rvsg
 from rvsg.scenario.builder import load_scenario_in
-
-Show = Callable[..., Any]
-PATIENT = 600_000
 
 
 @pytest.fixture(scope="module")
@@ -24,8 +19,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A campaign of the simulator with physics, which records traces: one configuration, one run."""
     folder = tmp_path_factory.mktemp("made") / "driven"
     campaign = rvsg.Campaign.create(folder, scenarios=1, refinements=0, repeats=1, confirmations=0, humans=1, jobs=1)
-    for _ in campaign.run():
-        pass
+    list(campaign.run())
     return folder
 
 
@@ -93,16 +87,22 @@ def test_a_finding_is_shrunk(show: Show, studio: Server) -> None:
 
 
 @pytest.mark.exhaustive
-def test_the_mission_is_run_without_people_on_the_same_seeds(show: Show, studio: Server) -> None:
+@pytest.mark.parametrize(
+    ("button", "job", "file"),
+    [("30 more runs", "30 more runs", ""), ("Without people", "Runs without people", "-alone")],
+)
+def test_a_finding_is_run_again_with_and_without_people(
+    show: Show, studio: Server, button: str, job: str, file: str
+) -> None:
     index = confirmed(studio.folder)
     tab = show(f"/finding?campaign=runs/first&attempt={index}", width=390)
-    tab.get_by_role("button", name="Without people").focus()
+    tab.get_by_role("button", name=button).focus()
     tab.keyboard.press("Enter")
-    line = tab.locator(".st-job", has_text="Runs without people")
+    line = tab.locator(".st-job", has_text=job)
     line.get_by_role("link", name="Replay these runs").wait_for(timeout=PATIENT)
-    runs = rvsg.load_runs(studio.folder / f"runs/first/attempt-{index}-alone-runs.jsonl")
+    runs = rvsg.load_runs(studio.folder / f"runs/first/attempt-{index}{file}-runs.jsonl")
     assert sorted(run.seed for run in runs) == list(range(900_000, 900_030))
-    assert all(run.human_names == () for run in runs)
+    assert all((run.human_names == ()) is bool(file) for run in runs)
     line.get_by_role("link", name="Replay these runs").click()
     tab.locator("#replay[data-ready]").wait_for(timeout=PATIENT)
 

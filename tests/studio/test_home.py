@@ -5,14 +5,9 @@ from __future__ import annotations
 import contextlib
 import http.client
 import shutil
-from collections.abc import Callable
-from typing import Any
 from urllib.parse import urlsplit
 
-import pytest
-from tests.studio.conftest import HOSTILE, Server
-
-Show = Callable[..., Any]
+from tests.studio.conftest import HOSTILE, Server, Show
 
 
 def status(server: Server, path: str, **headers: str) -> int:
@@ -37,15 +32,3 @@ def test_hostile_names_of_folders_stay_text(show: Show, studio: Server) -> None:
     tab = show()
     assert tab.get_by_role("link", name=f"runs/{name}").count() == 1
     assert tab.locator("main img, main script").count() == 0
-
-
-@pytest.mark.exhaustive
-def test_two_tabs_and_a_restart_show_the_same(show: Show, studio: Server) -> None:
-    first, second = show(), show()
-    listed = "[...document.querySelectorAll('td a')].map(each => each.textContent)"
-    before = first.evaluate(listed)
-    assert before and second.evaluate(listed) == before
-    for tab in (first, second):
-        tab.close()
-    studio.restart()
-    assert show().evaluate(listed) == before

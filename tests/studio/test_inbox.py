@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from typing import Any
 
 import pytest
-from tests.studio.conftest import HOSTILE, Server, waited
+from tests.studio.conftest import HOSTILE, PATIENT, Server, Show, waited
 
 import rvsg
 from rvsg.app.proposal import propose
 from rvsg.generation.generator import proposal_json
 from rvsg.scenario.builder import load_scenario_in
-
-Show = Callable[..., Any]
-PATIENT = 600_000
 
 
 @pytest.mark.exhaustive

@@ -11,12 +11,11 @@ from typing import Any
 
 import pytest
 import shapely
-from tests.studio.conftest import Server, confirmed, pixel, press, reach, ready, waited
+from tests.studio.conftest import Server, Show, confirmed, pixel, press, reach, ready, waited
 
 import rvsg
 from rvsg_studio.world_editor import History, folder_of_world
 
-Show = Callable[..., Any]
 Page = tuple[str, Callable[[Any], Any], str]
 
 

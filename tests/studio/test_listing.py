@@ -21,8 +21,7 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     campaign = rvsg.Campaign.create(
         folder / "runs" / "a", scenarios=1, refinements=0, repeats=2, confirmations=2, simulator="kinematic", jobs=1
     )
-    for _ in campaign.run():
-        pass
+    list(campaign.run())
     return folder
 
 

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
-from tests.studio.conftest import Server, axe_violations, waited
+from tests.studio.conftest import PATIENT, Server, Show, axe_violations, waited
 
 import rvsg
 from rvsg.app.matrix import Matrix
 from rvsg_studio.workspace import Jobs
 
-Show = Callable[..., Any]
-PATIENT = 600_000
 SETTINGS = {"simulator": "kinematic", "scenarios": 1, "refinements": 0, "repeats": 2, "confirmations": 2, "jobs": 1}
 
 
@@ -81,8 +77,7 @@ def test_a_candidate_is_confirmed_now(show: Show, studio: Server) -> None:
     campaign = rvsg.Campaign.create(
         folder, scenarios=8, refinements=0, repeats=3, confirmations=0, simulator="kinematic", jobs=1
     )
-    for _ in campaign.run():
-        pass
+    list(campaign.run())
     candidate = campaign.candidates()[0].index
     tab = show("/campaign?folder=runs/more")
     tab.get_by_role("button", name=f"Confirm attempt {candidate} now").focus()

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.generation.loopback import LoopbackServer, says, serving
-from tests.studio.conftest import HOSTILE, Server, axe_violations, fits, waited
+from tests.studio.conftest import HOSTILE, PATIENT, Server, Show, axe_violations, fits, waited
 
 import rvsg
 
 pytestmark = pytest.mark.exhaustive
-Show = Callable[..., Any]
-PATIENT = 600_000
 
 
 def name_model(tab: Any, server: LoopbackServer) -> None:

@@ -8,18 +8,15 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
-from tests.studio.conftest import Server
+from tests.studio.conftest import Server, Show
 
 import rvsg
 
 pytestmark = pytest.mark.exhaustive
-Show = Callable[..., Any]
 PATIENT = 900_000
 ANSWER_S = 0.3
 CAMPAIGNS, ATTEMPTS = 50, 500
@@ -39,8 +36,7 @@ def processor_s(server: Server) -> float:
 @pytest.fixture(scope="module")
 def large(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("large") / "campaign"
-    for _ in rvsg.Campaign.create(folder, **MANY, repeats=1).run():  # type: ignore[arg-type]
-        pass
+    list(rvsg.Campaign.create(folder, **MANY, repeats=1).run())
     return folder
 
 

@@ -1,4 +1,4 @@
-"""What an editor of scenarios asks for: repairs, runs, violations; pairs of campaigns; conversations; estimates."""
+"""What pages ask for without a browser: repairs, runs, violations, pairs of campaigns, conversations, notes."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import rvsg
 from rvsg.app.comparison import compare_campaigns
 from rvsg.app.settings import CampaignConfig
 from rvsg.campaign.suite import Change
-from rvsg.core.errors import InputError
+from rvsg.core.errors import FileError, InputError
 from rvsg.evaluation.verdict import load_requirement
 from rvsg_studio.answers import _answered, scenario_try
 from rvsg_studio.listing import FoundCampaign
 from rvsg_studio.model_questions import conversations_of, named_in
 from rvsg_studio.pages.new_campaign import estimate
 from rvsg_studio.scenario_editor import empty_scenario, scenario_of, simulated, try_out, with_person
-from rvsg_studio.workspace import Workspace
+from rvsg_studio.workspace import FILE, Note, Workspace, note, notes_of
 
 
 def test_a_scenario_is_built_repaired_and_tried_as_simulate_does() -> None:
@@ -75,8 +75,7 @@ def test_two_campaigns_are_paired_by_what_their_people_do(tmp_path: Path) -> Non
     made = []
     for name, seed in (("a", 0), ("b", 0), ("c", 5)):
         campaign = rvsg.Campaign.create(tmp_path / name, seed=seed, **settings)
-        for _ in campaign.run():
-            pass
+        list(campaign.run())
         made.append(campaign)
     found = compare_campaigns(made[0], made[1])
     assert [[case.attempt for case in variant.cases] for variant in found.variants] == [[0, 1], [0, 1]]
@@ -103,3 +102,22 @@ def test_names_of_areas_are_found_in_a_text_and_unknown_ones_marked() -> None:
     pieces = named_in("Between Shelf 1 and Shelf 99 lies area 3.", world)
     assert "".join(piece for piece, _ in pieces) == "Between Shelf 1 and Shelf 99 lies area 3."
     assert ("Shelf 1", "known") in pieces and ("Shelf 99", "unknown") in pieces and ("area 3", "known") in pieces
+
+
+def test_a_note_is_kept_and_changed_in_part(tmp_path: Path) -> None:
+    assert notes_of(tmp_path).findings == {}
+    note(tmp_path, "scenario-1", status="known", comment='<b>"quoted": [x]\nsecond line')
+    note(tmp_path, "scenario-2", status="fixed")
+    note(tmp_path, "scenario-1", status="accepted")
+    assert notes_of(tmp_path).findings == {
+        "scenario-1": Note(status="accepted", comment='<b>"quoted": [x]\nsecond line'),
+        "scenario-2": Note(status="fixed"),
+    }
+
+
+def test_a_mistake_in_the_file_is_told_with_its_line_and_the_file_stays(tmp_path: Path) -> None:
+    (tmp_path / FILE).write_text("findings:\n  scenario-1:\n    status: nwe\n")
+    with pytest.raises(FileError) as error:
+        note(tmp_path, "scenario-2", comment="x")
+    assert (error.value.path, error.value.line) == (tmp_path / FILE, 3)
+    assert "nwe" in (tmp_path / FILE).read_text()

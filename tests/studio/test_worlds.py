@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
-from tests.studio.conftest import Server, ready
+from tests.studio.conftest import PATIENT, Server, Show, ready
 
 import rvsg
 from rvsg_studio.world_editor import folder_of_world
 
-Show = Callable[..., Any]
-PATIENT = 600_000
 WALLS = [(0, 3, 8, 0.2), (0, -3, 8, 0.2), (4, 0, 0.2, 6), (-4, 0, 0.2, 6), (1, 1, 1.2, 0.8)]
 
 
@@ -120,10 +117,17 @@ def test_a_finding_of_the_check_is_mended_with_a_button(show: Show, studio: Serv
     fix.wait_for(timeout=PATIENT)
 
 
-def test_jobs_and_cases_that_do_not_exist_are_refused(show: Show, studio: Server) -> None:
-    tab = show()
-    for wrong in ("..", "nowhere", "../.."):
-        tab.goto(f"{studio.base}/job?job={wrong}")
-        tab.get_by_text("There is no job").wait_for()
-    tab.goto(f"{studio.base}/suite?suite=../cases")
-    tab.get_by_text("outside the folder").wait_for()
+@pytest.mark.parametrize(
+    ("path", "told"),
+    [
+        *((f"/job?job={job}", "There is no job") for job in ("..", "nowhere", "../..")),
+        ("/suite?suite=../cases", "outside the folder"),
+        ("/compare/versions?first=../secret.json&second=other.json", "outside the folder"),
+        ("/compare/versions?first=other.json&second=other.json", "other.json"),
+    ],
+)
+def test_what_does_not_exist_or_cannot_be_read_is_refused_in_one_message(
+    show: Show, studio: Server, path: str, told: str
+) -> None:
+    (studio.folder / "other.json").write_text('{"suite": 3}')
+    assert told in show(path).locator(".st-wrong").first.inner_text()
