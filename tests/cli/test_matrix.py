@@ -63,18 +63,6 @@ def test_campaigns_side_by_side_keep_what_each_keeps_alone(
     assert (out / "report.html").read_text() == overview
 
 
-@pytest.mark.exhaustive
-def test_a_campaign_file_may_list_routes_and_requirements(tmp_path: Path, alone: dict[str, list[str]]) -> None:
-    file = tmp_path / "c.yaml"
-    file.write_text(
-        "route: [route_1, route_2]\nrequirement: [R1]\nsimulator: kinematic\nstrategy: random\nscenarios: 2\n"
-        "refinements: 1\nrepeats: 2\nconfirmations: 4\nseed: 7\nout: all\n"
-    )
-    assert main(["run", str(file)]) == 0
-    assert sorted(path.name for path in (tmp_path / "all").iterdir() if path.is_dir()) == ["route_1-R1", "route_2-R1"]
-    assert records(tmp_path / "all" / "route_2-R1") == alone["route_2-R1"]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("how", [pytest.param(signal.SIGKILL, marks=pytest.mark.exhaustive), signal.SIGINT])
 def test_cells_that_are_stopped_resume_to_identical_records(
@@ -190,17 +178,20 @@ def test_a_pair_that_is_added_is_one_pair(tmp_path: Path, capsys: pytest.Capture
 
 
 @pytest.mark.exhaustive
-def test_cells_with_a_world_of_their_own_go_on_in_any_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cells_of_a_file_with_a_world_of_their_own_go_on_in_any_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     shutil.copytree(SHIPPED / "warehouse", tmp_path / "mine")
     (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "c.yaml").write_text("world: mine\nroute: [route_1, route_2]\nrequirement: [R1]\nout: all\n")
     monkeypatch.chdir(tmp_path)
-    asked = ["--route", "route_1", "--route", "route_2"]
-    assert main(["run", *SMALL, *asked, "--world", "mine", "--out", "all"]) == 0
+    rvsg("run c.yaml", SMALL)
     shutil.rmtree(tmp_path / "all" / "route_2-R1")
     monkeypatch.chdir(tmp_path / "elsewhere")
-    assert main(["run", "--out", "../all"]) == 0
-    assert main(["report", "../all"]) == 0
+    rvsg("run --out ../all")
+    rvsg("report ../all")
     again = {path.name: records(path) for path in folders_in(tmp_path / "all")}
+    assert list(again) == ["route_1-R1", "route_2-R1"]
     monkeypatch.chdir(tmp_path)
-    assert main(["run", *SMALL, *asked, "--world", "mine", "--out", "new"]) == 0
+    rvsg("run c.yaml", SMALL, "--out new")
     assert {path.name: records(path) for path in folders_in(tmp_path / "new")} == again

@@ -106,8 +106,7 @@ def test_unknown_waypoints_are_kept_and_listed(results, store):
     value["Worker 1 Tasks"][0]["Path"] = ["G7", "Z99", "G9"]
     value["Worker 2 Tasks"][0]["Path"] = []
     path.write_text(json.dumps(value))
-    done = read(results, store)
-    told = [finding.message for finding in done.findings]
+    told = [finding.message for finding in read(results, store).findings]
     assert 'Human 1, task "G7 → G9", waypoint 2: there is no waypoint "Z99"; kept' in told
     assert 'Human 2, task "G14 → G13": the path is empty' in told
     assert any("Human 2 has no known waypoint to go to" in message for message in told)
@@ -115,29 +114,26 @@ def test_unknown_waypoints_are_kept_and_listed(results, store):
     assert first.proposal.scenario.people.humans[0].tasks[0].path == ("G7", "Z99", "G9")
 
 
-def test_truncated_json_loses_the_configuration_but_not_the_run(results, store):
-    path = only(results) / "distance_model_0.json"
-    path.write_text(path.read_text()[:80])
+@pytest.mark.parametrize(
+    ("file", "kept", "told"),
+    [
+        ("distance_model_0.json", 80, "is the file cut off?"),
+        ("distance_scenario_model.json", 24, "the description is lost"),
+        ("log.csv", None, "log.csv is missing"),
+        ("log_2.csv", None, "there is no log_2.csv"),
+    ],
+)
+def test_what_is_cut_off_or_missing_is_said_to_be(results, store, file, kept, told):
+    path = only(results) / file
+    text = path.read_text()
+    path.unlink()
+    if kept is not None:
+        path.write_text(text[:kept])
     done = read(results, store)
-    assert done.runs == 3
-    assert "is the file cut off?" in done.findings[0].message
-    assert next(iter(store.attempts("distance/route_1"))).proposal.scenario is None
-
-
-def test_a_truncated_description_is_lost_and_said_so(results, store):
-    path = only(results) / "distance_scenario_model.json"
-    path.write_text('{"scenario": "People ca')
-    done = read(results, store)
-    assert done.runs == 3
-    assert "the description is lost" in done.findings[0].message
-
-
-def test_a_missing_log_csv_and_a_missing_log_are_said_to_be_missing(results, store):
-    (only(results) / "log.csv").unlink()
-    (only(results) / "log_2.csv").unlink()
-    told = [finding.message for finding in read(results, store).findings]
-    assert any("log.csv is missing" in message for message in told)
-    assert any("there is no log_2.csv" in message for message in told)
+    assert any(told in finding.message for finding in done.findings)
+    assert done.runs == (2 if file == "log_2.csv" else 3)
+    lost = next(iter(store.attempts("distance/route_1"))).proposal.scenario is None
+    assert lost is (file == "distance_model_0.json")
 
 
 def test_the_run_that_selected_a_scenario_is_found_among_its_repeats(results, store):

@@ -137,39 +137,25 @@ def test_selection_at_equal_budgets_counts_one_run_of_every_configuration(made):
     assert lookup(repeated.rq1)[key] == lookup(once.rq1)[key]
 
 
-def guided_alone(tmp_path):
-    """A store of two guided scenarios without repeats, one of whose logs cannot be read."""
+def test_a_table_without_rows_says_why_and_a_refused_run_is_named_below(tmp_path):
+    """Two guided scenarios without repeats, one of whose logs cannot be read."""
     root = tmp_path / "results"
     for at in range(2):
         write_scenario(root / "distance" / "route_1" / str(at), configurations=2, offset=0.01 * at, description="")
     (root / "distance" / "route_1" / "1" / "log_1.csv").write_text("timestamp\n")
-    ledger = SqliteLedger(tmp_path / "ledger.sqlite")
-    import_study(root, ledger, load_world("warehouse"))
-    return ledger
-
-
-def test_a_table_without_rows_says_why_in_every_format_and_on_the_terminal(tmp_path):
-    with guided_alone(tmp_path) as ledger:
+    with SqliteLedger(tmp_path / "ledger.sqlite") as ledger:
+        import_study(root, ledger, load_world("warehouse"))
         said = write_tables(ledger, out=tmp_path / "out")
     assert "rq2 and rq3 are empty: the store holds no best or worst scenario that was repeated" in said
-    for way in ("published", "honest"):
-        for name in ("rq2", "rq3"):
-            for ending in ("md", "tex"):
-                text = (tmp_path / "out" / way / f"{name}.{ending}").read_text()
-                assert "No rows: the store holds no best or worst scenario that was repeated." in text
-        assert "No rows" not in (tmp_path / "out" / way / "rq1.md").read_text()
-
-
-def test_a_run_that_was_refused_is_named_below_the_tables(tmp_path):
-    with guided_alone(tmp_path) as ledger:
-        said = write_tables(ledger, out=tmp_path / "out")
     (refused,) = [note for note in said if "run 1 left out" in note]
     assert "distance/route_1: scenario 1, configuration 1" in refused
     for way in ("published", "honest"):
         for name in ("rq1", "rq2", "rq3"):
-            assert refused in (tmp_path / "out" / way / f"{name}.md").read_text()
-            tex = (tmp_path / "out" / way / f"{name}.tex").read_text()
-            assert "run 1 left out" in tex
+            md, tex = ((tmp_path / "out" / way / f"{name}.{ending}").read_text() for ending in ("md", "tex"))
+            for text in (md, tex):
+                empty = "No rows: the store holds no best or worst scenario that was repeated."
+                assert ("No rows" in text, empty in text) == (name != "rq1", name != "rq1")
+            assert refused in md and "run 1 left out" in tex
             assert tex.index("Left out") > tex.rfind("\\end{table}")
 
 
