@@ -13,13 +13,8 @@ import numpy as np
 import pytest
 
 from rvsg.core.errors import FileError
-from rvsg.generation.random_search import RandomGenerator
-from rvsg.scenario.brief import Brief
-from rvsg.scenario.scenario import Mission
-from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
-from rvsg.world.world_folder import load_world
 from rvsg_exchange.bag import CYLINDER, Messages, rosbags_types, write_bag
 from rvsg_exchange.recordings import open_bag, read_recording
 
@@ -30,19 +25,6 @@ BEGIN_S = 10.0
 
 Said = tuple[str, float, Any]
 Change = Callable[[str, float, Any], Iterator[Said]]
-
-
-@pytest.fixture(scope="module")
-def world() -> World:
-    return load_world("warehouse")
-
-
-@pytest.fixture(scope="module")
-def run(world: World) -> Run:
-    mission = Mission.of(world, world.route("route_1"))
-    scenario = RandomGenerator().propose(Brief(mission=mission, requirement=None, seed=3), world).scenario
-    assert scenario is not None
-    return KinematicSimulator().run(scenario, world, seed=1)
 
 
 @pytest.fixture(scope="module")
@@ -62,11 +44,11 @@ def said(run: Run, world: World, tmp_path_factory: pytest.TempPathFactory) -> li
 
 
 def recorded(said: list[Said], folder: Path, change: Change | None = None, *, sqlite: bool = False) -> Path:
-    """Write the messages, changed, as a recording."""
+    """Write the messages, changed, as a recording; they stay as they are."""
     types, topics = rosbags_types(), {}
     plugin = rosbags.StoragePlugin.SQLITE3 if sqlite else rosbags.StoragePlugin.MCAP
     with rosbags.Writer(folder / "bag", version=9, storage_plugin=plugin) as writer:
-        for each in said:
+        for each in deepcopy(said) if change else said:
             for topic, t, message in change(*each) if change else [each]:
                 if topic not in topics:
                     topics[topic] = writer.add_connection(topic, message.__msgtype__, typestore=types)
@@ -74,15 +56,17 @@ def recorded(said: list[Said], folder: Path, change: Change | None = None, *, sq
     return folder / "bag"
 
 
-def at(t: float) -> float:
-    """The time of the run at a time of the recording."""
-    return t - BEGIN_S
+def without(*left_out: str) -> Change:
+    def change(topic: str, t: float, message: Any) -> Iterator[Said]:
+        if topic not in left_out:
+            yield topic, t, message
+
+    return change
 
 
 def test_a_recording_in_sqlite_is_read_like_one_in_mcap(said: list[Said], tmp_path: Path, world: World) -> None:
-    (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()
-    one = read_recording(recorded(said, tmp_path / "a"), world=world)
+    one = read_recording(recorded(said, tmp_path), world=world)
     two = read_recording(recorded(said, tmp_path / "b", sqlite=True), world=world)
     assert np.array_equal(one.run.trajectory.x, two.run.trajectory.x) and len(one.run.human_names) == 2
     assert one.notes == two.notes and any("/clock" in note for note in one.notes)
@@ -90,12 +74,25 @@ def test_a_recording_in_sqlite_is_read_like_one_in_mcap(said: list[Said], tmp_pa
 
 def test_gaps_are_told(said: list[Said], tmp_path: Path, world: World) -> None:
     def change(topic: str, t: float, message: Any) -> Iterator[Said]:
-        if not (topic == "/odom" and 4.0 < at(t) < 6.0) and not (topic == "/human_states" and at(t) > 8.0):
+        at = t - BEGIN_S
+        if not (topic == "/odom" and 4.0 < at < 6.0) and not (topic == "/human_states" and at > 8.0):
             yield topic, t, message
 
     found = read_recording(recorded(said, tmp_path, change), world=world)
     assert any("1 gap " in note and "2.0 s" in note for note in found.notes)
     assert sum("seen from 0.0 s to 8.0 s only" in note for note in found.notes) == 2
+
+
+def test_poses_that_are_no_numbers_are_left_out(said: list[Said], tmp_path: Path, world: World) -> None:
+    def change(topic: str, t: float, message: Any) -> Iterator[Said]:
+        if topic == "/tf" and 3.0 < t - BEGIN_S < 3.5:
+            message.transforms[0].transform.translation.x = math.nan
+        if topic == "/odom" and 5.0 < t - BEGIN_S < 5.5:
+            message.pose.pose.position.y = math.inf
+        yield topic, t, message
+
+    path = read_recording(recorded(said, tmp_path, change), world=world).run.trajectory
+    assert np.isfinite(path.x).all() and np.isfinite(path.y).all() and np.isfinite(path.human_x).all()
 
 
 def test_two_robots_are_refused_until_one_is_named(said: list[Said], tmp_path: Path, run: Run, world: World) -> None:
@@ -114,23 +111,50 @@ def test_two_robots_are_refused_until_one_is_named(said: list[Said], tmp_path: P
 def test_without_odometry_the_transforms_say_where_the_robot_is(
     said: list[Said], tmp_path: Path, run: Run, world: World
 ) -> None:
-    def change(topic: str, t: float, message: Any) -> Iterator[Said]:
-        if topic != "/odom":
-            yield topic, t, message
-
-    found = read_recording(recorded(said, tmp_path, change), world=world)
+    found = read_recording(recorded(said, tmp_path, without("/odom")), world=world)
     assert any("no odometry" in note for note in found.notes)
     assert np.allclose(found.run.trajectory.x, run.trajectory.x[::4][: len(found.run.trajectory)], atol=1e-6)
     assert found.run.trajectory.v.max() == pytest.approx(run.trajectory.v.max(), abs=0.1)
 
 
-def test_without_any_pose_of_the_robot_it_is_refused(said: list[Said], tmp_path: Path, world: World) -> None:
-    def change(topic: str, t: float, message: Any) -> Iterator[Said]:
-        if topic in ("/human_states", "/goal_pose", "/tf_static"):
-            yield topic, t, message
+def on_another_clock(topic: str, t: float, message: Any) -> Iterator[Said]:
+    if topic == "/human_states":
+        message.header.stamp.sec += 1_700_000_000
+    yield topic, t, message
 
+
+def with_goals_of_another_type(topic: str, t: float, message: Any) -> Iterator[Said]:
+    yield topic, t, message.pose if topic == "/goal_pose" else message
+
+
+def with_facts_of_others(topic: str, t: float, message: Any) -> Iterator[Said]:
+    if topic == "/goal_pose":
+        yield "/rvsg/run", t, Messages(rosbags_types()).make("std_msgs/String", data='{"t0": 0.0, "header": {}}')
+    yield topic, t, message
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        pytest.param(without("/odom", "/tf"), {}, id="no-pose-of-the-robot"),
+        pytest.param(on_another_clock, {}, id="another-clock"),
+        pytest.param(with_goals_of_another_type, {}, id="goal-of-another-type"),
+        pytest.param(with_facts_of_others, {}, id="facts-of-others"),
+        pytest.param(None, {"robot_topic": "/tf"}, id="robot-topic"),
+        pytest.param(None, {"people_topic": "/odom"}, id="people-topic"),
+    ],
+)
+def test_what_cannot_be_read_as_a_run_is_refused(
+    said: list[Said], tmp_path: Path, world: World, change: Change | None, named: dict[str, str]
+) -> None:
     with pytest.raises(FileError):
-        read_recording(recorded(said, tmp_path, change), world=world)
+        read_recording(recorded(said, tmp_path, change), world=world, **named)
+
+
+def test_a_recording_of_several_runs_is_refused(said: list[Said], tmp_path: Path, world: World) -> None:
+    again = [(topic, t + said[-1][1], message) for topic, t, message in said]  # stamps begin again
+    with pytest.raises(FileError):
+        read_recording(recorded([*said, *again], tmp_path), world=world)
 
 
 @pytest.mark.parametrize("frame", ["base_footprint", "camera"])
@@ -141,7 +165,7 @@ def test_people_in_the_frame_of_the_robot_are_moved_and_an_unknown_frame_is_refu
 
     def change(topic: str, t: float, message: Any) -> Iterator[Said]:
         if topic == "/human_states":
-            k = int(np.abs(path.t - at(t)).argmin())
+            k = int(np.abs(path.t - (t - BEGIN_S)).argmin())
             cos, sin = math.cos(path.yaw[k]), math.sin(path.yaw[k])
             message.header.frame_id = frame
             for i, agent in enumerate(message.agents):
@@ -149,66 +173,13 @@ def test_people_in_the_frame_of_the_robot_are_moved_and_an_unknown_frame_is_refu
                 agent.position.position.x, agent.position.position.y = cos * dx + sin * dy, -sin * dx + cos * dy
         yield topic, t, message
 
-    bag = recorded([deepcopy(each) for each in said], tmp_path, change)
+    bag = recorded(said, tmp_path, change)
     if frame == "camera":
         with pytest.raises(FileError):
             read_recording(bag, world=world)
         return
     found = read_recording(bag, world=world).run
     assert np.allclose(found.trajectory.human_x, path.human_x[::4][: len(found.trajectory)], atol=1e-6)
-
-
-def test_a_recording_of_several_runs_is_refused(said: list[Said], tmp_path: Path, world: World) -> None:
-    def twice() -> list[Said]:
-        end = said[-1][1]
-        return [*said, *((topic, t + end, message) for topic, t, message in said)]  # stamps begin again
-
-    with pytest.raises(FileError):
-        read_recording(recorded(twice(), tmp_path), world=world)
-
-
-def test_people_on_another_clock_are_refused(said: list[Said], tmp_path: Path, world: World) -> None:
-    def change(topic: str, t: float, message: Any) -> Iterator[Said]:
-        if topic == "/human_states":
-            message.header.stamp.sec += 1_700_000_000
-        yield topic, t, message
-
-    with pytest.raises(FileError):
-        read_recording(recorded([deepcopy(each) for each in said], tmp_path, change), world=world)
-
-
-@pytest.mark.parametrize("named", [{"robot_topic": "/tf"}, {"people_topic": "/odom"}])
-def test_a_topic_that_cannot_say_what_it_is_named_for_is_refused(
-    said: list[Said], tmp_path: Path, world: World, named: dict[str, str]
-) -> None:
-    with pytest.raises(FileError):
-        read_recording(recorded(said, tmp_path), world=world, **named)
-
-
-def test_poses_that_are_no_numbers_are_left_out(said: list[Said], tmp_path: Path, world: World) -> None:
-    def change(topic: str, t: float, message: Any) -> Iterator[Said]:
-        if topic == "/tf" and 3.0 < at(t) < 3.5:
-            message.transforms[0].transform.translation.x = math.nan
-        if topic == "/odom" and 5.0 < at(t) < 5.5:
-            message.pose.pose.position.y = math.inf
-        yield topic, t, message
-
-    found = read_recording(recorded([deepcopy(each) for each in said], tmp_path, change), world=world).run.trajectory
-    assert np.isfinite(found.x).all() and np.isfinite(found.y).all() and np.isfinite(found.human_x).all()
-
-
-def test_what_others_write_as_our_facts_is_refused(said: list[Said], tmp_path: Path, world: World) -> None:
-    message = Messages(rosbags_types()).make("std_msgs/String", data='{"t0": 0.0, "header": {}}')
-    with pytest.raises(FileError):
-        read_recording(recorded([("/rvsg/run", BEGIN_S, message), *said], tmp_path), world=world)
-
-
-def test_a_goal_of_another_type_is_no_goal(said: list[Said], tmp_path: Path, world: World) -> None:
-    def change(topic: str, t: float, message: Any) -> Iterator[Said]:
-        yield topic, t, message.pose if topic == "/goal_pose" else message
-
-    with pytest.raises(FileError):
-        read_recording(recorded(said, tmp_path, change), world=world)
 
 
 @pytest.mark.exhaustive

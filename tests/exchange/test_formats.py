@@ -14,35 +14,13 @@ import yaml
 from rvsg.core.errors import FileError, UnknownName
 from rvsg.core.records import Pose
 from rvsg.evaluation.metrics.registry import METRICS, measure
-from rvsg.generation.random_search import RandomGenerator
-from rvsg.scenario.brief import Brief
-from rvsg.scenario.scenario import Mission, Scenario
+from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.exporter import Exportable
-from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
-from rvsg.world.world_folder import load_world
 from rvsg_exchange.bag import rosbags_types, write_bag
 from rvsg_exchange.formats import Csv, Parquet, goals_yaml, scenario_osc, world_sdf
 from rvsg_exchange.recordings import open_bag, read_recording
-
-
-@pytest.fixture(scope="module")
-def world() -> World:
-    return load_world("warehouse")
-
-
-@pytest.fixture(scope="module")
-def scenario(world: World) -> Scenario:
-    mission = Mission(world=world.name, world_id=world.id, route=world.route("route_1"))
-    proposal = RandomGenerator().propose(Brief(mission=mission, requirement=None, seed=3), world)
-    assert proposal.scenario is not None
-    return proposal.scenario
-
-
-@pytest.fixture(scope="module")
-def run(scenario: Scenario, world: World) -> Run:
-    return KinematicSimulator().run(scenario, world, seed=1)
 
 
 @pytest.fixture(scope="module")
@@ -82,22 +60,17 @@ def test_a_gazebo_world_has_every_object_and_an_actor_for_every_person(world: Wo
     assert times[0] == 0.0
 
 
-def test_csv_gives_back_the_same_floats(run: Run, tmp_path: Path) -> None:
+def test_csv_gives_back_the_same_floats_and_parquet_opens_in_pandas(run: Run, tmp_path: Path) -> None:
     Csv().write(Exportable(runs=(run,)), tmp_path / "run.csv")
     with (tmp_path / "run.csv").open() as file:
         rows = list(csv.DictReader(file))
-    robot = [row for row in rows if row["who"] == "robot"]
-    assert [float(row["x"]) for row in robot] == run.trajectory.x.tolist()
+    assert [float(row["x"]) for row in rows if row["who"] == "robot"] == run.trajectory.x.tolist()
     assert Counter(row["who"] for row in rows) == dict.fromkeys(("robot", *run.human_names), len(run.trajectory))
-
-
-def test_parquet_opens_in_pandas(run: Run, tmp_path: Path) -> None:
     pandas = pytest.importorskip("pandas", reason="the extra `tables` is not installed")
     pytest.importorskip("pyarrow", reason="the extra `tables` is not installed")
     Parquet().write(Exportable(runs=(run,)), tmp_path / "run.parquet")
     frame = pandas.read_parquet(tmp_path / "run.parquet")
-    robot = frame[frame.who == "robot"]
-    assert np.array_equal(robot.yaw.to_numpy(), run.trajectory.yaw)
+    assert np.array_equal(frame[frame.who == "robot"].yaw.to_numpy(), run.trajectory.yaw)
     assert frame[frame.who != "robot"].omega.isna().all()
 
 

@@ -6,13 +6,98 @@ from pathlib import Path
 
 import pytest
 import yaml
-from tests.exchange.agents_files import BLOCK, FLAT, V2
 
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError, InputError
 from rvsg.scenario.scenario import FOREVER_S, Behaviour, ForceFactors, HumanAgent, Reaction
 from rvsg_exchange.formats import import_agents
 from rvsg_exchange.hunav_agents import agents_yaml, read_agents
+
+FLAT = """\
+hunav_loader:
+  ros__parameters:
+    map: cafe
+    publish_people: true
+    agents:
+      - waiter
+      - guest
+    waiter:
+      id: 1
+      skin: 0
+      behavior: 4
+      group_id: -1
+      max_vel: 1.5
+      radius: 0.4
+      init_pose: {x: 3.48, y: 6.93, z: 1.25, h: 0.0}
+      goal_radius: 0.3
+      cyclic_goals: true
+      goals: [g0, g1]
+      g0: {x: 3.37, y: -4.58, h: 1.25}
+      g1: {x: -3.58, y: -4.79, h: 1.25}
+    guest:
+      id: 2
+      behavior: 9
+      max_vel: 0.9
+      init_pose: {x: 0.0, y: 0.0, h: 0.5}
+      goals: [g0]
+      g0: {x: 1.0, y: 1.0}
+"""
+
+BLOCK = """\
+hunav_loader:
+  ros__parameters:
+    map: map_of_room
+    agents: [agent1]
+    agent1:
+      id: 1
+      group_id: 2
+      max_vel: 1.1
+      radius: 0.35
+      behavior:
+        type: 5
+        configuration: 1
+        duration: 12.0
+        once: false
+        vel: 2.5
+        dist: 1.2
+        goal_force_factor: 1.0
+        obstacle_force_factor: 12.0
+        social_force_factor: 6.0
+        other_force_factor: 18.0
+      init_pose: {x: 1.0, y: 2.0, z: 1.25, h: 1.57}
+      goal_radius: 0.2
+      cyclic_goals: false
+      goals: [g0, g1]
+      g0: {x: 1.0, y: 2.0, h: 0.0}
+      g1: {x: 4.0, y: 2.0, h: 0.0}
+hunav_agent_manager:
+  ros__parameters:
+    publish_tf: true
+"""
+
+V2 = """\
+hunav_loader:
+  ros__parameters:
+    yaml_base_name: ward
+    simulator: Isaac Sim
+    map: ward
+    publish_people: true
+    global_goals:
+      1: {x: -6.77, y: -1.636}
+      2: {x: -0.588, y: -1.458}
+    agents: [nurse]
+    nurse:
+      id: 1
+      skin: 1
+      group_id: -1
+      max_vel: 1.2
+      radius: 0.4
+      behavior: {type: Surprised, configuration: 2, once: true, front_dist: 1.4}
+      init_pose: {x: -6.77, y: -1.636, z: 0.0, h: 0.0}
+      goal_radius: 0.3
+      cyclic_goals: true
+      goals: [1, 2]
+"""
 
 
 def written(folder: Path, text: str) -> Path:
@@ -21,28 +106,32 @@ def written(folder: Path, text: str) -> Path:
     return path
 
 
-def test_an_unknown_behaviour_is_regular_as_in_hunavsim(tmp_path: Path) -> None:
+def test_each_dialect_is_read_as_its_loader_reads_it(tmp_path: Path) -> None:
     (waiter, guest), _ = read_agents(written(tmp_path, FLAT))
-    assert waiter.behaviour is Behaviour.SCARED
-    assert guest.behaviour is Behaviour.REGULAR
+    assert (waiter.behaviour, guest.behaviour) == (Behaviour.SCARED, Behaviour.REGULAR)  # an unknown one is regular
     assert (guest.speed_m_s, guest.radius_m, guest.yaw, guest.goals) == (0.9, 0.35, 0.5, ((1.0, 1.0),))
-
-
-def test_custom_factors_are_clamped_as_the_loader_clamps_them(tmp_path: Path) -> None:
     (agent,), notes = read_agents(written(tmp_path, BLOCK))
-    assert agent.factors == ForceFactors(goal=2.0, obstacle=12.0, social=6.0)
+    assert agent.factors == ForceFactors(goal=2.0, obstacle=12.0, social=6.0)  # clamped
     assert agent.reaction == Reaction(duration_s=12.0, once=False, speed_m_s=1.8, distance_m=1.2, force=18.0)
-    assert agent.group == 2
-    assert agent.stays and agent.goal_radius_m == 0.2
-    assert notes == ()
-
-
-def test_version_2_goals_come_from_the_shared_table(tmp_path: Path) -> None:
+    assert (agent.group, agent.stays, agent.goal_radius_m, notes) == (2, True, 0.2, ())
     (agent,), notes = read_agents(written(tmp_path, V2))
-    assert agent.goals == ((-6.77, -1.636), (-0.588, -1.458))
-    assert agent.factors == "random_normal"
-    assert agent.behaviour is Behaviour.SURPRISED
+    assert agent.goals == ((-6.77, -1.636), (-0.588, -1.458))  # from the shared table
+    assert (agent.factors, agent.behaviour) == ("random_normal", Behaviour.SURPRISED)
     assert len(notes) == 1  # front_dist
+
+
+@pytest.mark.parametrize(
+    "text", ["a: 1\n", "hunav_loader: 3\n", "hunav_loader: {ros__parameters: {agents: []}}\n", "["]
+)
+def test_mistakes_are_reported_with_their_lines_and_another_file_is_refused(tmp_path: Path, text: str) -> None:
+    with pytest.raises(FileError):
+        read_agents(written(tmp_path, text))
+    broken = FLAT.replace("max_vel: 1.5", "max_vel: fast").replace("goals: [g0]", "goals: [g7]")
+    with pytest.raises(DocumentError) as raised:
+        read_agents(written(tmp_path, broken))
+    assert [problem.line for problem in raised.value.problems] == [13, 26]
+    with pytest.raises(InputError):
+        import_agents(written(tmp_path, FLAT.replace("radius: 0.4", "radius: -3.0")), "warehouse", "route_1")
 
 
 @pytest.mark.parametrize("dialect", ["block", "v2"])
@@ -73,24 +162,3 @@ def test_what_a_file_cannot_hold_is_said(tmp_path: Path) -> None:
     text, notes = agents_yaml((agent,), map_name="room", dialect="flat")
     assert len(notes) == 2
     assert yaml.safe_load(text)["hunav_loader"]["ros__parameters"]["agent1"]["behavior"] == 1
-
-
-def test_every_mistake_is_reported_with_its_line(tmp_path: Path) -> None:
-    broken = FLAT.replace("max_vel: 1.5", "max_vel: fast").replace("goals: [g0]", "goals: [g7]")
-    with pytest.raises(DocumentError) as raised:
-        read_agents(written(tmp_path, broken))
-    assert [problem.line for problem in raised.value.problems] == [13, 26]
-
-
-def test_a_value_out_of_range_is_refused(tmp_path: Path) -> None:
-    path = written(tmp_path, FLAT.replace("radius: 0.4", "radius: -3.0"))
-    with pytest.raises(InputError):
-        import_agents(path, "warehouse", "route_1")
-
-
-@pytest.mark.parametrize(
-    "text", ["a: 1\n", "hunav_loader: 3\n", "hunav_loader: {ros__parameters: {agents: []}}\n", "["]
-)
-def test_another_file_is_refused(tmp_path: Path, text: str) -> None:
-    with pytest.raises(FileError):
-        read_agents(written(tmp_path, text))

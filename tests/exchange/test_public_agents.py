@@ -2,21 +2,22 @@
 
 The settings of two files under the MIT licence are written down here as data: the cafe of HuNavSim (`agents.yaml` of
 robotics-upo/hunav_sim, Copyright (c) 2022 Service Robotics Lab) and the empty room of SFU-MARS/hunavis (Copyright (c)
-2025 SFU MARS Lab). Files of your own are read from the folder in `RVSG_AGENTS_FILES`.
+2025 SFU MARS Lab).
 """
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from tests.world.parts import map_of, walled
 
 import rvsg
 from rvsg.world.creation import world_from
+from rvsg.world.occupancy import write_map
 from rvsg.world.world import World
 from rvsg_exchange.formats import import_agents
 
@@ -80,72 +81,43 @@ def cafe_v2() -> dict[str, Any]:
     return {**head, "global_goals": shared, "agents": list(CAFE), **people}
 
 
-def room(folder: Path, half_m: float) -> World:
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> World:
     """A free room: what the maps of the files hold is not tested here."""
-    side = round(2 * half_m / 0.1)
-    pixels = np.full((side, side), 254, np.uint8)
-    for edge in (pixels[:8], pixels[-8:], pixels[:, :8], pixels[:, -8:]):
-        edge[:] = 0
-    (folder / "map.pgm").write_bytes(b"P5\n%d %d\n255\n" % (side, side) + pixels.tobytes())
-    (folder / "map.yaml").write_text(
-        f"image: map.pgm\nresolution: 0.1\norigin: [{-half_m}, {-half_m}, 0]\nnegate: 0\noccupied_thresh: 0.65\n"
-        "free_thresh: 0.196\n"
-    )
+    side = round(2 * HALF_M / 0.1)
+    folder = tmp_path_factory.mktemp("room")
+    write_map(map_of(walled(side, side, thick=8), 0.1, x=-HALF_M, y=-HALF_M), folder)
     return world_from("map", folder / "map.yaml", name="room").world
 
 
-@pytest.fixture(scope="module")
-def world(tmp_path_factory: pytest.TempPathFactory) -> World:
-    return room(tmp_path_factory.mktemp("room"), HALF_M)
-
-
-def farthest(settings: dict[str, Any]) -> float:
-    """The largest coordinate in a file, as a number or in what holds numbers."""
-    known = [abs(float(value)) for key, value in settings.items() if key in ("x", "y")]
-    return max([*known, *(farthest(value) for value in settings.values() if isinstance(value, dict))], default=0.0)
-
-
-def run_of(file: Path, world: World) -> rvsg.Run:
-    scenario, _ = import_agents(file, world, world.routes[0].name)
-    (run,) = rvsg.simulate(scenario, [0], world=world)
-    settings = yaml.safe_load(file.read_text())["hunav_loader"]["ros__parameters"]
-    assert run.human_names == tuple(settings["agents"])
-    assert run.completed or run.trajectory.t[-1] >= scenario.mission.route.time_limit_s
-    assert np.isfinite(run.trajectory.human_x).all()
-    for k, name in enumerate(settings["agents"]):
-        start = settings[name]["init_pose"]
-        path = run.trajectory
-        assert np.hypot(path.human_x[0, k] - start["x"], path.human_y[0, k] - start["y"]) < 0.1
-        assert np.hypot(np.diff(path.human_x[:, k]), np.diff(path.human_y[:, k])).sum() > 2.0, "the person walks"
-    return run
+def written(folder: Path, settings: dict[str, Any]) -> Path:
+    file = folder / f"{settings['map']}.yaml"
+    file.write_text(yaml.safe_dump({"hunav_loader": {"ros__parameters": settings}}, sort_keys=False))
+    return file
 
 
 @pytest.mark.parametrize(
     "made", [cafe_flat, *(pytest.param(made, marks=pytest.mark.exhaustive) for made in (room_block, cafe_v2))]
 )
 def test_people_of_public_files_run_to_the_end(made: Any, world: World, tmp_path: Path) -> None:
-    file = tmp_path / "agents.yaml"
-    file.write_text(yaml.safe_dump({"hunav_loader": {"ros__parameters": made()}}, sort_keys=False))
-    run_of(file, world)
+    settings = made()
+    scenario, _ = import_agents(written(tmp_path, settings), world, world.routes[0].name)
+    (run,) = rvsg.simulate(scenario, [0], world=world)
+    path = run.trajectory
+    assert run.human_names == tuple(settings["agents"])
+    assert run.completed or path.t[-1] >= scenario.mission.route.time_limit_s
+    assert np.isfinite(path.human_x).all()
+    for k, name in enumerate(settings["agents"]):
+        start = settings[name]["init_pose"]
+        assert np.hypot(path.human_x[0, k] - start["x"], path.human_y[0, k] - start["y"]) < 0.1
+        assert np.hypot(np.diff(path.human_x[:, k]), np.diff(path.human_y[:, k])).sum() > 2.0, "the person walks"
 
 
 def test_the_cafe_is_the_same_scenario_in_both_dialects(world: World, tmp_path: Path) -> None:
-    found = []
-    for made in (cafe_flat, cafe_v2):
-        file = tmp_path / f"{made.__name__}.yaml"
-        file.write_text(yaml.safe_dump({"hunav_loader": {"ros__parameters": made()}}, sort_keys=False))
-        scenario, _ = import_agents(file, world, world.routes[0].name)
-        found.append([(human.name, human.behaviour, human.start, human.points) for human in scenario.people.humans])
-    assert found[0] == found[1]
-
-
-@pytest.mark.exhaustive
-def test_agents_files_of_a_folder_run_to_the_end(tmp_path: Path) -> None:
-    folder = os.environ.get("RVSG_AGENTS_FILES")
-    files = sorted(Path(folder).glob("*.yaml")) if folder else []
-    if not files:
-        pytest.skip("RVSG_AGENTS_FILES names no folder with agents files")
-    for file in files:
-        settings = yaml.safe_load(file.read_text())["hunav_loader"]["ros__parameters"]
-        (tmp_path / file.stem).mkdir()
-        run_of(file, room(tmp_path / file.stem, 3.0 + farthest(settings)))
+    scenarios = [import_agents(written(tmp_path, made()), world, world.routes[0].name)[0]
+                 for made in (cafe_flat, cafe_v2)]  # fmt: skip
+    flat, v2 = (
+        [(human.name, human.behaviour, human.start, human.points) for human in scenario.people.humans]
+        for scenario in scenarios
+    )
+    assert flat == v2

@@ -7,6 +7,7 @@ Gazebo installs them; without them the tests that need them are skipped.
 from __future__ import annotations
 
 import os
+import re
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,22 +19,23 @@ from rvsg.generation.random_search import RandomGenerator
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.kinematic import KinematicSimulator
+from rvsg.simulation.run import Run
+from rvsg.world.world import World
 from rvsg.world.world_folder import load_world
 from rvsg_exchange.formats import SDF_VERSION, world_sdf
 
 INSTALLED = ("/usr/share", "/usr/local/share", "/opt/ros")
 VALUES = {"double": 1, "int": 1, "unsigned int": 1, "vector2d": 2, "vector2i": 2, "vector3": 3, "pose": 6, "color": 4}
 """How many numbers a value of each type holds."""
-LEAST = {"1": 1, "+": 1}
-MOST = {"1": 1, "0": 1, "-1": 0}
+LEAST, MOST = {"1": 1, "+": 1}, {"1": 1, "0": 1, "-1": 0}
+"""How often an element of each kind of `required` stands."""
 
 
 class Description:
     """The description of an element: its attributes and children, as a file of SDFormat writes them."""
 
     def __init__(self, folder: Path, node: ET.Element, required: str | None = None) -> None:
-        self.name = node.attrib["name"]
-        self.type = node.attrib.get("type")
+        self.name, self.type = node.attrib["name"], node.attrib.get("type")
         self.required = required or node.attrib.get("required", "0")
         self.attributes = {each.attrib["name"]: each.attrib for each in node.findall("attribute")}
         self.is_open = any(each.attrib.get("copy_data") == "true" for each in node.findall("element"))
@@ -56,10 +58,10 @@ def wrong(node: ET.Element, described: Description, at: str = "") -> Iterator[st
     for name, attribute in described.attributes.items():
         if attribute.get("required") == "1" and name not in node.attrib:
             yield f"{at}: attribute {name} is missing"
-        elif name in node.attrib:
-            yield from _value(node.attrib[name], attribute.get("type"), f"{at}@{name}")
-    if described.type:
-        yield from _value(node.text or "", described.type, at)
+        elif name in node.attrib and not is_value(node.attrib[name], attribute.get("type")):
+            yield f"{at}@{name}: {node.attrib[name]!r} is no {attribute.get('type')}"
+    if not is_value(node.text or "", described.type):
+        yield f"{at}: {node.text!r} is no {described.type}"
     if described.is_open:
         return
     children, counts = described.children, Counter(child.tag for child in node)
@@ -75,18 +77,12 @@ def wrong(node: ET.Element, described: Description, at: str = "") -> Iterator[st
             yield from wrong(child, children[child.tag], at)
 
 
-def _value(text: str, kind: str | None, at: str) -> Iterator[str]:
-    parts = text.split()
+def is_value(text: str, kind: str | None) -> bool:
     if kind == "bool":
-        if text.strip() not in ("true", "false", "0", "1"):
-            yield f"{at}: {text!r} is no bool"
-    elif kind in VALUES:
-        try:
-            numbers = [float(part) for part in parts]
-        except ValueError:
-            numbers = []
-        if len(numbers) != VALUES[kind]:
-            yield f"{at}: {text!r} is no {kind}"
+        return text.strip() in ("true", "false", "0", "1")
+    number = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", re.IGNORECASE)
+    parts = text.split()
+    return kind not in VALUES or (len(parts) == VALUES[kind] and all(map(number.fullmatch, parts)))
 
 
 @pytest.fixture(scope="module")
@@ -101,23 +97,19 @@ def described() -> Description:
 
 KNOWN = {
     "/sdf/world/actor: element link is missing",
-    "/sdf/world: element physics is missing",
-    "/sdf/world: element scene is missing",
-    "/sdf/world: element atmosphere is missing",
-    "/sdf/world: element gravity is missing",
-    "/sdf/world: element magnetic_field is missing",
-}
+    *(f"/sdf/world: element {name} is missing" for name in ("physics", "scene", "atmosphere", "gravity",
+                                                            "magnetic_field")),
+}  # fmt: skip
 """What Gazebo's parser fills in by default, and shipped worlds leave out, too."""
 
 
 @pytest.mark.parametrize("name", ["warehouse", "hospital"])
 def test_a_world_with_actors_follows_the_description_of_sdformat(described: Description, name: str) -> None:
     world = load_world(name)
-    mission = Mission.of(world, world.routes[0])
-    scenario = RandomGenerator().propose(Brief(mission=mission, requirement=None, seed=3), world).scenario
+    brief = Brief(mission=Mission.of(world, world.routes[0]), requirement=None, seed=3)
+    scenario = RandomGenerator().propose(brief, world).scenario
     assert scenario is not None
-    run = KinematicSimulator().run(scenario, world, seed=1)
-    root = ET.fromstring(world_sdf(world, run))
+    root = ET.fromstring(world_sdf(world, KinematicSimulator().run(scenario, world, seed=1)))
     assert len(list(root.iter("actor"))) == 2
     assert set(wrong(root, described)) <= KNOWN
 
@@ -132,11 +124,7 @@ def test_a_world_with_actors_follows_the_description_of_sdformat(described: Desc
         ("<delay_start>0</delay_start>", "<delay_start>0</delay_start><delay_start>0</delay_start>"),
     ],
 )
-def test_the_check_finds_what_is_wrong(described: Description, old: str, new: str) -> None:
-    world = load_world("warehouse")
-    mission = Mission.of(world, world.routes[0])
-    scenario = RandomGenerator().propose(Brief(mission=mission, requirement=None, seed=3), world).scenario
-    assert scenario is not None
-    text = world_sdf(world, KinematicSimulator().run(scenario, world, seed=1))
+def test_the_check_finds_what_is_wrong(described: Description, world: World, run: Run, old: str, new: str) -> None:
+    text = world_sdf(world, run)
     assert old in text
     assert set(wrong(ET.fromstring(text.replace(old, new, 1)), described)) - KNOWN

@@ -30,10 +30,14 @@ URDF = """<robot name="my robot">
 """
 
 
-def test_outline_lidars_and_wheel_speed_are_read(tmp_path: Path) -> None:
-    path = tmp_path / "robot.urdf"
-    path.write_text(URDF)
-    found = read_urdf(path)
+def written(folder: Path, text: str) -> Path:
+    path = folder / "robot.urdf"
+    path.write_text(text)
+    return path
+
+
+def test_outline_lidars_and_wheel_speed_are_read_and_with_the_missing_limits_it_is_a_robot_file(tmp_path: Path) -> None:
+    found = read_urdf(written(tmp_path, URDF))
     assert found.values["name"] == "my_robot"
     xs, ys = zip(*found.values["footprint"], strict=True)
     assert (min(xs), max(xs)) == pytest.approx((-0.35, 0.45))
@@ -42,22 +46,14 @@ def test_outline_lidars_and_wheel_speed_are_read(tmp_path: Path) -> None:
     assert found.values["limits"] == {"speed_m_s": 1.2, "reverse_m_s": 1.2}
     (lidar,) = found.values["lidars"]
     assert (lidar["x"], lidar["y"], lidar["height_m"]) == pytest.approx((0.4, 0.0, 0.2))
-    assert lidar["yaw"] == pytest.approx(0.5 + 0.2)
-    assert lidar["field_of_view_rad"] == pytest.approx(4.4)
+    assert (lidar["yaw"], lidar["field_of_view_rad"]) == pytest.approx((0.5 + 0.2, 4.4))
     assert (lidar["rays"], lidar["rate_hz"], lidar["noise_m"]) == (541, 15.0, 0.02)
-
-
-def test_with_the_missing_limits_it_is_a_robot_file(tmp_path: Path) -> None:
-    path = tmp_path / "robot.urdf"
-    path.write_text(URDF)
-    found = read_urdf(path)
     assert any("acceleration_m_s2" in sentence for sentence in found.missing)
     values = dict(found.values)
     wanted = ("yaw_rate_rad_s", "acceleration_m_s2", "deceleration_m_s2", "yaw_acceleration_rad_s2")
     values["limits"] |= dict.fromkeys(wanted, 1.0)
-    robot_file = tmp_path / "robot.yaml"
-    robot_file.write_text(yaml.safe_dump(values))
-    assert load_robot(robot_file).limits.speed_m_s == 1.2
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(values))
+    assert load_robot(tmp_path / "robot.yaml").limits.speed_m_s == 1.2
 
 
 @pytest.mark.parametrize(
@@ -71,17 +67,13 @@ def test_with_the_missing_limits_it_is_a_robot_file(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_no_urdf_is_one_message(tmp_path: Path, text: str) -> None:
-    path = tmp_path / "robot.urdf"
-    path.write_text(text)
     with pytest.raises(FileError):
-        read_urdf(path)
+        read_urdf(written(tmp_path, text))
 
 
 def test_a_robot_of_meshes_says_what_is_missing(tmp_path: Path) -> None:
-    path = tmp_path / "robot.urdf"
     mesh = '<collision><geometry><mesh filename="a.stl"/></geometry></collision>'
-    path.write_text(f'<robot name="a"><link name="base_link">{mesh}</link></robot>')
-    found = read_urdf(path)
+    found = read_urdf(written(tmp_path, f'<robot name="a"><link name="base_link">{mesh}</link></robot>'))
     assert "footprint" not in found.values
     assert len([sentence for sentence in found.missing if sentence.startswith(("footprint", "lidars"))]) == 3
     assert found.values["lidars"] == []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import pytest
 from tests.coded import coded
@@ -13,7 +13,7 @@ from tests.conformance.briefs import odd_briefs
 
 from rvsg.core.errors import BudgetSpent, InputError, ModelUnavailable, ReplayDiverged
 from rvsg.generation.conversation import VlmGenerator
-from rvsg.generation.facts import Way, pictures_of
+from rvsg.generation.facts import pictures_of
 from rvsg.generation.generator import Proposal, Rehearsal
 from rvsg.generation.replies import LESSON_CHARACTERS
 from rvsg.generation.vlm.model import Answer, Scripted, picture_tokens
@@ -73,10 +73,19 @@ REFUSED = Answer(text="No.", model="m", finish="refused")
 CONVERSATIONS = [("compact", [GOOD]), ("study", STUDY)]
 
 
-def asked(brief: Brief, world: World, *replies: Any, **options: Any) -> tuple[Proposal, Scripted]:
+class Asking(Protocol):
+    def __call__(self, *replies: Any, brief: Brief = ..., **options: Any) -> tuple[Proposal, Scripted]: ...
+
+
+@pytest.fixture
+def ask(brief: Brief, warehouse: World) -> Asking:
     """The proposal of a model that gives these replies, and the model with what it was asked."""
-    model = Scripted(replies)
-    return VlmGenerator(model, **options).propose(brief, world), model
+
+    def ask(*replies: Any, brief: Brief = brief, **options: Any) -> tuple[Proposal, Scripted]:
+        model = Scripted(replies)
+        return VlmGenerator(model, **options).propose(brief, warehouse), model
+
+    return ask
 
 
 def told(model: Scripted) -> str:
@@ -93,41 +102,29 @@ def remembered(scenario: Scenario, lesson: str = "") -> Remembered:
 
 
 @pytest.fixture
-def first(brief: Brief, warehouse: World) -> Scenario:
-    return asked(brief, warehouse, GOOD)[0].scenario
+def first(ask: Asking) -> Scenario:
+    return ask(GOOD)[0].scenario
 
 
 def refining(brief: Brief, scenario: Scenario, **more: Any) -> Brief:
     moment = Moment(
-        time_s=4.5,
-        robot_at="F13",
-        humans_at={"Human 1": "G11", "Human 2": "E21"},
-        closest_human="Human 1",
-        gap_m=0.8,
-        robot_speed_m_s=0.4,
-        note="the robot slows down",
-    )
+        time_s=4.5, robot_at="F13", humans_at={"Human 1": "G11", "Human 2": "E21"}, closest_human="Human 1",
+        gap_m=0.8, robot_speed_m_s=0.4, note="the robot slows down",
+    )  # fmt: skip
     feedback = Feedback(
-        scenario=scenario,
-        objectives=(1.0, 1.4),
-        mean=1.2,
-        interval=(1.0, 1.4),
-        violation_share=0.5,
-        previous_mean=1.3,
-        separable=False,
-        moments=(moment,),
+        scenario=scenario, objectives=(1.0, 1.4), mean=1.2, interval=(1.0, 1.4), violation_share=0.5,
+        previous_mean=1.3, separable=False, moments=(moment,), series_of="gap in m",
         influences=(
             HumanInfluence(name="Human 1", closest_gap_m=0.8, share_within_2_m=0.4, idle_waypoints=("G10",)),
             HumanInfluence(name="Human 2", closest_gap_m=2.8, share_within_2_m=0.0, idle_waypoints=("D22", "D20")),
         ),
         series=(Sample(time_s=0.0, robot_at="G12", humans_at={"Human 1": "G10", "Human 2": "D22"}, value=2.5),),
-        series_of="gap in m",
-    ).replace(**more)
+    ).replace(**more)  # fmt: skip
     return brief.replace(kind="refine", feedback=feedback, configuration_index=1)
 
 
-def test_a_valid_answer_takes_one_call(brief: Brief, warehouse: World) -> None:
-    proposal, _ = asked(brief, warehouse, GOOD)
+def test_a_valid_answer_takes_one_call(ask: Asking, brief: Brief, warehouse: World) -> None:
+    proposal, _ = ask(GOOD)
     assert purposes(proposal) == ["new"]
     assert check(proposal.scenario.people, brief.mission, warehouse) == ()
     assert (proposal.scenario.description, proposal.reasoning) == ("Restocking.", "They meet at E21.")
@@ -136,46 +133,44 @@ def test_a_valid_answer_takes_one_call(brief: Brief, warehouse: World) -> None:
     assert proposal.first_findings == proposal.problems == ()
 
 
-def test_findings_go_back_and_what_is_left_after_the_corrections_is_repaired(brief: Brief, warehouse: World) -> None:
-    proposal, model = asked(brief, warehouse, JUMP, GOOD)
+def test_findings_go_back_and_what_is_left_after_the_corrections_is_repaired(
+    ask: Asking, brief: Brief, warehouse: World
+) -> None:
+    proposal, model = ask(JUMP, GOOD)
     assert (purposes(proposal), proposal.corrections, proposal.repairs) == (["new", "correct"], 1, ())
     assert [f.rule for f in proposal.first_findings] == ["not-neighbours"]
     assert str(proposal.first_findings[0]) in told(model)
-    repaired, _ = asked(brief, warehouse, UNKNOWN, UNKNOWN, JUMP)
+    repaired, _ = ask(UNKNOWN, UNKNOWN, JUMP)
     assert (repaired.corrections, repaired.problems) == (2, ())
     assert repaired.repairs
     assert check(repaired.scenario.people, brief.mission, warehouse) == ()
-    earlier, _ = asked(brief, warehouse, JUMP, "I give up.", "")
+    earlier, _ = ask(JUMP, "I give up.", "")
     assert earlier.scenario is not None and earlier.repairs
+
+
+ONE_HUMAN = json.dumps({"description": "one only", "humans": [ONE]})
 
 
 @pytest.mark.parametrize(
     "bad",
-    [
-        "",
-        "I'm sorry, I can't help with that.",
-        REFUSED,
-        '{"weather": "fine"}',
-        json.dumps({"description": "one only", "humans": [ONE]}),
-        "x" * 200_000,
-    ],
+    ["", "I'm sorry, I can't help with that.", REFUSED, '{"weather": "fine"}', ONE_HUMAN, "x" * 200_000],
     ids=["empty", "prose", "refusal", "other-json", "missing-human", "200k"],
 )
 def test_an_answer_that_cannot_be_used_is_asked_for_again_and_then_kept_with_its_problems(
-    brief: Brief, warehouse: World, bad: Any
+    ask: Asking, bad: Any
 ) -> None:
-    better, _ = asked(brief, warehouse, bad, GOOD)
+    better, _ = ask(bad, GOOD)
     assert better.scenario is not None and better.first_findings
-    hopeless, model = asked(brief, warehouse, *[bad] * 3)
+    hopeless, model = ask(*[bad] * 3)
     assert hopeless.scenario is None and hopeless.problems
     assert len(model.asked) == 3
 
 
-def test_a_truncated_answer_is_told_to_be_and_an_extra_human_left_out(brief: Brief, warehouse: World) -> None:
-    proposal, model = asked(brief, warehouse, GOOD[: GOOD.index('"Shelf 5')], GOOD)
+def test_a_truncated_answer_is_told_to_be_and_an_extra_human_left_out(ask: Asking) -> None:
+    proposal, model = ask(GOOD[: GOOD.index('"Shelf 5')], GOOD)
     assert proposal.scenario is not None and "ends before" in told(model)
     three = json.dumps({"description": "d", "humans": [ONE, TWO, {**TWO, "name": "Boss"}]})
-    proposal, _ = asked(brief, warehouse, three, corrections=0)
+    proposal, _ = ask(three, corrections=0)
     assert [h.name for h in proposal.scenario.people.humans] == ["Human 1", "Human 2"]
     assert [r.human for r in proposal.repairs] == ["Boss"]
 
@@ -204,38 +199,32 @@ def test_calls_of_a_kind_begin_alike_and_a_refinement_shows_the_map_small_and_no
     assert "Boxes 1" in model.asked[1].messages[1].text
 
 
-def test_a_lesson_travels_to_the_next_scenario(brief: Brief, warehouse: World) -> None:
+def test_a_lesson_travels_to_the_next_scenario(ask: Asking, brief: Brief) -> None:
     lesson = "Slow people ahead  of the robot\nhold it up. " + 60 * "And so on. "
     learnt = json.dumps(json.loads(GOOD) | {"lesson": lesson})
-    new, _ = asked(brief, warehouse, learnt)
+    new, _ = ask(learnt)
     assert new.lesson == ""  # nothing was measured yet
-    refined, model = asked(refining(brief, new.scenario), warehouse, learnt)
+    refined, model = ask(learnt, brief=refining(brief, new.scenario))
     assert refined.lesson.startswith("Slow people ahead of the robot hold it up.")
     assert len(refined.lesson) == LESSON_CHARACTERS and refined.lesson not in told(model)
     later = brief.replace(memory=(remembered(new.scenario, refined.lesson),), scenario_index=1)
-    assert refined.lesson in told(asked(later, warehouse, GOOD)[1])
+    assert refined.lesson in told(ask(GOOD, brief=later)[1])
+
+
+CUT_OFF = "1 of 2 runs ended at the time limit, which cuts the value off; the runs: 25, 24)"
 
 
 @pytest.mark.parametrize(
-    ("measured", "words", "silent"),
-    [
-        (
-            {"objectives": (25.0, 24.0), "capped": 1},
-            [
-                "1 of 2 runs ended at the time limit, which cuts the value off; the runs: 25, 24)",
-                "Improve it",
-            ],
-            "interval",
-        ),
-        ({"objectives": (25.0, 25.0), "capped": 2}, ["it cannot get worse"], "interval"),
-    ],
+    ("objectives", "capped", "words"),
+    [((25.0, 24.0), 1, [CUT_OFF, "Improve it"]), ((25.0, 25.0), 2, ["it cannot get worse"])],
 )
 def test_values_that_the_time_limit_cuts_off_have_their_runs_told_and_no_interval(
-    measured: dict[str, Any], words: list[str], silent: str, brief: Brief, warehouse: World, first: Scenario
+    objectives: tuple[float, float], capped: int, words: list[str], ask: Asking, brief: Brief, first: Scenario
 ) -> None:
-    _, model = asked(refining(brief, first, mean=24.5, interval=(12.0, 25.0), **measured), warehouse, GOOD)
+    measured = {"objectives": objectives, "capped": capped, "mean": 24.5, "interval": (12.0, 25.0)}
+    _, model = ask(GOOD, brief=refining(brief, first, **measured))
     assert all(each in told(model) for each in words)
-    assert silent not in told(model)
+    assert "interval" not in told(model)
 
 
 def test_a_refinement_is_told_its_analysis_its_plan_and_where_the_robot_lags(
@@ -268,14 +257,14 @@ def test_a_refinement_is_told_its_analysis_its_plan_and_where_the_robot_lags(
 
 @pytest.mark.parametrize(("conversation", "replies"), CONVERSATIONS)
 def test_a_new_scenario_is_told_what_the_last_configuration_measured(
-    conversation: str, replies: list[str], brief: Brief, warehouse: World, first: Scenario
+    conversation: str, replies: list[str], ask: Asking, brief: Brief, first: Scenario
 ) -> None:
     person = PersonAt(at="D20", doing="pausing", side="left", distance_m=1.25)
     row = Row(time_s=4.0, robot_at="F13", people={"Human 2": person}, value=0.5)
     last = refining(brief, first, rows=(row,)).feedback
     learnt = GOOD.replace('"analysis"', '"lesson": "Corners hold it up.", "analysis"')
     new = brief.replace(memory=(remembered(first),), untold=last, scenario_index=1)
-    proposal, model = asked(new, warehouse, *replies[:-1], learnt, conversation=conversation)
+    proposal, model = ask(*replies[:-1], learnt, brief=new, conversation=conversation)
     assert proposal.lesson == "Corners hold it up."
     text = "".join(message.text for message in model.asked[0].messages)
     assert "| 4 | F13 | 0.5 | D20, pausing, 1.25 left |" in text
@@ -298,16 +287,11 @@ def test_the_route_is_told_and_drawn_as_the_robot_drives_it_not_as_the_file_says
     ):
         assert words in text
     assert "roughly passes" not in text
-    (shown, grid), (plain, same_grid) = (
-        generator.pictures(brief, warehouse),
-        pictures_of(warehouse, brief.mission.route),
-    )
+    shown, grid = generator.pictures(brief, warehouse)
+    plain, same_grid = pictures_of(warehouse, brief.mission.route)
     assert shown.digest != plain.digest and grid.digest == same_grid.digest
-
-
-@pytest.mark.parametrize("way", [(), ((0.0, 1.0, 1.0), (0.5, 1.0, 1.0))])
-def test_a_drive_that_goes_nowhere_is_not_drawn(way: Way, brief: Brief, warehouse: World) -> None:
-    assert pictures_of(warehouse, brief.mission.route, way)[0].png == pictures_of(warehouse, brief.mission.route)[0].png
+    for nowhere in ((), ((0.0, 1.0, 1.0), (0.5, 1.0, 1.0))):
+        assert pictures_of(warehouse, brief.mission.route, nowhere)[0].digest == plain.digest
 
 
 @pytest.mark.parametrize("tunes", [False, True])
@@ -318,7 +302,7 @@ def test_only_where_an_optimiser_follows_numbers_are_said_to_be_tuned(
     assert ("optimiser" in prompts[-1].text) == tunes
 
 
-def test_feedback_tells_the_truth(brief: Brief, warehouse: World, first: Scenario) -> None:
+def test_feedback_tells_the_truth(ask: Asking, brief: Brief, first: Scenario) -> None:
     person = PersonAt(at="D20", doing="walking leg 3 of 12", side="left", distance_m=1.25)
     still = person.replace(doing="standing still")
     measured = {
@@ -350,7 +334,7 @@ def test_feedback_tells_the_truth(brief: Brief, warehouse: World, first: Scenari
     given = refining(brief, first, **measured)
     row = Row(time_s=2.0, robot_at="F12", people={"Human 2": person}, value=1.9)
     weaker = given.feedback.replace(objectives=(1.9,), mean=1.9, rows=(row,))
-    proposal, model = asked(refining(brief, first, **measured, weaker=weaker), warehouse, GOOD)
+    proposal, model = ask(GOOD, brief=refining(brief, first, **measured, weaker=weaker))
     for words in (
         "2 times",
         "1.2 m on average (95 % interval 1 to 1.4; the runs: ",
@@ -400,24 +384,24 @@ OTHER = (
     ],
 )
 def test_a_refinement_is_described_by_what_its_own_people_do(
-    conversation: str, reply: str, description: str, brief: Brief, warehouse: World, first: Scenario
+    conversation: str, reply: str, description: str, ask: Asking, brief: Brief, first: Scenario
 ) -> None:
     replies = [reply] if conversation == "compact" else [LINES, LINES, reply]
-    proposal, _ = asked(refining(brief, first), warehouse, *replies, conversation=conversation)
+    proposal, _ = ask(*replies, brief=refining(brief, first), conversation=conversation)
     assert proposal.scenario.description.startswith(description)
 
 
 @pytest.mark.parametrize(("conversation", "replies"), CONVERSATIONS)
 def test_an_unguided_brief_hears_of_no_requirement_feedback_or_memory(
-    conversation: str, replies: list[str], brief: Brief, warehouse: World
+    conversation: str, replies: list[str], ask: Asking, brief: Brief
 ) -> None:
-    proposal, model = asked(brief.replace(requirement=None), warehouse, *replies, conversation=conversation)
+    proposal, model = ask(*replies, brief=brief.replace(requirement=None), conversation=conversation)
     said = "\n".join(m.text for m in model.asked[-1].messages)
     assert proposal.scenario is not None
     assert not any(word in said for word in ("Collision", "violated", "Earlier scenarios"))
 
 
-def test_the_study_conversation_follows_the_published_sequence(brief: Brief, warehouse: World) -> None:
+def test_the_study_conversation_follows_the_published_sequence(ask: Asking, brief: Brief, warehouse: World) -> None:
     model = Scripted([*STUDY, LINES, LINES, GOOD])
     generator = VlmGenerator(model, conversation="study")
     first = generator.propose(brief, warehouse)
@@ -428,43 +412,41 @@ def test_the_study_conversation_follows_the_published_sequence(brief: Brief, war
     assert len(history) == 1 + 2 * 5 + 1
     assert "0; G12; G10; D22; 2.5" in history[-1].text and "Human 2 at; gap in m)" in history[-1].text
     other = brief.replace(memory=(remembered(first.scenario),))
-    assert purposes(asked(other, warehouse, *STUDY, conversation="study")[0])[0] == "P2"
+    assert purposes(ask(*STUDY, brief=other, conversation="study")[0])[0] == "P2"
 
 
 @pytest.mark.parametrize("answered", range(4))
-def test_the_study_conversation_ends_where_an_answer_is_refused(answered: int, brief: Brief, warehouse: World) -> None:
-    proposal, _ = asked(brief, warehouse, *STUDY[:answered], REFUSED, conversation="study", corrections=0)
+def test_the_study_conversation_ends_where_an_answer_is_refused(answered: int, ask: Asking) -> None:
+    proposal, _ = ask(*STUDY[:answered], REFUSED, conversation="study", corrections=0)
     assert proposal.scenario is None
     assert [problem.rule for problem in proposal.problems] == ["refused-reply"]
     assert purposes(proposal) == ["P1", "P3", "P4", "P6"][: answered + 1]
 
 
-def test_the_checkers_findings_on_the_paths_in_prose_go_into_p6(brief: Brief, warehouse: World) -> None:
+def test_the_checkers_findings_on_the_paths_in_prose_go_into_p6(ask: Asking) -> None:
     jumping = LINES.replace("D22, E21, D20", "D22, D20")
-    proposal, model = asked(brief, warehouse, *STUDY[:2], jumping, LINES, GOOD, conversation="study")
+    proposal, model = ask(*STUDY[:2], jumping, LINES, GOOD, conversation="study")
     assert "D20" in model.asked[3].messages[-1].text.split("It found:")[1].split("Correct every")[0]
     assert proposal.first_findings == ()
-    prose = [*STUDY[:2], "in prose only", LINES, JUMP, LINES, GOOD]
-    corrected, model = asked(brief, warehouse, *prose, conversation="study")
+    corrected, model = ask(*STUDY[:2], "in prose only", LINES, JUMP, LINES, GOOD, conversation="study")
     assert purposes(corrected) == ["P1", "P3", "P4", "P6", "P7", "P6", "P7"]
     assert "could not be found" in model.asked[3].messages[-1].text
 
 
 def test_a_study_refinement_goes_on_from_the_recorded_history_or_from_the_shortest_equal_one(
-    brief: Brief, warehouse: World, tmp_path: Path
+    ask: Asking, brief: Brief, tmp_path: Path
 ) -> None:
-    first = asked(brief, warehouse, *STUDY, conversation="study", folder=tmp_path)[0].scenario
-    replies = [LINES, LINES, GOOD]
-    _, resumed = asked(refining(brief, first), warehouse, *replies, conversation="study", folder=tmp_path)
+    first = ask(*STUDY, conversation="study", folder=tmp_path)[0].scenario
+    _, resumed = ask(LINES, LINES, GOOD, brief=refining(brief, first), conversation="study", folder=tmp_path)
     assert len(resumed.asked[0].messages) == 12
-    _, fresh = asked(refining(brief, first), warehouse, *replies, conversation="study")
+    _, fresh = ask(LINES, LINES, GOOD, brief=refining(brief, first), conversation="study")
     assert [m.role for m in fresh.asked[0].messages] == ["system", "user", "assistant", "user", "assistant", "user"]
 
 
 def test_a_record_replays_without_a_model_under_any_seed_and_says_what_it_does_not_hold(
-    brief: Brief, warehouse: World, tmp_path: Path
+    ask: Asking, brief: Brief, warehouse: World, tmp_path: Path
 ) -> None:
-    first, _ = asked(brief, warehouse, JUMP, GOOD, folder=tmp_path)
+    first, _ = ask(JUMP, GOOD, folder=tmp_path)
     replay = VlmGenerator(replay=tmp_path / "vlm", strict=True)
     assert replay.propose(brief, warehouse) == first
     assert replay.notes == ()
@@ -474,8 +456,10 @@ def test_a_record_replays_without_a_model_under_any_seed_and_says_what_it_does_n
         replay.propose(brief.replace(scenario_index=1), warehouse)
 
 
-def test_a_replay_says_where_the_present_prompts_diverge(brief: Brief, warehouse: World, tmp_path: Path) -> None:
-    asked(brief, warehouse, GOOD, folder=tmp_path)
+def test_a_replay_says_where_the_present_prompts_diverge(
+    ask: Asking, brief: Brief, warehouse: World, tmp_path: Path
+) -> None:
+    ask(GOOD, folder=tmp_path)
     prompts = tmp_path / "prompts"
     prompts.mkdir()
     (prompts / "compact-new.md.j2").write_text("{# declares: requirement, memory #}\nSomething else.\n")
@@ -487,31 +471,26 @@ def test_a_replay_says_where_the_present_prompts_diverge(brief: Brief, warehouse
         VlmGenerator(replay=tmp_path / "vlm", prompts=prompts, strict=True).propose(brief, warehouse)
 
 
-def test_a_campaign_stopped_between_two_calls_goes_on_without_asking_again(
-    brief: Brief, warehouse: World, tmp_path: Path
-) -> None:
+def test_a_campaign_stopped_between_two_calls_goes_on_without_asking_again(ask: Asking, tmp_path: Path) -> None:
     with pytest.raises(BudgetSpent):
-        asked(brief, warehouse, JUMP, GOOD, folder=tmp_path, budget_calls=1)
-    proposal, resumed = asked(brief, warehouse, GOOD, folder=tmp_path, budget_calls=2)
+        ask(JUMP, GOOD, folder=tmp_path, budget_calls=1)
+    proposal, resumed = ask(GOOD, folder=tmp_path, budget_calls=2)
     assert len(resumed.asked) == 1
-    assert proposal == asked(brief, warehouse, JUMP, GOOD)[0]
+    assert proposal == ask(JUMP, GOOD)[0]
 
 
-def test_a_service_that_ends_stops_with_what_is_recorded_kept(brief: Brief, warehouse: World, tmp_path: Path) -> None:
-    with pytest.raises(ModelUnavailable):
-        asked(brief, warehouse, JUMP, folder=tmp_path)
-    kept = Recording(tmp_path / "vlm")
-    assert [(call.purpose, call.error is None) for call in kept] == [("new", True), ("correct", False)]
-
-
-def test_a_line_cut_off_by_a_crash_is_left_out_and_written_behind(
-    brief: Brief, warehouse: World, tmp_path: Path
+def test_a_service_that_ends_or_a_crash_in_a_line_leaves_what_is_recorded(
+    ask: Asking, brief: Brief, tmp_path: Path
 ) -> None:
-    asked(brief, warehouse, GOOD, folder=tmp_path)
-    calls = tmp_path / "vlm" / "calls.jsonl"
+    with pytest.raises(ModelUnavailable):
+        ask(JUMP, folder=tmp_path / "a")
+    kept = Recording(tmp_path / "a" / "vlm")
+    assert [(call.purpose, call.error is None) for call in kept] == [("new", True), ("correct", False)]
+    ask(GOOD, folder=tmp_path / "b")
+    calls = tmp_path / "b" / "vlm" / "calls.jsonl"
     calls.write_bytes(calls.read_bytes() + b'{"key": "s000-c0')
-    asked(brief.replace(scenario_index=1), warehouse, GOOD, folder=tmp_path)
-    assert [call.number for call in Recording(tmp_path / "vlm")] == [1, 1]
+    ask(GOOD, brief=brief.replace(scenario_index=1), folder=tmp_path / "b")
+    assert [call.number for call in Recording(tmp_path / "b" / "vlm")] == [1, 1]
 
 
 def test_text_from_labels_reaches_the_model_only_as_data(brief: Brief, warehouse: World) -> None:
@@ -532,13 +511,21 @@ def test_text_from_labels_reaches_the_model_only_as_data(brief: Brief, warehouse
         ({"model": "x:y", "corrections": -1}, "corrections"),
         ({"model": "x:y", "budget_dollars": 3}, "unknown-name"),
         ({"model": "x:y", "tries": 0}, "options"),
-        ({"model": "openai-chat:nobody-knows", "budget_usd": 1.0}, "price-unknown"),
+        (
+            {"model": "openai-chat:nobody-knows", "budget_usd": 1.0, "base_url": "http://127.0.0.1:1/v1"},
+            "price-unknown",
+        ),
+        ({"model": "openai-chat:gpt-4.1"}, "model-key-missing"),
         ({"replay": Path("/nowhere")}, "replay-empty"),
     ],
 )
-def test_options_that_cannot_be_used_are_refused(options: dict[str, Any], code: str) -> None:
+def test_options_that_cannot_be_used_are_refused_before_anything_is_written(
+    options: dict[str, Any], code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("OPENAI_API_KEY", raising=False)
     with pytest.raises(InputError, check=coded(code)):
-        VlmGenerator(**options)
+        VlmGenerator(**options, folder=tmp_path / "campaign")
+    assert not (tmp_path / "campaign").exists()
 
 
 @pytest.mark.parametrize(("conversation", "replies"), CONVERSATIONS)
@@ -550,13 +537,6 @@ def test_first_prompts_are_those_of_the_first_call(
     shown = generator.first_prompts(brief, warehouse)
     generator.propose(brief, warehouse)
     assert shown == model.asked[0].messages
-
-
-def test_a_missing_key_is_told_before_anything_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("OPENAI_API_KEY", raising=False)
-    with pytest.raises(InputError, check=coded("model-key-missing")):
-        VlmGenerator("openai-chat:gpt-4.1", folder=tmp_path / "campaign")
-    assert not (tmp_path / "campaign").exists()
 
 
 @pytest.mark.parametrize("conversation", ["compact", "study"])
