@@ -32,43 +32,52 @@ TEXTS = {"layout": "Shelves in the north: six of them.\nBoxes # left.", "grid": 
 CLEAN = {key: " ".join(text.split()) for key, text in TEXTS.items()}
 
 
-def describing(world: World, model: Scripted) -> EnvironmentDialogue:
-    return EnvironmentDialogue(world, model, Prompts())
+ANSWERS = ["layout analysis", "grid analysis", json.dumps(TEXTS)]
+
+
+def describing(world: World, *answers: str) -> tuple[EnvironmentDialogue, Scripted]:
+    model = Scripted(list(answers))
+    return EnvironmentDialogue(world, model, Prompts()), model
 
 
 def test_three_turns_show_the_map_then_grid_and_map_then_sum_up(warehouse: World) -> None:
-    model = Scripted(["layout analysis", "grid analysis", json.dumps(TEXTS)])
-    dialogue = describing(warehouse, model)
+    dialogue, model = describing(warehouse, *ANSWERS)
     description = dialogue.describe()
-    assert (description.layout, description.grid) == (CLEAN["layout"], CLEAN["grid"])
-    assert not description.reviewed
+    assert (description.layout, description.grid, description.reviewed) == (CLEAN["layout"], CLEAN["grid"], False)
     assert [call.purpose for call in dialogue.calls] == ["layout", "grid", "summary"]
     shown = [[p.name for p in m.pictures] for m in model.asked[2].messages if m.role == "user"]
     assert shown == [["labelled map", "bird's-eye view"], ["grid of waypoints", "labelled map"], []]
     assert "slantingly" in model.asked[0].messages[1].text
-
-
-def test_a_world_from_a_bare_map_is_described_without_the_heights_it_does_not_know(tmp_path: Path) -> None:
-    bare = replace(load_world("warehouse"), objects=())
-    model = Scripted(["layout analysis", "grid analysis", json.dumps(TEXTS)])
-    describing(bare, model).describe()
+    dialogue, model = describing(replace(warehouse, objects=()), *ANSWERS)  # a bare map knows no heights
+    dialogue.describe()
     first = model.asked[0].messages[1]
-    assert [p.name for p in first.pictures] == ["labelled map"]
-    assert "slantingly" not in first.text
+    assert [p.name for p in first.pictures] == ["labelled map"] and "slantingly" not in first.text
+
+
+CORRECTED = json.dumps({**TEXTS, "grid": "Corrected."})
 
 
 def test_a_reason_goes_into_one_more_turn(warehouse: World) -> None:
-    model = Scripted(["a", "b", json.dumps(TEXTS), json.dumps({**TEXTS, "grid": "Corrected."})])
-    dialogue = describing(warehouse, model)
+    dialogue, model = describing(warehouse, *ANSWERS, CORRECTED)
     dialogue.describe()
     assert dialogue.revise("There is no door at E1.").grid == "Corrected."
     assert "There is no door at E1." in model.asked[3].messages[-1].text
 
 
+def test_a_reason_about_a_given_text_costs_one_call_with_text_and_pictures(warehouse: World) -> None:
+    dialogue, model = describing(warehouse, CORRECTED)
+    dialogue.begin_with(Description(layout="By hand: no exit.", grid="One row."))
+    assert dialogue.revise("There is an exit.").grid == "Corrected."
+    messages = model.asked[0].messages
+    assert [m.role for m in messages] == ["system", "user", "assistant", "user"]
+    assert {p.name for p in messages[1].pictures} >= {"labelled map", "grid of waypoints"}
+    assert "By hand: no exit." in messages[2].text and "There is an exit." in messages[3].text
+
+
 def test_an_unreadable_summary_is_asked_for_again_and_then_an_error(warehouse: World) -> None:
-    assert describing(warehouse, Scripted(["a", "b", "prose", json.dumps(TEXTS)])).describe().grid == CLEAN["grid"]
+    assert describing(warehouse, "a", "b", "prose", json.dumps(TEXTS))[0].describe().grid == CLEAN["grid"]
     with pytest.raises(GenerationError, check=coded("no-description")):
-        describing(warehouse, Scripted(["a", "b", "prose", "prose"])).describe()
+        describing(warehouse, "a", "b", "prose", "prose")[0].describe()
 
 
 def test_a_description_is_stored_in_the_worlds_own_file_and_the_rest_of_it_kept(
@@ -102,16 +111,14 @@ def test_the_description_of_a_shipped_world_goes_to_the_users_folder_and_into_th
         store_description(bare, Description(**CLEAN), SHIPPED / "warehouse")
 
 
-def test_a_description_file_that_cannot_be_used_is_told_with_its_line(tmp_path: Path) -> None:
-    path = tmp_path / "d.yaml"
-    for text, code in (
-        ("layout: [", "yaml"),
-        ("layout: a\n", "description-file"),
-        ("layout: a\ngrid: b\nextra: c\n", "description-file"),
-    ):
-        path.write_text(text)
-        with pytest.raises(FileError, check=coded(code)):
-            read_description_file(path)
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [("layout: [", "yaml"), ("layout: a\n", "description-file"), ("layout: a\ngrid: b\nc: d\n", "description-file")],
+)
+def test_a_description_file_that_cannot_be_used_is_told_with_its_line(tmp_path: Path, text: str, code: str) -> None:
+    (tmp_path / "d.yaml").write_text(text)
+    with pytest.raises(FileError, check=coded(code)):
+        read_description_file(tmp_path / "d.yaml")
 
 
 def test_an_edit_changes_the_texts_and_must_keep_them() -> None:
@@ -123,18 +130,6 @@ def test_an_edit_changes_the_texts_and_must_keep_them() -> None:
     for text in ("", "layout: a", "layout: a\ngrid: ''", ": ["):
         with pytest.raises(InputError):
             edited(description, text)
-
-
-def test_a_reason_about_a_given_text_costs_one_call_with_text_and_pictures(warehouse: World) -> None:
-    model = Scripted([json.dumps({**TEXTS, "grid": "Corrected."})])
-    dialogue = describing(warehouse, model)
-    dialogue.begin_with(Description(layout="By hand: no exit.", grid="One row."))
-    assert dialogue.revise("There is an exit.").grid == "Corrected."
-    messages = model.asked[0].messages
-    assert [m.role for m in messages] == ["system", "user", "assistant", "user"]
-    assert {p.name for p in messages[1].pictures} >= {"labelled map", "grid of waypoints"}
-    assert "By hand: no exit." in messages[2].text
-    assert "There is an exit." in messages[3].text
 
 
 def said(*names: Any) -> str:

@@ -12,6 +12,7 @@ from rvsg.scenario.brief import Brief
 from rvsg.scenario.placement import spawn_findings
 from rvsg.scenario.requirement import load_requirement
 from rvsg.scenario.scenario import Human, HumanConfiguration, Task
+from rvsg.world.creation import world_from
 from rvsg.world.grid import Grid, Waypoint
 from rvsg.world.world import World
 
@@ -31,8 +32,36 @@ def joined_by_rule(grid: Grid) -> set[frozenset[str]]:
     return pairs | {frozenset((entry["name"], other)) for entry in rule["also_joined"] for other in entry["to"]}
 
 
-def test_rule_and_exceptions_say_exactly_who_is_whose_neighbour(warehouse: World) -> None:
-    assert joined_by_rule(warehouse.grid) == {frozenset(hop) for hop in warehouse.grid.hops}
+@pytest.mark.parametrize(
+    "name",
+    [
+        "warehouse",
+        *(pytest.param(name, marks=pytest.mark.exhaustive)
+          for name in ("hunav_bookstore", "nav2_warehouse", "nav2_tb3_sandbox")),
+    ],
+)  # fmt: skip
+def test_positions_are_distinct_and_rule_and_exceptions_say_exactly_who_is_whose_neighbour(
+    warehouse: World, name: str
+) -> None:
+    path = MAPS / f"{name}.yaml"
+    if name != "warehouse" and not path.exists():
+        pytest.skip("the public maps are not at hand")
+    world = warehouse if name == "warehouse" else world_from("map", path, name=name).world
+    facts = world_facts(world)
+    assert facts["row_axis"] == world.grid.up
+    for key in ("rows", "columns"):
+        values = [line["at"] for line in facts[key]]
+        assert values in (sorted(values), sorted(values, reverse=True))
+        assert len(set(values)) == len(values)
+    assert joined_by_rule(world.grid) == {frozenset(hop) for hop in world.grid.hops}
+
+
+def test_a_prompt_says_how_fast_and_large_the_robot_is_and_what_moves_the_value(brief: Brief, warehouse: World) -> None:
+    robot = brief_facts(brief, warehouse)["robot"]
+    assert (robot["speed_m_s"], robot["length_m"], robot["goal_tolerance_m"]) == pytest.approx((0.5, 0.7, 0.25))
+    moved = brief.replace(requirement=load_requirement("R1"), moved_by="People who stay near.")
+    text = Prompts().render("_requirement", brief_facts(moved, warehouse))
+    assert "What moves it: People who stay near." in text
 
 
 def grid_up_y() -> Grid:
@@ -84,30 +113,6 @@ def test_the_prompt_names_the_distance_of_starts_that_the_checker_keeps(brief: B
     assert findings(told + 0.01) == []
 
 
-def test_the_warehouse_keeps_its_own_axes(warehouse: World) -> None:
-    facts = world_facts(warehouse)
-    assert facts["row_axis"] == warehouse.grid.up
-    values = [row["at"] for row in facts["rows"]]
-    assert len(set(values)) == len(values)
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("name", ["hunav_bookstore", "nav2_warehouse", "nav2_tb3_sandbox"])
-def test_public_maps_have_distinct_row_positions_and_exact_neighbours(name: str) -> None:
-    path = MAPS / f"{name}.yaml"
-    if not path.exists():
-        pytest.skip("the public maps are not at hand")
-    from rvsg.world.creation import world_from
-
-    world = world_from("map", path, name=name).world
-    facts = world_facts(world)
-    for key in ("rows", "columns"):
-        values = [line["at"] for line in facts[key]]
-        assert values == sorted(values) or values == sorted(values, reverse=True)
-        assert len(set(values)) == len(values)
-    assert joined_by_rule(world.grid) == {frozenset(hop) for hop in world.grid.hops}
-
-
 def test_a_person_acts_against_the_robot_only_where_that_is_asked_for(brief: Brief, warehouse: World) -> None:
     usual = brief_facts(brief, warehouse)
     provoked = brief_facts(brief, warehouse, provoking=True)
@@ -116,16 +121,3 @@ def test_a_person_acts_against_the_robot_only_where_that_is_asked_for(brief: Bri
     system = [Prompts().render("system", facts) for facts in (usual, provoked)]
     assert "do not act against the robot" in system[0]
     assert "do not act against the robot" not in system[1]
-
-
-def test_a_prompt_says_how_fast_and_how_large_the_robot_is(brief: Brief, warehouse: World) -> None:
-    robot = brief_facts(brief, warehouse)["robot"]
-    assert robot["speed_m_s"] == pytest.approx(0.5)
-    assert robot["length_m"] == pytest.approx(0.7)
-    assert robot["goal_tolerance_m"] == pytest.approx(0.25)
-
-
-def test_what_moves_the_value_comes_from_the_metric(brief: Brief, warehouse: World) -> None:
-    moved = brief.replace(requirement=load_requirement("R1"), moved_by="People who stay near.")
-    text = Prompts().render("_requirement", brief_facts(moved, warehouse))
-    assert "What moves it: People who stay near." in text

@@ -47,9 +47,99 @@ def scenario(seed: int = 1, **more: object) -> Scenario:
     return proposal(seed, **more).scenario
 
 
+def measured(found: Scenario) -> Feedback:
+    return Feedback(scenario=found, objectives=(1.0,), mean=1.0, interval=(1.0, 1.0))
+
+
 def refined(found: Scenario, seed: int = 1, index: int = 1, **more: object) -> Scenario:
-    feedback = Feedback(scenario=found, objectives=(1.0,), mean=1.0, interval=(1.0, 1.0))
-    return scenario(seed, kind="refine", feedback=feedback, configuration_index=index, **more)
+    return scenario(seed, kind="refine", feedback=measured(found), configuration_index=index, **more)
+
+
+def test_people_work_between_labelled_areas_never_run_and_are_described() -> None:
+    for seed in range(10):
+        found = scenario(seed)
+        assert any(activity in found.description for activity in WORLD.activities)
+        assert MISSION.route.purpose in found.description
+        for human in found.people.humans:
+            assert human.name in found.description
+            assert 0.4 <= human.speed_m_s <= 1.6
+            for task in human.tasks:
+                start, end = task_ends(task, WORLD)
+                assert start.known and end.known and start.text and end.text
+    text = proposal().reasoning
+    assert "Of 20 people drawn" in text and "Expected: mean gap" in text
+
+
+def test_refinements_keep_the_work_of_the_hour_and_differ() -> None:
+    first = scenario()
+    found = [refined(first, index=index) for index in range(1, 6)]
+    for later in found:
+        assert later.description.split(". ")[0] == first.description.split(". ")[0]
+        assert later.people != first.people
+        assert gap(later) < gap(first) + 0.3
+    assert len({later.id for later in found}) >= 4
+
+
+@pytest.mark.parametrize("requirement", [DISTANCE, SMOOTH, TIMELY, None])
+def test_nobody_starts_hard_by_the_robot(requirement: Requirement | None) -> None:
+    for seed in range(3):
+        found = scenario(seed, requirement=requirement)
+        assert warnings(found.people, MISSION, WORLD) == ()
+        assert warnings(refined(found, seed, requirement=requirement).people, MISSION, WORLD) == ()
+
+
+def test_a_refinement_leads_away_who_started_hard_by_the_robot() -> None:
+    first = scenario(1, requirement=SMOOTH)
+    near = Human(name="Human 1", tasks=(Task(name="G13 → G20", path=PATH), Task(name="G20 → G13", path=PATH[::-1])))
+    close = first.replace(people=HumanConfiguration(humans=(near, *first.people.humans[1:])))
+    assert warnings(close.people, MISSION, WORLD) != ()
+    assert warnings(refined(close, requirement=SMOOTH).people, MISSION, WORLD) == ()
+
+
+def is_pair(found: Scenario) -> bool:
+    """Whether two people work together, as is told; those who do set off together at one pace."""
+    first, second = found.people.humans
+    assert first.group == second.group
+    assert found.description.count("together with") == (first.group is not None)
+    if first.group is not None:
+        assert (first.speed_m_s, first.start_delay_s) == (second.speed_m_s, second.start_delay_s)
+    return first.group is not None
+
+
+def test_two_people_may_work_together_to_hold_the_robot_up() -> None:
+    found = [scenario(seed, requirement=TIMELY) for seed in range(12)]
+    pairs = [each for each in found if is_pair(each)]
+    assert 1 <= len(pairs) < 12
+    assert all(human.factors == ForceFactors() for each in found for human in each.people.humans)
+    assert all("Human 2 works together with Human 1" in pair.description for pair in pairs)
+    kept = []
+    for seed, later in enumerate(found[:3]):
+        for index in range(1, 7):
+            later = refined(later, seed, index, requirement=TIMELY)
+            kept.append(is_pair(later))
+    assert set(kept) == {True, False}
+
+
+def test_a_provoking_person_is_asked_for_told_of_and_kept() -> None:
+    provoking = HeuristicGenerator(tries=5, changes=10, provoking=True)
+    brief = Brief(mission=MISSION, requirement=SMOOTH, aim=Aim.DISTURB, seed=1)
+    found = provoking.propose(brief, WORLD).scenario
+    assert [h.behaviour is Behaviour.THREATENING for h in found.people.humans] == [True, False]
+    assert "steps in front of the robot" in found.description
+    for index in range(1, 5):
+        later = brief.replace(kind="refine", feedback=measured(found), configuration_index=index)
+        found = provoking.propose(later, WORLD).scenario
+        assert found.people.humans[0].behaviour is Behaviour.THREATENING
+    blind = provoking.propose(brief.replace(requirement=None), WORLD).scenario
+    assert blind.people.humans[0].behaviour is Behaviour.REGULAR
+
+
+def test_other_requirements_bring_about_other_work() -> None:
+    blocked = [FORECAST(scenario(s, requirement=TIMELY).people.humans).blocked_s for s in range(5)]
+    met = [FORECAST(scenario(s, requirement=SMOOTH).people.humans).meetings for s in range(5)]
+    near = [FORECAST(scenario(s).people.humans) for s in range(5)]
+    assert sum(blocked) > sum(f.blocked_s for f in near)
+    assert sum(met) > sum(f.meetings for f in near)
 
 
 def remembered(found: Scenario) -> Remembered:
@@ -70,34 +160,8 @@ def test_people_are_expected_nearer_to_the_robot_than_by_chance() -> None:
     assert sum(blind) > 2 * sum(aimed) and "Unguided" in proposal(requirement=None).reasoning
 
 
-def test_every_person_works_between_labelled_areas_and_never_runs() -> None:
-    for seed in range(10):
-        for human in scenario(seed).people.humans:
-            assert 0.4 <= human.speed_m_s <= 1.6
-            for task in human.tasks:
-                start, end = task_ends(task, WORLD)
-                assert start.known and end.known and start.text and end.text
-
-
-def test_the_description_tells_the_work_the_people_and_the_robots_task() -> None:
-    found = scenario()
-    assert any(activity in found.description for activity in WORLD.activities)
-    for human in found.people.humans:
-        assert human.name in found.description
-    assert MISSION.route.purpose in found.description
-
-
 def stops(human: Human) -> list[str]:
     return [ends_of(task)[0] for task in human.tasks]
-
-
-def test_a_refinement_keeps_the_work_of_the_hour_and_describes_what_its_own_people_do() -> None:
-    first = scenario()
-    for index in range(1, 6):
-        later = refined(first, index=index)
-        assert later.description.split(". ")[0] == first.description.split(". ")[0]
-        assert later.people != first.people
-        assert gap(later) < gap(first) + 0.3
 
 
 @pytest.mark.parametrize("text", [None, "Two people restock shelves."])
@@ -119,10 +183,6 @@ def test_after_many_refinements_the_description_names_the_places_of_the_people_a
     assert moved > 2
 
 
-def test_refinements_of_one_configuration_differ_from_each_other() -> None:
-    assert len({refined(scenario(), index=index).id for index in range(1, 6)}) >= 4
-
-
 def places(found: Scenario) -> set[str]:
     return {part for h in found.people.humans for t in h.tasks for part in ends_of(t)}
 
@@ -137,25 +197,6 @@ def test_memory_makes_new_scenarios_work_elsewhere() -> None:
         without.update(place in places(known) for place in places(blind))
         assert new.description.split(". ")[0] != known.description.split(". ")[0]
     assert with_memory[True] / with_memory.total() < without[True] / without.total() - 0.1
-
-
-@pytest.mark.parametrize("requirement", [DISTANCE, SMOOTH, TIMELY, None])
-def test_nobody_starts_hard_by_the_robot(requirement: Requirement | None) -> None:
-    for seed in range(3):
-        found = scenario(seed, requirement=requirement)
-        assert warnings(found.people, MISSION, WORLD) == ()
-        assert warnings(refined(found, seed, requirement=requirement).people, MISSION, WORLD) == ()
-
-
-def test_a_refinement_leads_away_who_started_hard_by_the_robot() -> None:
-    first = scenario(1, requirement=SMOOTH)
-    near = Human(
-        name="Human 1",
-        tasks=(Task(name="G13 → G20", path=PATH), Task(name="G20 → G13", path=PATH[::-1])),
-    )
-    close = first.replace(people=HumanConfiguration(humans=(near, *first.people.humans[1:])))
-    assert warnings(close.people, MISSION, WORLD) != ()
-    assert warnings(refined(close, requirement=SMOOTH).people, MISSION, WORLD) == ()
 
 
 def test_who_is_to_hold_the_robot_up_is_on_the_way_when_it_sets_off() -> None:
@@ -174,41 +215,6 @@ def test_who_is_to_hold_the_robot_up_is_on_the_way_when_it_sets_off() -> None:
     assert moving >= 5
 
 
-def test_two_people_may_work_together_to_hold_the_robot_up() -> None:
-    pairs = 0
-    for seed in range(12):
-        found = scenario(seed, requirement=TIMELY)
-        first, second = found.people.humans
-        assert first.factors == second.factors == ForceFactors()
-        if second.group is None:
-            assert "together with" not in found.description
-            continue
-        pairs += 1
-        assert first.group == second.group
-        assert (first.speed_m_s, first.start_delay_s) == (second.speed_m_s, second.start_delay_s)
-        assert "Human 2 works together with Human 1" in found.description
-    assert 1 <= pairs < 12
-
-
-def test_refinements_keep_a_pair_together_or_part_it() -> None:
-    kept, parted = 0, 0
-    for seed in range(3):
-        found = scenario(seed, requirement=TIMELY)
-        for index in range(1, 7):
-            later = refined(found, seed, index, requirement=TIMELY)
-            groups = [human.group for human in later.people.humans]
-            assert groups[0] == groups[1]
-            if groups[0] is not None:
-                kept += 1
-                assert len({(h.speed_m_s, h.start_delay_s) for h in later.people.humans}) == 1
-                assert later.description.count("together with") == 1
-            else:
-                parted += 1
-                assert "together with" not in later.description
-            found = later
-    assert kept and parted
-
-
 def told_places(description: str) -> list[str]:
     return re.findall(r"[A-M][0-9]+", description)
 
@@ -224,34 +230,6 @@ def test_some_people_do_not_step_aside_and_only_where_it_matters() -> None:
     assert heedless(DISTANCE) == heedless(None) == 0
     assert 1 <= heedless(SMOOTH) < 10
     assert 1 <= heedless(TIMELY) < 10
-
-
-def test_a_provoking_person_is_asked_for_told_of_and_kept() -> None:
-    provoking = HeuristicGenerator(tries=5, changes=10, provoking=True)
-    brief = Brief(mission=MISSION, requirement=SMOOTH, aim=Aim.DISTURB, seed=1)
-    found = provoking.propose(brief, WORLD).scenario
-    assert [h.behaviour is Behaviour.THREATENING for h in found.people.humans] == [True, False]
-    assert "steps in front of the robot" in found.description
-    for index in range(1, 5):
-        feedback = Feedback(scenario=found, objectives=(1.0,), mean=1.0, interval=(1.0, 1.0))
-        later = brief.replace(kind="refine", feedback=feedback, configuration_index=index)
-        found = provoking.propose(later, WORLD).scenario
-        assert found.people.humans[0].behaviour is Behaviour.THREATENING
-    blind = provoking.propose(brief.replace(requirement=None), WORLD).scenario
-    assert blind.people.humans[0].behaviour is Behaviour.REGULAR
-
-
-def test_the_reasoning_says_what_was_done_and_expected() -> None:
-    text = proposal().reasoning
-    assert "Of 20 people drawn" in text and "Expected: mean gap" in text
-
-
-def test_other_requirements_bring_about_other_work() -> None:
-    blocked = [FORECAST(scenario(s, requirement=TIMELY).people.humans).blocked_s for s in range(5)]
-    met = [FORECAST(scenario(s, requirement=SMOOTH).people.humans).meetings for s in range(5)]
-    near = [FORECAST(scenario(s).people.humans) for s in range(5)]
-    assert sum(blocked) > sum(f.blocked_s for f in near)
-    assert sum(met) > sum(f.meetings for f in near)
 
 
 def test_it_works_in_any_world_with_labels() -> None:

@@ -46,13 +46,9 @@ def request(number: int = 1, *, shape: dict[str, Any] | None = None, picture: bo
     shown = Picture(name="map", png=DOT)
     message = Message(role="user", text="Say something.", pictures=(shown.reference,) if picture else ())
     return Request(
-        session="s000-c00",
-        number=number,
-        purpose="P1",
-        messages=(Message(role="system", text="Be brief."), message),
-        pictures={shown.digest: shown} if picture else {},
-        shape=shape,
-    )
+        session="s000-c00", number=number, purpose="P1", messages=(Message(role="system", text="Be brief."), message),
+        pictures={shown.digest: shown} if picture else {}, shape=shape,
+    )  # fmt: skip
 
 
 def access(url: str, *, tries: int = 3, timeout_s: float = 5.0, **more: Any) -> tuple[ModelClient, list[float]]:
@@ -94,6 +90,43 @@ def test_tokens_are_estimated_and_marked_where_the_service_does_not_count() -> N
     assert usage.estimated
     assert usage.input_tokens > 85
     assert usage.cost_usd is None
+    assert ModelClient("openai-chat:gpt-4.1").knows_price() and not ModelClient("openai-chat:vision-1").knows_price()
+
+
+def test_waits_double_until_the_tries_are_spent() -> None:
+    told, waits, asked = failing(fails(429, "slow down"))
+    assert (told.code, waits, asked) == ("model-busy", [2.0, 4.0], 3)
+    with serving(says("x")) as server:
+        url = server.url
+    for tries in (1, 2):  # the server is not there any more
+        model, waits = access(url, tries=tries)
+        with pytest.raises(ModelUnavailable, check=coded("model-unreachable")):
+            model.ask(request())
+        assert len(waits) == tries - 1
+
+
+def test_a_refusal_an_empty_a_truncated_and_a_long_reply_are_answers() -> None:
+    refusal, truncated = says(None, refusal="I cannot help with that."), says('{"humans": [', finish_reason="length")
+    with serving(refusal, says(""), truncated, says("x" * 200_000)) as server:
+        model, _ = access(server.url)
+        answers = [model.ask(request(n)) for n in (1, 2, 3, 4)]
+    assert [a.finish for a in answers] == ["refused", "empty", "truncated", "complete"]
+    assert "cannot help" in answers[0].text and len(answers[3].text) == 200_000
+
+
+def test_threads_ask_side_by_side_on_connections_of_their_own() -> None:
+    with serving(says("ok")) as server, ThreadPoolExecutor(3) as pool:
+        answers = list(pool.map(access(server.url)[0].ask, [request(n) for n in range(1, 7)]))
+    assert [answer.text for answer in answers] == ["ok"] * 6
+
+
+@pytest.mark.parametrize(
+    ("name", "code"), [("openai-chat:gpt-4.1", "model-key-missing"), ("nobody:x", "model-provider")]
+)
+def test_a_missing_key_or_provider_is_an_input_error(name: str, code: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("OPENAI_API_KEY", raising=False)
+    with pytest.raises(InputError, check=coded(code)):
+        ModelClient(name).ask(request())
 
 
 @pytest.mark.parametrize(
@@ -110,38 +143,6 @@ def test_a_passing_fault_is_tried_again_after_the_wait_that_is_asked_for(fault: 
         model, waits = access(server.url, timeout_s=0.3)
         answer = model.ask(request())
     assert (answer.text, answer.usage.tries, waits) == ("recovered", 2, waited)
-
-
-def test_waits_double_until_the_tries_are_spent() -> None:
-    told, waits, asked = failing(fails(429, "slow down"))
-    assert (told.code, waits, asked) == ("model-busy", [2.0, 4.0], 3)
-
-
-@pytest.mark.parametrize("tries", [1, 2])
-def test_a_server_that_is_not_there_is_told(tries: int) -> None:
-    with serving(says("x")) as server:
-        url = server.url
-    model, waits = access(url, tries=tries)
-    with pytest.raises(ModelUnavailable, check=coded("model-unreachable")):
-        model.ask(request())
-    assert len(waits) == tries - 1
-
-
-def test_a_reply_of_200_000_characters_arrives_whole() -> None:
-    with serving(says("x" * 200_000)) as server:
-        assert len(access(server.url)[0].ask(request()).text) == 200_000
-
-
-def test_a_refusal_an_empty_and_a_truncated_reply_are_answers() -> None:
-    with serving(
-        says(None, refusal="I cannot help with that."),
-        says(""),
-        says('{"humans": [', finish_reason="length"),
-    ) as server:
-        model, _ = access(server.url)
-        answers = [model.ask(request(n)) for n in (1, 2, 3)]
-    assert [a.finish for a in answers] == ["refused", "empty", "truncated"]
-    assert "cannot help" in answers[0].text
 
 
 def test_a_server_without_structured_output_is_asked_again_in_plain_words() -> None:
@@ -213,14 +214,6 @@ def test_a_model_that_cannot_be_meant_is_refused(name: str, url: str | None, cod
         ModelClient(name, Access(base_url=url))
 
 
-def test_a_missing_key_and_an_unknown_provider_are_input_errors(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("OPENAI_API_KEY", raising=False)
-    with pytest.raises(InputError, check=coded("model-key-missing")):
-        ModelClient("openai-chat:gpt-4.1").ask(request())
-    with pytest.raises(InputError, check=coded("model-provider")):
-        ModelClient("nobody:model").ask(request())
-
-
 @pytest.mark.parametrize(
     ("behaviour", "code", "asked"),
     [
@@ -283,9 +276,8 @@ def test_a_wait_before_another_try_is_told_without_a_key() -> None:
         told: list[str] = []
         model.waiting = told.append
         model.ask(request())
-    assert len(told) == 1
-    assert "Waits 2 s, then try 2 of 3" in told[0]
-    assert KEY not in told[0]
+    (wait,) = told
+    assert "Waits 2 s, then try 2 of 3" in wait and KEY not in wait
 
 
 def test_a_recorded_answer_of_another_model_is_not_taken_for_this_ones(tmp_path: Path) -> None:
@@ -308,11 +300,6 @@ def test_calls_are_told_while_they_are_made_with_what_was_spent(tmp_path: Path) 
         ("asked", False, 0),
         ("answered", True, 0),
     ]
-
-
-def test_prices_are_known_for_known_models() -> None:
-    assert ModelClient("openai-chat:gpt-4.1").knows_price()
-    assert not ModelClient("openai-chat:vision-1").knows_price()
 
 
 def test_calls_are_paced_apart_and_only_so_many_at_once() -> None:
@@ -343,14 +330,6 @@ def test_calls_are_paced_apart_and_only_so_many_at_once() -> None:
     with ThreadPoolExecutor(8) as pool:
         list(pool.map(crowded.ask, [request(n) for n in range(1, 9)]))
     assert most[0] == 2
-
-
-def test_threads_ask_side_by_side_on_connections_of_their_own() -> None:
-    with serving(says("ok")) as server:
-        model, _ = access(server.url)
-        with ThreadPoolExecutor(3) as pool:
-            answers = list(pool.map(model.ask, [request(n) for n in range(1, 7)]))
-    assert [answer.text for answer in answers] == ["ok"] * 6
 
 
 def test_a_key_is_hidden_where_a_long_reply_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,12 +15,6 @@ from rvsg.scenario.scenario import Mission
 from rvsg.world.world_folder import load_world
 
 
-def test_the_seven_templates_of_the_method_are_there() -> None:
-    for step in ("P1-scenario", "P2-diverse-scenario", "P3-tasks", "P4-paths", "P5-refinement", "P6-revision"):
-        assert step in shipped_prompts()
-    assert "P7-configuration" in shipped_prompts()
-
-
 @pytest.mark.parametrize("path", sorted(SHIPPED.glob("*.md.j2")), ids=lambda path: path.name)
 def test_a_template_declares_exactly_what_it_and_its_parts_use(path: Path) -> None:
     environment = Environment()
@@ -35,17 +29,17 @@ def test_a_template_declares_exactly_what_it_and_its_parts_use(path: Path) -> No
     assert used(name) == declared_variables(name)
 
 
+def test_the_seven_templates_of_the_method_are_there() -> None:
+    steps = ("P1-scenario", "P2-diverse-scenario", "P3-tasks", "P4-paths", "P5-refinement", "P6-revision")
+    assert {*steps, "P7-configuration"} <= set(shipped_prompts())
+
+
 def test_no_template_speaks_of_a_particular_requirement() -> None:
     words = {"collision", "jerk", "jerky", "smooth", "stability", "efficiency", "dto", "trg", "clearance", "late"}
     for path in SHIPPED.glob("*.md.j2"):
         text = set(re.findall(r"[a-z]+", path.read_text().lower()))
         assert not words & text, path.name
     assert len(shipped_requirements()) >= 10
-
-
-def test_a_missing_variable_names_itself() -> None:
-    with pytest.raises(FileError, check=coded("prompt-variable")):
-        Prompts().render("P3-tasks", {})
 
 
 def test_a_file_of_the_same_name_replaces_a_template_and_only_that(tmp_path: Path) -> None:
@@ -60,21 +54,19 @@ def test_a_file_of_the_same_name_replaces_a_template_and_only_that(tmp_path: Pat
 
 def test_a_part_can_be_replaced_too(tmp_path: Path) -> None:
     (tmp_path / "_route.md.j2").write_text("{# declares: route #}\nROUTE {{ route.name }}\n")
-    facts = {name: [] for name in declared_variables("P4-paths")} | {
-        "route": {
-            "name": "r",
-            "start": "A1",
-            "taken": ["A1"],
-            "nearest_starts": ["B2"],
-            "apart_m": 0.8,
-            "time_limit_s": 25.0,
-        },
-        "walking_speed_m_s": 1.3,
-        "names": ["A"],
+    route = {
+        "name": "r",
+        "start": "A1",
+        "taken": ["A1"],
+        "nearest_starts": ["B2"],
+        "apart_m": 0.8,
+        "time_limit_s": 25.0,
     }
+    declared = declared_variables("P4-paths") | declared_variables("P1-scenario")
+    facts = dict.fromkeys(declared, "") | {name: [] for name in declared_variables("P4-paths")}
+    facts |= {"route": route, "walking_speed_m_s": 1.3, "names": ["A"], "requirement": None, "humans": 2}
     assert "A1" in Prompts(tmp_path).render("P4-paths", facts)
-    facts |= dict.fromkeys(declared_variables("P1-scenario") - facts.keys(), "")
-    assert "ROUTE r" in Prompts(tmp_path).render("P1-scenario", facts | {"requirement": None, "humans": 2})
+    assert "ROUTE r" in Prompts(tmp_path).render("P1-scenario", facts)
 
 
 @pytest.mark.parametrize(
@@ -92,7 +84,9 @@ def test_a_wrong_override_is_told_before_anything_is_asked(tmp_path: Path, name:
         Prompts(tmp_path)
 
 
-def test_an_override_cannot_reach_beyond_its_variables(tmp_path: Path) -> None:
+def test_an_override_cannot_reach_beyond_its_variables_and_a_missing_one_names_itself(tmp_path: Path) -> None:
+    with pytest.raises(FileError, check=coded("prompt-variable")):
+        Prompts().render("P3-tasks", {})
     attack = "{# declares: names #}\n{{ names.__class__.__mro__[1].__subclasses__() }}\n"
     (tmp_path / "P3-tasks.md.j2").write_text(attack)
     with pytest.raises(FileError, check=coded("prompt-rendering")):

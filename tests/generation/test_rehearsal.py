@@ -73,11 +73,8 @@ def test_what_an_invalid_answer_to_a_rehearsal_says_does_not_replace_a_valid_one
 
 
 def test_a_plan_that_happens_costs_no_call(brief: Brief, warehouse: World, people: HumanConfiguration) -> None:
-    near = Rehearsal(
-        robot=((0.0, "A1"),),
-        arrival_s=20.0,
-        people={human.name: Walked(nearest_m=1.0, nearest_s=3.0) for human in people.humans},
-    )
+    walked = {human.name: Walked(nearest_m=1.0, nearest_s=3.0) for human in people.humans}
+    near = Rehearsal(robot=((0.0, "A1"),), arrival_s=20.0, people=walked)
     model = Scripted([json.dumps({"analysis": "", **configuration_object(people, "Work.")})] * 2)
     made = VlmGenerator(model)
     made.rehearse = lambda mission, people: near
@@ -87,20 +84,19 @@ def test_a_plan_that_happens_costs_no_call(brief: Brief, warehouse: World, peopl
 def test_the_first_message_says_where_the_robot_is_without_people(
     brief: Brief, warehouse: World, people: HumanConfiguration
 ) -> None:
-    asked: list[HumanConfiguration] = []
+    asked: list[int] = []
 
     def rehearse(mission: Mission, people: HumanConfiguration) -> Rehearsal:
-        asked.append(people)
+        asked.append(len(people.humans))
         return Rehearsal(robot=((0.0, "E1"), (2.0, "E3")), arrival_s=19.5)
 
     model = Scripted([json.dumps({"analysis": "", **configuration_object(people, "Work.")})] * 2)
     made = VlmGenerator(model, rehearsals=0)
     made.rehearse = rehearse
-    made.propose(brief, warehouse)
-    made.propose(brief.replace(seed=4), warehouse)
-    assert [len(configuration.humans) for configuration in asked] == [0]
-    context = model.asked[0].messages[1].text
-    assert "0 s E1, 2 s E3; it arrives at 19.5 s" in context
+    for seed in (3, 4):
+        made.propose(brief.replace(seed=seed), warehouse)
+    assert asked == [0]
+    assert "0 s E1, 2 s E3; it arrives at 19.5 s" in model.asked[0].messages[1].text
 
 
 def test_a_first_prompt_stays_within_ten_thousand_tokens(brief: Brief, warehouse: World) -> None:

@@ -70,12 +70,11 @@ def test_nobody_sorts_goods_where_there_are_none(hospital: World) -> None:
 
 
 def test_an_activity_with_a_cart_is_done_with_a_trolley(hospital: World) -> None:
-    carts = replace(
-        hospital, activities=("push a linen cart from the linen store along the corridor.",), actors=(TROLLEY,)
-    )
+    work = "push a linen cart from the linen store along the corridor."
+    carts = replace(hospital, activities=(work,), actors=(TROLLEY,))
     scenario = proposed(carts, 1)
     pushing = [human for human in scenario.people.humans if human.trolley is not None]
-    named = named_in(carts.activities[0], places_of(carts, reachable_from=scenario.mission.route.start))
+    named = named_in(work, places_of(carts, reachable_from=scenario.mission.route.start))
     assert any(follows(human, named) for human in pushing)
     assert ".." not in scenario.description and "pushes a trolley" in scenario.description
 
@@ -90,29 +89,24 @@ def test_the_world_says_which_work_needs_a_trolley(hospital: World) -> None:
 
 def test_random_people_take_part_as_the_world_allows(hospital: World) -> None:
     mission = Mission.of(hospital, hospital.routes[0])
-    every = replace(hospital, actors=(TROLLEY, CHILD, WHEELCHAIR, MOVED))
-    found = []
-    for seed in (1, 2):
-        scenario = (
-            RandomGenerator().propose(Brief(mission=mission, requirement=None, seed=seed, humans=3), every).scenario
-        )
-        assert check(scenario.people, scenario.mission, every) == ()
-        found.append(scenario)
+
+    def drawn(seed: int, world: World) -> Scenario:
+        brief = Brief(mission=mission, requirement=None, seed=seed, humans=3)
+        scenario = RandomGenerator().propose(brief, world).scenario
+        assert check(scenario.people, scenario.mission, world) == ()
+        return scenario
+
+    found = [drawn(seed, replace(hospital, actors=(TROLLEY, CHILD, WHEELCHAIR, MOVED))) for seed in (1, 2)]
     people = [human for scenario in found for human in scenario.people.humans]
     assert any(human.trolley for human in people)
     assert {human.kind for human in people} > {PersonKind.ADULT}
     assert any(scenario.mission.moved for scenario in found)
-    alone = replace(hospital, actors=())
-    before = RandomGenerator().propose(Brief(mission=mission, requirement=None, seed=1, humans=3), alone).scenario
-    assert before is not None and before.mission.moved == ()
-    walks = [[task.path for task in human.tasks] for human in before.people.humans]
-    assert walks == [[task.path for task in human.tasks] for human in found[0].people.humans]
-
-
-def test_a_world_without_actors_has_adults_on_foot(hospital: World) -> None:
-    on_foot = replace(hospital, actors=())
+    before = drawn(1, replace(hospital, actors=()))
+    assert before.mission.moved == ()
+    walks = [[[task.path for task in human.tasks] for human in each.people.humans] for each in (before, found[0])]
+    assert walks[0] == walks[1]
     for seed in range(3):
-        scenario = proposed(on_foot, seed)
+        scenario = proposed(replace(hospital, actors=()), seed)
         assert {(human.kind, human.trolley) for human in scenario.people.humans} == {(PersonKind.ADULT, None)}
         assert scenario.mission.moved == ()
 
