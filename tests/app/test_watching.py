@@ -12,9 +12,10 @@ from tests.app.parts import crossing, suite_of
 import rvsg
 from rvsg.app.watch import approve, watch
 from rvsg.campaign.self_adaptation import Journal, RuleSet
-from rvsg.campaign.suite_watch import LiveSuite, RecordingMonitor, Subject, SuiteAnalyser
+from rvsg.campaign.suite_watch import LiveSuite, RecordingMonitor, Subject, SuiteWatch
 from rvsg.cli import main
 from rvsg.core.errors import InputError
+from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.store.knowledge_base import KnowledgeBase
 from rvsg_exchange.formats import export
@@ -164,13 +165,11 @@ def test_a_parameter_file_that_changes_is_a_new_version_and_a_broken_one_is_left
 
 def test_a_changed_stack_runs_the_cases_again_and_the_way_back_too(suite: rvsg.Suite, tmp_path: Path) -> None:
     (tmp_path / "field").mkdir()
-    version = ["A"]
-    live = LiveSuite(suite)
-    known: list[str] = []
-    analyser = SuiteAnalyser(live, live.world, 0.1, lambda: known, lambda: version[0])
+    subject, known = Subject(EmbeddedSimulator()), list[str]()
+    analyser = SuiteWatch(LiveSuite(suite), RuleSet(), subject, lambda: known, lambda **_: (), HeuristicGenerator())
     symptoms = []
     for now in ("A", "A", "B", "A"):
-        version[0] = now
+        subject.version = now
         for symptom, _ in analyser.analyse([]):
             symptoms.append(symptom)
             known.append(symptom.version)

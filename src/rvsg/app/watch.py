@@ -26,10 +26,8 @@ from rvsg.campaign.self_adaptation import (
 from rvsg.campaign.suite_watch import (
     LiveSuite,
     RecordingMonitor,
-    SimulationExecutor,
     Subject,
-    SuiteAnalyser,
-    SuitePlanner,
+    SuiteWatch,
 )
 from rvsg.core.documents import read_document
 from rvsg.core.errors import InputError, RvsgError
@@ -137,19 +135,15 @@ def watch(
     done = 0
     with closing(subject), alone_in(folder), open_knowledge(knowledge or folder / KNOWLEDGE) as known:
         world, journal = cases.world, Journal(folder / JOURNAL)
+        watch = SuiteWatch(
+            cases, chosen, subject, lambda: _versions(journal), known.entries, writer, seed=seed, jobs=jobs
+        )
         loop = Loop(
             monitor=watching,
-            analyser=SuiteAnalyser(
-                cases,
-                world,
-                chosen.near,
-                lambda: _versions(journal),
-                lambda: subject.version,
-                lambda: known.entries(world=world.name),
-            ),
-            plan=SuitePlanner(cases, world, chosen, writer, known.entries, seed).plan,
+            analyser=watch,
+            plan=watch.plan,
             legitimator=DeclaredRules(chosen, world, lambda: approved(folder)),
-            execute=SimulationExecutor(cases, world, subject, jobs).execute,
+            execute=watch.execute,
             learn=lambda entries: known.add(entries, origin="watch"),
             keeper=cases,
             journal=journal,

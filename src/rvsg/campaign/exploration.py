@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -292,54 +291,44 @@ def explore(
         simulator_of(simulator, scenario=family.middle, on_message=on_message) as made,
         Runner(made, place, measuring=measuring, jobs=jobs, notify=on_message) as runner,
     ):
-        submitted = [
-            _submit(runner, family, values, seed_for(seed, "run", k))
-            for k, values in enumerate(_hypercube(family.ranges, runs, seed))
-        ]
-        points = [_collect(each, asked, on_point) for each in submitted]
+        points = _run_points(family, runs, seed, asked, runner, on_point)
     return _explored(family, asked, points, seed=seed, simulator=made.name)
 
 
-def _hypercube(ranges: Sequence[Range], count: int, seed: int) -> list[tuple[float, ...]]:
+def _run_points(
+    family: ScenarioFamily,
+    count: int,
+    seed: int,
+    requirement: Requirement,
+    runner: Runner,
+    on_point: Callable[[Point], None],
+) -> list[Point]:
+    """Draw points of a Latin hypercube, and run the scenario at each where it is valid."""
     from scipy.stats import qmc
 
-    sampler = qmc.LatinHypercube(len(ranges), rng=np.random.default_rng(seed_for(seed, "explore")))
-    shares = sampler.random(count)
-    return [tuple(round(r.at(float(s)), 6) for r, s in zip(ranges, row, strict=True)) for row in shares]
-
-
-@dataclass(frozen=True)
-class _Submitted:
-    """A point of the ranges whose run was submitted, or that is no valid scenario."""
-
-    values: tuple[float, ...]
-    seed: int
-    problems: tuple[str, ...]
-    pending: PendingRun | None
-
-
-def _submit(runner: Runner, family: ScenarioFamily, values: tuple[float, ...], seed: int) -> _Submitted:
-    scenario = family.at(values)
-    problems = tuple(str(each) for each in validity.check(scenario.people, scenario.mission, runner.world))
-    return _Submitted(values, seed, problems, None if problems else runner.submit(scenario, seed))
-
-
-def _collect(submitted: _Submitted, requirement: Requirement, on_point: Callable[[Point], None]) -> Point:
-    """Return a point with what its run measured."""
-    point = Point(values=submitted.values, seed=submitted.seed, problems=submitted.problems)
-    if submitted.pending is not None:
-        run = submitted.pending.finished()
-        value = run.measurement.objective
-        violated = None if value is None else requirement.violated_by(value)
-        point = point.replace(objective=value, violated=violated, outcome=run.outcome.value)
-    on_point(point)
-    return point
+    sampler = qmc.LatinHypercube(len(family.ranges), rng=np.random.default_rng(seed_for(seed, "explore")))
+    submitted: list[tuple[Point, PendingRun | None]] = []
+    for k, row in enumerate(sampler.random(count)):
+        values = tuple(round(r.at(float(s)), 6) for r, s in zip(family.ranges, row, strict=True))
+        scenario, own = family.at(values), seed_for(seed, "run", k)
+        problems = tuple(str(each) for each in validity.check(scenario.people, scenario.mission, runner.world))
+        pending = None if problems else runner.submit(scenario, own)
+        submitted.append((Point(values=values, seed=own, problems=problems), pending))
+    points = []
+    for point, pending in submitted:
+        if pending is not None:
+            run = pending.finished()
+            value = run.measurement.objective
+            violated = None if value is None else requirement.violated_by(value)
+            point = point.replace(objective=value, violated=violated, outcome=run.outcome.value)
+        on_point(point)
+        points.append(point)
+    return points
 
 
 def _explored(
     family: ScenarioFamily, requirement: Requirement, points: Sequence[Point], *, seed: int, simulator: str
 ) -> Exploration:
-    """Return what the points say: how often they violate, the surface and which range matters."""
     judged = [point for point in points if point.violated is not None]
     if not judged:
         raise InputError(f"No point of the ranges can be judged: {'; '.join(points[0].problems) or 'no value'}.")

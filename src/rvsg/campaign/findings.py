@@ -154,8 +154,7 @@ def findings(
     modes = mode_of_run or (lambda run_id: mode_of(run_of(run_id), world))
     confirmed = [a for a in confirmations(attempts) if a.verdict is not None]
     made = [_finding(plan, attempt, attempts, run_of, modes, world, procedure) for attempt in confirmed]
-    by_index = sorted(made, key=lambda f: f.confirmation)
-    return tuple(sorted(by_index, key=lambda f: badness(f.verdict, procedure), reverse=True))
+    return tuple(sorted(made, key=lambda f: badness(f.verdict, procedure), reverse=True))
 
 
 class DistinctFailure(Record):

@@ -158,11 +158,9 @@ class HybridStrategy(CandidateStrategy):
                 return
 
     def _of(self, scenario: int) -> list[Candidate]:
-        """Return the measured candidates of a scenario."""
         return [candidate for candidate in self.measured if candidate.scenario_index == scenario]
 
     def _best_of_each(self) -> list[Candidate]:
-        """Return the best configuration of every scenario."""
         found: dict[int, Candidate] = {}
         for candidate in self.measured:
             known = found.get(candidate.scenario_index)
@@ -216,7 +214,6 @@ class HybridStrategy(CandidateStrategy):
         )
 
     def _refining(self, parent: Candidate, seeds: tuple[int, ...]) -> Ask:
-        """Return the ask for a refinement by the generator."""
         scenario = parent.scenario_index
         others = [a for a in self.attempts if a.scenario_index != scenario]
         lessons = lessons_of(others, last=self.plan.memory)
@@ -367,7 +364,6 @@ class ArchiveStrategy(HybridStrategy):
         yield from self._repeat()
 
     def _repeat(self) -> Batches:
-        """Give one more run to the first of those that are kept, until the budget is spent."""
         while self.left > 0:
             chosen = self._kept()[: min(self.batch, self.left)]
             if not (yield from self._run_again([self._again(c, 1) for c in chosen], chosen)):
@@ -395,7 +391,6 @@ class MapElitesStrategy(ArchiveStrategy):
         return [elites[int(rng.integers(len(elites)))] for _ in range(count)] if elites else []
 
     def _kept(self) -> list[Candidate]:
-        """Return the elites, those with the fewest runs first, the worst of them before the others."""
         return sorted(self.elites().values(), key=lambda c: (len(c.last.seeds), -c.estimate, c.index))
 
     def _measured(self, candidate: Candidate, attempt: Attempt) -> None:
@@ -455,6 +450,5 @@ class MultiStrategy(ArchiveStrategy):
         return chosen
 
     def _kept(self) -> list[Candidate]:
-        """Return the front, those with the fewest runs first."""
         fronts = self.fronts()
         return sorted(fronts[0] if fronts else [], key=lambda c: (len(c.last.seeds), c.index))

@@ -337,11 +337,9 @@ class CandidateStrategy(BatchStrategy):
         return Ask(brief=attempt.brief, proposal=attempt.proposal, seeds=(*seen, *more[:runs]))
 
     def _seeds(self, count: int) -> tuple[int, ...]:
-        """The first seeds of the race."""
         return tuple(seed_for(self.plan.seed, "race", k) for k in range(count))
 
     def _next(self, parent: Candidate) -> int:
-        """The number of the next configuration of a scenario."""
         return 1 + self._numbers[parent.scenario_index]
 
     def _run_again(self, asks: list[Ask], candidates: Sequence[Candidate]) -> Generator[list[Ask], list[Attempt], bool]:
@@ -368,7 +366,6 @@ class CandidateStrategy(BatchStrategy):
         self._place(candidate, attempt)
 
     def _place(self, candidate: Candidate, attempt: Attempt) -> None:
-        """Note the kind of encounter that a candidate shows."""
         encounter = self.feedback_of.encounter(attempt) if candidate.runs else None
         if encounter is not None:
             self._cells[candidate.index] = encounter.replace(stretch="", who="")

@@ -116,7 +116,6 @@ def seen_as(apart: tuple[float, float], velocity: tuple[float, float], yaw: floa
 
 
 def _robot(run: Run, index: int, *, touched: bool) -> str:
-    """What the robot does around the closest approach."""
     path = run.trajectory
     window = (path.t >= path.t[index] - WINDOW_S) & (path.t <= path.t[index] + WINDOW_S)
     slowest = float(path.speed[window].min())
@@ -245,12 +244,10 @@ def _followed(
 
 
 def _since(agent: HumanAgent, reached: Sequence[float]) -> float:
-    """When the person reached the last goal, or could start."""
     return reached[-1] if reached else agent.start_delay_s
 
 
 def _held(agent: HumanAgent, reached: Sequence[float]) -> float:
-    """How long the person pauses there."""
     return agent.pauses_s[len(reached) % len(agent.goals)] if reached else agent.start_pause_s
 
 
@@ -281,7 +278,6 @@ def bearing_of(run: Run, k: int, h: int) -> float:
 
 
 def _speed(t: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Speed over half a second around every sample, m/s."""
     before = np.searchsorted(t, t - 0.25)
     after = np.minimum(len(t) - 1, np.searchsorted(t, t + 0.25))
     moved = np.hypot(x[after] - x[before], y[after] - y[before])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -97,19 +98,15 @@ class RunSet:
             raise InputError("to_dataframe() needs pandas: .venv/bin/pip install pandas") from None
         rows = [
             {
-                "run_id": run.id,
-                "seed": run.seed,
-                "outcome": run.outcome.value,
-                "duration_s": float(run.trajectory.t[-1]),
+                **dict(zip(COLUMNS, (run.id, run.seed, run.outcome.value, float(run.trajectory.t[-1])), strict=True)),
+                **values,
             }
-            | dict(values)
             for run, values in zip(self.runs, self.measurements, strict=True)
         ]
         return pd.DataFrame(rows, columns=[*COLUMNS, *(self.measurements[0] if rows else ())])
 
     def picture(self) -> Picture:
         """Return the floor plan with the ways of robot and people in all runs; a notebook shows it."""
-
         return picture_of(self)
 
     def save(self, path: str | Path) -> None:
@@ -118,9 +115,7 @@ class RunSet:
 
     def _repr_html_(self) -> str:
         shown = "" if self.world is None else self.picture()._repr_svg_()
-        counted: dict[str, int] = {}
-        for run in self.runs:
-            counted[run.outcome.value] = counted.get(run.outcome.value, 0) + 1
+        counted = Counter(run.outcome.value for run in self.runs)
         listed = "; ".join(f"{html.escape(words)}: {count}" for words, count in counted.items())
         return f"<div><p><b>{len(self.runs)} runs.</b> {listed}.</p>{shown}</div>"
 
@@ -287,14 +282,6 @@ def load_recordings(
     return RunSet(tuple(runs), None, place), tuple(notes)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Loaded:
-    """Runs of files, and what a person should know of them."""
-
-    runs: RunSet
-    notes: tuple[str, ...] = ()
-
-
 def load_any(
     paths: Sequence[str | Path],
     *,
@@ -302,8 +289,8 @@ def load_any(
     route: str | None = None,
     people_topic: str | None = None,
     robot_topic: str | None = None,
-) -> Loaded:
-    """Load files of runs, or recordings; duplicates count once.
+) -> tuple[RunSet, tuple[str, ...]]:
+    """Load files of runs, or recordings; return them and what a person should know of them. Duplicates count once.
 
     Raises:
         InputError: files of both kinds are given, or options of recordings for files of runs.
@@ -318,11 +305,10 @@ def load_any(
         different = once(given)
         twice = len(given) - len(different)
         said = f"{twice} of {len(given)} runs are given twice and count once."
-        return Loaded(runs=RunSet(tuple(different)), notes=(said,) if twice else ())
+        return RunSet(tuple(different)), (said,) if twice else ()
     if len(recordings) < len(paths):
         raise InputError("Judge recordings and simulated runs one after the other: they are of different scenarios.")
-    runs, notes = load_recordings(paths, world=world, route=route, people_topic=people_topic, robot_topic=robot_topic)
-    return Loaded(runs=runs, notes=notes)
+    return load_recordings(paths, world=world, route=route, people_topic=people_topic, robot_topic=robot_topic)
 
 
 def is_recording(path: str | Path) -> bool:

@@ -100,11 +100,8 @@ class Change(Record):
         return f"{self.case}: a new known failure of {self.requirement}, {self.reason}"
 
 
-class Decision(Record):
-    """What was decided on a plan or a change. Every reason stands for a rule that was declared."""
-
-    outcome: Literal["accepted", "refused", "waits"]
-    reasons: tuple[str, ...]
+Decision = tuple[Literal["accepted", "refused", "waits"], tuple[str, ...]]
+"""What was decided on a plan or a change, and why. Every reason stands for a rule that was declared."""
 
 
 class Monitor(Protocol):
@@ -192,26 +189,26 @@ class DeclaredRules:
             left = f"{spent} of {self.rules.max_runs} runs are spent"
             broken.append(f"budget: {left}, and the plan may take {planned.runs}")
         if broken:
-            return Decision(outcome="refused", reasons=tuple(broken))
+            return "refused", tuple(broken)
         asks = self.rules.approval == "always" or (self.rules.approval == "new" and not planned.is_case)
         if not asks:
-            return Decision(outcome="accepted", reasons=("all rules hold",))
+            return "accepted", ("all rules hold",)
         if planned.id in self.approved():
-            return Decision(outcome="accepted", reasons=("all rules hold; a person approved it",))
-        return Decision(outcome="waits", reasons=("approval: a person has to approve it",))
+            return "accepted", ("all rules hold; a person approved it",)
+        return "waits", ("approval: a person has to approve it",)
 
     def decide_change(self, change: Change, *, alike: int) -> Decision:
         """Decide on a change of the suite by the rules `write_back` and `max_failures`."""
         if self.rules.write_back == "never":
-            return Decision(outcome="refused", reasons=("write_back: the suite is not changed",))
+            return "refused", ("write_back: the suite is not changed",)
         if change.is_new and alike >= self.rules.max_failures:
             known = f"max_failures: the suite knows {alike} failures of {change.requirement} on this route"
-            return Decision(outcome="refused", reasons=(known,))
+            return "refused", (known,)
         if self.rules.write_back == "always":
-            return Decision(outcome="accepted", reasons=("write_back: always",))
+            return "accepted", ("write_back: always",)
         if change.id in self.approved():
-            return Decision(outcome="accepted", reasons=("write_back: a person approved it",))
-        return Decision(outcome="waits", reasons=("write_back: a person has to approve it",))
+            return "accepted", ("write_back: a person approved it",)
+        return "waits", ("write_back: a person has to approve it",)
 
     def _implausible(self, planned: Planned) -> Iterator[str]:
         for finding in validity.check(planned.scenario.people, planned.scenario.mission, self.world):
@@ -417,7 +414,6 @@ class Loop:
         return busy
 
     def _plan(self, symptom: Symptom, text: str) -> None:
-        """Plan for a symptom that was not acted on yet."""
         handled = self.journal.handled
         if symptom.id in handled:
             return
@@ -430,27 +426,28 @@ class Loop:
         self._note("plan", what if made else "nothing can be planned", symptom=symptom)
 
     def _open(self, pattern: str, kind: type[Kept]) -> list[Kept]:
-        """Return the plans or changes that are neither refused nor done."""
         settled = self.journal.settled
         return [_read(path, kind) for path in sorted(self.plans.glob(pattern)) if path.stem not in settled]
 
     def _decided(self, asked: Planned | Change, decision: Decision, what: str) -> bool:
         """Note a decision; return whether it is another one than before."""
-        if decision.outcome == self.journal.decided.get(asked.id):
+        outcome, reasons = decision
+        if outcome == self.journal.decided.get(asked.id):
             return False
-        text = f"{decision.outcome}: {what} ({'; '.join(decision.reasons)})"
-        if decision.outcome == "waits" and isinstance(asked, Change):
+        text = f"{outcome}: {what} ({'; '.join(reasons)})"
+        if outcome == "waits" and isinstance(asked, Change):
             text += f"; approve it with --approve {asked.id}"
-        self._note("legitimate", text, plan=asked.id, outcome=decision.outcome)
+        self._note("legitimate", text, plan=asked.id, outcome=outcome)
         return True
 
     def _run_if_legitimate(self, planned: Planned) -> bool:
         """Decide on a plan, run it where it is accepted; return whether anything was done."""
         decision = self.legitimator.decide(planned, spent=self.journal.spent)
+        outcome, reasons = decision
         is_new = self._decided(planned, decision, planned.name)
-        if is_new and decision.outcome == "refused":
-            self._learn([self._rejected(planned, decision)], "refused plans")
-        if decision.outcome != "accepted":
+        if is_new and outcome == "refused":
+            self._learn([self._rejected(planned, reasons)], "refused plans")
+        if outcome != "accepted":
             return is_new
         try:
             results = self.execute(planned)
@@ -481,7 +478,7 @@ class Loop:
         """Decide on a change of the suite, make it where it is accepted; return whether anything was done."""
         decision = self.legitimator.decide_change(change, alike=self.keeper.alike(change))
         is_new = self._decided(change, decision, change.in_words)
-        if decision.outcome == "accepted":
+        if decision[0] == "accepted":
             self.keeper.keep(change)
             told = f"written into the suite: {change.case}, {change.requirement}"
             self._note("knowledge", told, plan=change.id, outcome="written")
@@ -493,7 +490,7 @@ class Loop:
         entries = [entry_of_case(planned.scenario, each, self.place, self.simulator) for each in results]
         return [entry.replace(lessons=(*entry.lessons, *told)) for entry in entries]
 
-    def _rejected(self, planned: Planned, decision: Decision) -> Entry:
+    def _rejected(self, planned: Planned, reasons: tuple[str, ...]) -> Entry:
         mission = planned.scenario.mission
         return Entry(
             kind="rejected",
@@ -503,7 +500,7 @@ class Loop:
             requirement=", ".join(planned.requirements),
             description=planned.scenario.description or planned.name,
             scenario=planned.scenario,
-            lessons=decision.reasons,
+            lessons=reasons,
         )
 
     def _learn(self, entries: Sequence[Entry], of: str) -> None:

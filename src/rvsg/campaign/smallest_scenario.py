@@ -158,7 +158,6 @@ class Shrinker:
         return violations, len(seeds)
 
     def _measured(self, scenario: Scenario, seeds: Sequence[int]) -> list[Measurement]:
-        """Return the measurements of the runs that could be made."""
         pending = [self.runner.submit(scenario, seed, trial=True) for seed in seeds]
         found = [run.measurement() for run in pending]
         self.runs += len(found)

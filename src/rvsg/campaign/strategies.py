@@ -218,7 +218,6 @@ class StudyStrategy(Strategy):
         return max(0, index + 1 - self._place(index)[2])
 
     def _next(self, index: int, known: list[AttemptSummary]) -> Brief:
-        """Return the brief of attempt `index`, from the attempts known."""
         plan = self.plan
         scenario, configuration, _ = self._place(index)
         own = [attempt for attempt in known if attempt.scenario_index == scenario]

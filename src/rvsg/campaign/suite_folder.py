@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,14 +23,7 @@ from pydantic import Field
 
 from rvsg.campaign.attempt import Measurement
 from rvsg.campaign.runner import Evaluator, Runner
-from rvsg.campaign.suite import (
-    Case,
-    CaseResult,
-    Expectation,
-    State,
-    SuiteResult,
-    state_of,
-)
+from rvsg.campaign.suite import Case, CaseResult, Expectation, State, SuiteResult, state_of
 from rvsg.core.documents import read_document, read_record
 from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.core.files import write_whole
@@ -47,8 +41,6 @@ from rvsg.simulation.simulators import Simulator, check_robot
 from rvsg.world.world import Route, World
 
 HEAD = "suite.yaml"
-
-
 EXPECTED = ("violation", "pass")
 """What a case may be kept for: a known failure, or a scenario the robot must master."""
 
@@ -194,7 +186,7 @@ class SuiteFolder:
             "title": case.title,
             "expectations": [each.model_dump(mode="json", exclude_defaults=True) for each in case.expectations],
             "max_runs": case.max_runs,
-            "world": None if folder is None else _relative(folder, self.folder),
+            "world": None if folder is None else os.path.relpath(folder.resolve(), self.folder.resolve()),
             "scenario": case.scenario.model_dump(mode="json"),
         }
         write_whole(self.folder / f"{case.name}.yaml", _yaml({k: v for k, v in values.items() if v is not None}))
@@ -236,7 +228,6 @@ def requirement_of(expectation: Expectation, folder: Path, route: Route | None =
 
 
 def _requirement(name: str, folder: Path) -> str:
-    """Return a requirement's file is looked for beside the suite."""
     file, hash_, key = name.partition("#")
     return f"{folder / file}{hash_}{key}" if file.endswith((".yaml", ".yml")) else name
 
@@ -246,8 +237,8 @@ def _updated(expectation: Expectation, result: CaseResult | None) -> Expectation
         return expectation
     if result.state is State.FIXED:
         return expectation.replace(expected="pass", reason="")
-    return expectation.replace(expected="violation", reason=f"violated by {result.verdict.violations} of "
-                               f"{result.verdict.runs} runs")  # fmt: skip
+    reason = f"violated by {result.verdict.violations} of {result.verdict.runs} runs"
+    return expectation.replace(expected="violation", reason=reason)
 
 
 def _title(scenario: Scenario) -> str:
@@ -260,12 +251,6 @@ def _free_name(wanted: str, taken: set[str], *, given: bool) -> str:
     if given and name in taken:
         raise InputError(f'There is a case "{name}" already, with another scenario. Choose another --name.')
     return next(each for k in range(1, len(taken) + 2) if (each := name if k == 1 else f"{name}-{k}") not in taken)
-
-
-def _relative(folder: Path, start: Path) -> str:
-    import os
-
-    return os.path.relpath(folder.resolve(), start.resolve())
 
 
 def _yaml(values: dict[str, Any]) -> str:
@@ -337,7 +322,6 @@ def run_cases(
 def _measured_runs(
     case: Case, measuring: Sequence[Evaluator], runner: Runner, runs: int | None
 ) -> tuple[list[Run], list[list[Measurement]]]:
-    """Return the runs of a case, and their measurements for each requirement."""
     made: list[Run] = []
     rows: list[list[Measurement]] = [[] for _ in measuring]
     while more := runs - len(made) if runs else _more(measuring, rows):
@@ -367,7 +351,6 @@ def _result(
     row: Sequence[Measurement],
     finish: Finish,
 ) -> CaseResult:
-    """Return the result of a case by one requirement, with the story of its worst run."""
     requirement, verdict, scenario = measuring.requirement, measuring.judge(row), tested.case.scenario
     result = CaseResult(
         case=tested.case.name,

@@ -11,14 +11,7 @@ import numpy as np
 
 from rvsg.campaign.findings import Entry, remembered
 from rvsg.campaign.run_set import is_recording, load_recordings
-from rvsg.campaign.self_adaptation import (
-    Change,
-    Planned,
-    RuleSet,
-    Sign,
-    Symptom,
-    Watched,
-)
+from rvsg.campaign.self_adaptation import Change, Planned, RuleSet, Sign, Symptom, Watched
 from rvsg.campaign.strategies import single_brief
 from rvsg.campaign.suite import Case, CaseResult, Expectation, State
 from rvsg.campaign.suite_folder import SuiteCase, SuiteFolder, SuiteHead, requirement_of, run_cases
@@ -250,7 +243,8 @@ class RecordingMonitor:
 
     def new(self, seen: frozenset[str]) -> Iterator[Watched]:
         """Yield the runs of the recordings that are not among those seen, in the order of their names."""
-        version = _version_in(self.folder)
+        label = self.folder / VERSION
+        version = label.read_text(encoding="utf-8").strip()[:200] if label.is_file() else ""
         for path in sorted(self._recordings()):
             source = path.relative_to(self.folder).as_posix()
             if source in seen:
@@ -279,7 +273,6 @@ class RecordingMonitor:
                 yield path
 
     def _is_draft(self, path: Path) -> bool:
-        """Return whether a file is hidden, as what is still written is."""
         return any(part.startswith(".") for part in path.relative_to(self.folder).parts)
 
     def _route(self, path: Path) -> str:
@@ -295,18 +288,24 @@ class RecordingMonitor:
 
 
 @dataclass
-class SuiteAnalyser:
-    """Judges what was watched by the requirements of the suite, and compares it with what the suite tests."""
+class SuiteWatch:
+    """Analysis, plans and runs of a watch by the requirements and scenarios of a suite."""
 
     suite: LiveSuite
-    world: World
-    near: float
+    rules: RuleSet
+    subject: Subject
     versions: Callable[[], Sequence[str]]
     """The versions that were acted on, in their order."""
-    subject: Callable[[], str] = lambda: ""
-    """The version of the stack under test; empty if it has none."""
-    learned: Callable[[], Sequence[Entry]] = lambda: ()
-    """What is known already; places in it are tested."""
+    known: Callable[..., Sequence[Entry]]
+    """Returns what is known of a world, a route and a requirement; places in it are tested."""
+    generator: Generator
+    seed: int = 0
+    jobs: int = 1
+
+    @property
+    def world(self) -> World:
+        """The world of the suite."""
+        return self.suite.world
 
     def analyse(self, watched: Sequence[Watched]) -> list[Sign]:
         """Return the signs of all runs, those of a new version first."""
@@ -318,7 +317,7 @@ class SuiteAnalyser:
     def _new_version(self, watched: Sequence[Watched]) -> Iterator[Sign]:
         """Yield the version of the stack under test, or if it has none, that of the recordings."""
         seen = next((each for each in reversed(watched) if each.version), None)
-        version = self.subject() or (seen.version if seen is not None else "")
+        version = self.subject.version or (seen.version if seen is not None else "")
         known = self.versions()
         if version and version != (known[-1] if known else ""):
             text = f"the stack's version is {version}, it was {known[-1] if known else 'unknown'}"
@@ -364,10 +363,12 @@ class SuiteAnalyser:
                 continue
             limit = requirement.threshold
             margin = requirement.badness(limit) - requirement.badness(value)
-            if margin > self.near * max(abs(limit), 1e-9) and not requirement.violated_by(value):
+            if margin > self.rules.near * max(abs(limit), 1e-9) and not requirement.violated_by(value):
                 continue
             kind = "violated" if requirement.violated_by(value) else "near its limit"
-            symptom = Symptom(kind=kind, route=each.route, requirement=name, version=each.version or self.subject())
+            symptom = Symptom(
+                kind=kind, route=each.route, requirement=name, version=each.version or self.subject.version
+            )
             text = f"{each.source} on {each.route}: {name} {kind}, {value:.3g} {requirement.unit} (limit {limit:.3g})"
             yield symptom, text
 
@@ -378,7 +379,7 @@ class SuiteAnalyser:
         tested: dict[str, set[str]] = defaultdict(set)
         for case in self.suite.cases:
             tested[case.scenario.mission.route.name].update(waypoints_used(case.scenario.people))
-        for entry in self.learned():
+        for entry in self.known(world=self.world.name):
             tested[entry.route].update(entry.waypoints)
         visited: dict[str, set[str]] = defaultdict(set)
         for each in watched:
@@ -397,27 +398,13 @@ class SuiteAnalyser:
             if found
         ]
 
-
-@dataclass
-class SuitePlanner:
-    """Plans scenarios: the suite's cases for a new version, variants by a generator, walks through untested places."""
-
-    suite: LiveSuite
-    world: World
-    rules: RuleSet
-    generator: Generator
-    known: Callable[..., Sequence[Entry]]
-    """Returns what is known of a world, a route and a requirement."""
-    seed: int = 0
-    variants: int = 1
-
     def plan(self, symptom: Symptom, index: int) -> list[Planned]:
-        """Return scenarios for a symptom."""
+        """Plan the cases for a new version, walks through untested places, else a variant by the generator."""
         if symptom.kind == "new version":
             return [self._case(symptom, case) for case in self.suite.cases]
         if symptom.kind == "never tested":
             return self._walks(symptom)
-        return self._variants(symptom, index)
+        return self._variant(symptom, index)
 
     def _case(self, symptom: Symptom, case: Case) -> Planned:
         return Planned(
@@ -429,21 +416,19 @@ class SuitePlanner:
             is_case=True,
         )
 
-    def _variants(self, symptom: Symptom, index: int) -> list[Planned]:
-        """Ask the generator for scenarios that differ from what is known of this route and requirement."""
+    def _variant(self, symptom: Symptom, index: int) -> list[Planned]:
+        """Ask the generator for a scenario that differs from what is known of this route and requirement."""
         expectation = Expectation(requirement=symptom.requirement)
         route = self.world.route(symptom.route)
         requirement = requirement_of(expectation, self.suite.folder, route)
         known = self.known(world=self.world.name, route=symptom.route, requirement=requirement.name)
-        found = []
-        for k in range(self.variants):
-            seed = seed_for(self.seed, "watch", index, k)
-            brief = single_brief(Mission.of(self.world, route), requirement, humans=2, seed=seed, feedback=None)
-            scenario = self.generator.propose(brief.replace(memory=remembered(known)[-10:]), self.world).scenario
-            if scenario is not None:
-                name = f"variant {index}.{k} for {symptom.requirement} on {symptom.route}"
-                found.append(self._new(symptom, name, scenario, (symptom.requirement,)))
-        return found
+        seed = seed_for(self.seed, "watch", index, 0)
+        brief = single_brief(Mission.of(self.world, route), requirement, humans=2, seed=seed, feedback=None)
+        scenario = self.generator.propose(brief.replace(memory=remembered(known)[-10:]), self.world).scenario
+        if scenario is None:
+            return []
+        name = f"variant {index}.0 for {symptom.requirement} on {symptom.route}"
+        return [self._new(symptom, name, scenario, (symptom.requirement,))]
 
     def _walks(self, symptom: Symptom) -> list[Planned]:
         """Let somebody walk between the untested waypoints farthest apart, or to a neighbour of the only one."""
@@ -454,7 +439,8 @@ class SuitePlanner:
         pairs = [(a, b) for i, a in enumerate(places) for b in places[i + 1 :] if grid.shortest_path(a, b)]
         if not pairs:
             return []
-        first, last = max(pairs, key=lambda pair: (_apart(self.world, *pair), pair))
+        at = {place: np.array(grid.position(place)) for place in places}
+        first, last = max(pairs, key=lambda pair: (float(np.hypot(*(at[pair[1]] - at[pair[0]]))), pair))
         route = self.world.route(symptom.route)
         person = walk("Human 1", first, last, speed_m_s=1.2).human(self.world)
         scenario = Scenario(
@@ -470,18 +456,8 @@ class SuitePlanner:
         runs = min(self.suite.head.judging.max_runs, self.rules.max_runs_per_plan)
         return Planned(why=why, name=name, scenario=scenario, requirements=requirements, runs=runs)
 
-
-@dataclass
-class SimulationExecutor:
-    """Runs a plan in a simulator until its verdicts are sure, at most the runs it was accepted with."""
-
-    suite: LiveSuite
-    world: World
-    subject: Subject
-    jobs: int = 1
-
     def execute(self, planned: Planned) -> list[CaseResult]:
-        """Return a result for each requirement."""
+        """Run a plan until its verdicts are sure, at most the runs it was accepted with; a result per requirement."""
         known = next((case for case in self.suite.cases if case.scenario == planned.scenario), None)
         expectations = known.expectations if planned.is_case and known else None
         case = Case(
@@ -494,13 +470,3 @@ class SimulationExecutor:
         asked = tuple(requirement_of(each, self.suite.folder) for each in case.expectations)
         wanted = [SuiteCase(case=case, world=self.world, requirements=asked)]
         return list(run_cases(wanted, self.subject.simulator, self.suite.head.judging, jobs=self.jobs))
-
-
-def _version_in(folder: Path) -> str:
-    file = folder / VERSION
-    return file.read_text(encoding="utf-8").strip()[:200] if file.is_file() else ""
-
-
-def _apart(world: World, first: str, second: str) -> float:
-    (ax, ay), (bx, by) = world.grid.position(first), world.grid.position(second)
-    return float(np.hypot(bx - ax, by - ay))

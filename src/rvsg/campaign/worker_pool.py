@@ -310,7 +310,6 @@ class _Pool:
             keeper.join(STOP_S if kill else None)
 
     def _drop(self) -> None:
-        """Cancel or fail the tasks that no worker has."""
         for task in (*self.waiting, *self.suspects):
             if self.broken:
                 task.future.set_exception(self.broken)
@@ -347,7 +346,6 @@ class _Keeper(threading.Thread):
             self.pool.give_back(self)
 
     def _start(self) -> subprocess.Popen[bytes] | None:
-        """Start a worker; None at the end."""
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
         with self.pool.changed:  # so that `stop` finds every process
             if self.pool.over:

@@ -126,18 +126,18 @@ def evaluate(
         if scenario is None:
             raise InputError("--feedback needs the scenario of the runs: add --scenario FILE.", code="no-scenario")
     asked = rvsg.load_requirement(requirement)
-    loaded = load_any(runs, world=world, route=route, people_topic=people_topic, robot_topic=robot_topic)
-    for note in loaded.notes:
+    loaded, notes = load_any(runs, world=world, route=route, people_topic=people_topic, robot_topic=robot_topic)
+    for note in notes:
         say(note)
     known, place = load_scenario_in(scenario, world) if scenario is not None else (None, world)
-    judged = rvsg.judge(loaded.runs, asked, scenario=known, world=place)
+    judged = rvsg.judge(loaded, asked, scenario=known, world=place)
     if feedback is not None and known is not None:
-        write_text(feedback, feedback_of(judged, loaded.runs, known).to_json())
+        write_text(feedback, feedback_of(judged, loaded, known).to_json())
     if html is not None:
-        write_runs_page(html, judged, loaded.runs, scenario=known, world=place, notes=loaded.notes)
+        write_runs_page(html, judged, loaded, scenario=known, world=place, notes=notes)
         say(f"Page: {html}")
     if json:
-        print_json(judged.to_dict() | {"notes": list(loaded.notes)})
+        print_json(judged.to_dict() | {"notes": list(notes)})
     for line in describe_judgement(judged):
         say(line)
     if fail_on_violation and judged.violated:

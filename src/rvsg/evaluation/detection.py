@@ -163,7 +163,6 @@ def _stuck(s: Sampled, person: int, excused: Flags, at: PlaceAt) -> Iterator[Per
 
 
 def _beside(s: Sampled, index: int, person: int) -> Literal["robot", "person", "unknown"]:
-    """Return who stands next to a person at a sample."""
     if s.gap[index, person] < BESIDE_PERSON_M:
         return "robot"
     x, y = s.series.human_x[index], s.series.human_y[index]
@@ -447,7 +446,6 @@ def _bearing(s: Sampled, index: int, person: int) -> float:
 
 
 def _nearest(s: Sampled, index: int, within_m: float) -> str:
-    """Return the name of the nearest person within a gap, else an empty text."""
     if not s.people:
         return ""
     person = int(s.gap[index].argmin())

@@ -232,7 +232,6 @@ def _company(run: Run, world: World | None, at: PlaceAt) -> list[Sentence]:
 
 
 def _closest(run: Run, world: World | None, at: PlaceAt) -> list[Sentence]:
-    """Tell the closest approach of a run in which nobody comes near."""
     s = sampled(run, world)
     if not s.people:
         return []

@@ -346,7 +346,6 @@ def _plain(unit: str) -> str:
 
 
 def _quoted(unit: str) -> str:
-    """Return a unit as YAML needs it."""
     return f'"{unit}"' if unit in ("1", "%") else unit
 
 

@@ -82,17 +82,12 @@ def under_test(runs: Iterable[Run]) -> UnderTest:
     """Return what the runs tell of their stack; no rows where it is the built-in one and nothing went wrong."""
     made = {run.id: run for run in runs}.values()  # attempts share runs
     told = [(run, facts) for run in made if isinstance(facts := run.details.get("stack"), Mapping)]
-    rows = [
-        *_start([run for run, _ in told]),
-        *_pace([facts for _, facts in told]),
-        *_refused([facts for _, facts in told]),
-        *_warnings([run for run, _ in told]),
-    ]
-    return UnderTest(all(facts.get("repeatable", True) for _, facts in told), tuple(rows))
+    kept, runs = [facts for _, facts in told], [run for run, _ in told]
+    rows = (*_start(runs), *_pace(kept), *_trouble(kept, runs))
+    return UnderTest(all(facts.get("repeatable", True) for facts in kept), rows)
 
 
 def _start(runs: list[Run]) -> Iterable[tuple[str, str]]:
-    """Yield how the stack was started."""
     for name, label in (("launch", "Launch command"), ("params", "Parameter file")):
         given = {str(value) for run in runs if (value := _options(run).get(name))}
         if given:
@@ -100,7 +95,6 @@ def _start(runs: list[Run]) -> Iterable[tuple[str, str]]:
 
 
 def _options(run: Run) -> Mapping[str, Any]:
-    """Return the options of the stack under test."""
     stack = run.options.get("stack")
     options = stack.get("options") if isinstance(stack, Mapping) else None
     return options if isinstance(options, Mapping) else {}
@@ -124,8 +118,8 @@ def _pace(told: list[Mapping[str, Any]]) -> Iterable[tuple[str, str]]:
         yield "Control periods missed", f"{missed:,} of {due:,}{most}"
 
 
-def _refused(told: list[Mapping[str, Any]]) -> Iterable[tuple[str, str]]:
-    """Yield the velocities that the robot could not take as they came."""
+def _trouble(told: list[Mapping[str, Any]], runs: list[Run]) -> Iterable[tuple[str, str]]:
+    """Yield the velocities that the robot could not take as they came, and the first warnings of the stack."""
     for name, label in (
         ("clipped", "Velocities beyond the limits of the robot, cut"),
         ("not_finite", "Velocities that are no numbers, left out"),
@@ -133,10 +127,6 @@ def _refused(told: list[Mapping[str, Any]]) -> Iterable[tuple[str, str]]:
         found = [facts[name] for facts in told if facts.get(name)]
         if found:
             yield label, f"{sum(found):,} in {counted(len(found), 'run')}"
-
-
-def _warnings(runs: list[Run]) -> Iterable[tuple[str, str]]:
-    """Yield how many runs have warnings of the stack, and the first of each run until there are a few."""
     warned = [run for run in runs if run.stack_warnings]
     if warned:
         first = list(dict.fromkeys(text for run in warned for text in run.stack_warnings))[:3]
@@ -144,7 +134,6 @@ def _warnings(runs: list[Run]) -> Iterable[tuple[str, str]]:
 
 
 def _range(values: list[float], form: str) -> str:
-    """Return the least and the largest of some numbers in words."""
     low, high = format(min(values), form), format(max(values), form)
     return low if low == high else f"{low} to {high}"
 

@@ -166,25 +166,19 @@ def _points(difference: float, interval: tuple[float, float]) -> str:
 
 def change_rows(changes: Sequence[CaseChange]) -> list[dict[str, str]]:
     """Return the rows of a table of changes as text, what broke first; `tone` is good, bad or empty."""
-    return [_change_row(each) for each in sorted(changes, key=lambda each: ORDER.index(each.change))]
-
-
-def _change_row(each: CaseChange) -> dict[str, str]:
-    tone = {Change.BROKEN: "bad", Change.FIXED: "good"}.get(each.change, "")
-    values = {"case": each.case, "title": each.title, "requirement": each.requirement}
-    values |= {"change": each.change.value, "tone": tone}
-    if each.difference is None or each.interval is None or each.p_corrected is None:
-        return values | {"before": "", "now": "", "difference": "", "p": ""}
-    return values | {
-        "before": f"{each.violations[0]} of {each.seeds}",
-        "now": f"{each.violations[1]} of {each.seeds}",
-        "difference": _points(each.difference, each.interval),
-        "p": f"{each.p_corrected:.3g}",
-    }
+    rows = []
+    for each in sorted(changes, key=lambda each: ORDER.index(each.change)):
+        row = {"case": each.case, "title": each.title, "requirement": each.requirement, "change": each.change.value}
+        row |= {"tone": {Change.BROKEN: "bad", Change.FIXED: "good"}.get(each.change, "")}
+        row |= dict.fromkeys(("before", "now", "difference", "p"), "")
+        if each.difference is not None and each.interval is not None and each.p_corrected is not None:
+            row |= {"before": f"{each.violations[0]} of {each.seeds}", "now": f"{each.violations[1]} of {each.seeds}"}
+            row |= {"difference": _points(each.difference, each.interval), "p": f"{each.p_corrected:.3g}"}
+        rows.append(row)
+    return rows
 
 
 def _cells(found: Comparison) -> list[dict[str, Any]]:
-    """Return for each case how many runs of each variant violate."""
     flags = [{case.key: list(case.flags.values()) for case in variant.cases} for variant in found.variants]
     rows = []
     for case, requirement in found.cases:
@@ -217,7 +211,6 @@ def _short(label: str) -> str:
 
 
 def _map(world: World, found: Comparison, cases: set[str]) -> dict[str, object]:
-    """Draw the floor plan with a dot for each violating run, in the colour of its variant."""
     plan = floor_plan(world, tooltips=False)
     turn = Turn.of(plan.matrix)
     dots = []
@@ -248,6 +241,8 @@ def change_replay(each: ReplayedChange, names: Sequence[str]) -> dict[str, objec
 Floats = NDArray[np.float64]
 LEFT, RIGHT, TOP, BOTTOM = 62, 442, 30, 326
 CELLS = 48
+WHITE, RED = 255.0, np.array([222.0, 92.0, 80.0]) - 255.0
+"""The colour of no violation, and what it changes by until every run violates."""
 BOUNDARY = 0.5
 
 
@@ -302,7 +297,12 @@ def _probability_map(found: Exploration, a: int, b: int) -> dict[str, Any]:
         cells = found.surface.probability(_plane(len(found.ranges), a, b, centres)).reshape(CELLS, CELLS)
         wide, high = (RIGHT - LEFT) / CELLS, (BOTTOM - TOP) / CELLS
         panel["cells"] = [
-            (LEFT + i * wide, BOTTOM - (j + 1) * high, _colour(float(value))) for (j, i), value in np.ndenumerate(cells)
+            (
+                LEFT + i * wide,
+                BOTTOM - (j + 1) * high,
+                "#{:02x}{:02x}{:02x}".format(*np.rint(WHITE + value * RED).astype(int)),
+            )
+            for (j, i), value in np.ndenumerate(cells)
         ]
         corners = found.surface.probability(_plane(len(found.ranges), a, b, edges)).reshape(CELLS + 1, CELLS + 1)
         panel["boundary"] = _boundary(corners)
@@ -375,12 +375,6 @@ def _plane(dimensions: int, a: int, b: int, shares: Floats) -> Floats:
 
 def _said(found: Exploration, values: Sequence[float]) -> str:
     return ", ".join(f"{each.name} {value:.3g}" for each, value in zip(found.ranges, values, strict=True))
-
-
-def _colour(probability: float) -> str:
-    """Return a colour from white for 0 to red for 1."""
-    red, green, blue = (round(255 + probability * (end - 255)) for end in (222, 92, 80))
-    return f"#{red:02x}{green:02x}{blue:02x}"
 
 
 EXPLORATION_FORMATS = (".html", ".svg", ".json")

@@ -127,7 +127,6 @@ def strip(shot: Shot, width_px: int) -> Image.Image:
 
 
 def _frames(shot: Shot, speed: float, width_px: int) -> Iterator[Image.Image]:
-    """Yield the frames of a film of the whole floor plan."""
     stage = _Stage(shot, draw_plan(shot.world, show=LAYERS, width_px=width_px))
     start, end = (float(shot.run.trajectory.t[k]) for k in (0, -1))
     for k in range(int(np.ceil((end - start) / speed * RATE_HZ)) + 1):
@@ -180,7 +179,6 @@ class _Stage:
         return page
 
     def _pixels(self, x: Floats, y: Floats) -> Floats:
-        """Convert world metres to pixels (..., 2) of the fine picture."""
         return np.asarray((self.view.pixels(np.stack([x, y], axis=-1)) - self.origin) * FINE)
 
     def _trail(self, draw: ImageDraw.ImageDraw, x: Floats, y: Floats, colour: str) -> None:

@@ -31,7 +31,6 @@ from rvsg.report.renderer import render
 from rvsg.report.run_facts import run_facts
 from rvsg.report.stills import Turn, pin_radius, plan_markup, spread
 from rvsg.report.summary import Summary, in_short
-from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Run
 from rvsg.world.drawing import png_bytes
 from rvsg.world.drawing.floor_plan import draw_plan
@@ -181,7 +180,6 @@ def _maps(pins: Sequence[Pin]) -> list[dict[str, Any]]:
 
 
 def _map(id_: str, world: World, pins: Sequence[tuple[int, Pin]]) -> dict[str, Any]:
-    """Draw the floor plan with its numbered pins."""
     plan = floor_plan(world, tooltips=False)
     turn = Turn.of(plan.matrix)
     left, top, width, height = (float(v) for v in plan.view_box.split())
@@ -217,7 +215,6 @@ def _ends(reported: Sequence[Reported]) -> tuple[int, int]:
 
 
 def _headline(reported: Sequence[Reported]) -> dict[str, str]:
-    """Return what all campaigns together found, as `headline` says it of one."""
     bad, good = _ends(reported)
     campaigns = counted(len(reported), "campaign")
     if bad:
@@ -230,26 +227,23 @@ def _headline(reported: Sequence[Reported]) -> dict[str, str]:
 
 
 def _tiles(reported: Sequence[Reported]) -> list[dict[str, str]]:
-    """Return how many campaigns ended how, and what they took."""
     bad, good = _ends(reported)
     accounts = [summary.accounting for *_, summary in reported]
     search, fresh = sum(a.search_runs for a in accounts), sum(a.confirmation_runs for a in accounts)
     rest = len(reported) - bad - good
-    return [
-        {
-            "name": "Requirement violated",
-            "value": str(bad),
-            "note": "always (FAIL), sometimes (FLAKY), or which is open",
-        },
-        {"name": "Requirement kept", "value": str(good), "note": "by the worst scenario found (PASS)"},
-        {"name": "Not decided", "value": str(rest), "note": "too few confirmation runs, or no limit"},
-        {"name": "Simulated runs", "value": str(search + fresh), "note": f"{search} to search, {fresh} to confirm"},
-    ]
+    tiles = (
+        ("Requirement violated", bad, "always (FAIL), sometimes (FLAKY), or which is open"),
+        ("Requirement kept", good, "by the worst scenario found (PASS)"),
+        ("Not decided", rest, "too few confirmation runs, or no limit"),
+        ("Simulated runs", search + fresh, f"{search} to search, {fresh} to confirm"),
+    )
+    return [{"name": name, "value": str(value), "note": note} for name, value, note in tiles]
 
 
 def _row(link: str, plan: Plan, summary: Summary) -> dict[str, str]:
     """Return the row of a campaign: its worst scenario's confirmation runs, else its search runs."""
     requirement, account = plan.requirement, summary.accounting
+    limit, worse = requirement.threshold, requirement.worse
     confirmed = summary.confirmed.verdict if summary.confirmed else None
     verdict = confirmed or (summary.ranking[0].verdict if summary.ranking else None)
     violated = "–"
@@ -264,7 +258,7 @@ def _row(link: str, plan: Plan, summary: Summary) -> dict[str, str]:
         "description": _described(summary),
         "violated": violated,
         "value": value_in_words(verdict, requirement.unit) if verdict else "–",
-        "limit": _limit(requirement),
+        "limit": "–" if limit is None else f"{'≥' if worse == 'smaller' else '≤'} {number(limit, requirement.unit)}",
         "runs": f"{account.search_runs} + {account.confirmation_runs}",
         **headline(plan, summary),
     }
@@ -276,13 +270,6 @@ def _described(summary: Summary) -> str:
     if scenario is not None:
         return scenario.description or in_short(scenario)
     return summary.ranking[0].description if summary.ranking else ""
-
-
-def _limit(requirement: Requirement) -> str:
-    """Return what keeps the requirement, e.g. `≥ 1.2 m`."""
-    if requirement.threshold is None:
-        return "–"
-    return f"{'≥' if requirement.worse == 'smaller' else '≤'} {number(requirement.threshold, requirement.unit)}"
 
 
 Floats = NDArray[np.float64]
@@ -346,7 +333,7 @@ def coverage_page(coverages: Sequence[tuple[Coverage, World]]) -> str:
         {
             "title": world.title,
             "coverage": coverage,
-            "picture": _data_uri(coverage_map(coverage, world)),
+            "picture": f"data:image/png;base64,{base64.b64encode(png_bytes(coverage_map(coverage, world))).decode()}",
             "untested": [(KINDS[kind], names) for kind, names in coverage.untested.items()],
             "requirements": [each.name for each in coverage.requirements],
             "encounters": [each.name for each in coverage.encounters],
@@ -410,10 +397,6 @@ def _with_legend(image: Image.Image, unit: float) -> Image.Image:
         draw.text((x + 22 * unit, y), words, fill=INK, font=font(size), anchor="lm")
         x += 60 * unit + font(size).getlength(words)
     return page
-
-
-def _data_uri(image: Image.Image) -> str:
-    return f"data:image/png;base64,{base64.b64encode(png_bytes(image)).decode()}"
 
 
 COVERAGE_FORMATS = (".html", ".png", ".json")

@@ -348,7 +348,6 @@ def write_runs_page(
 
 
 def _driven(run: Run, world: World) -> Mission:
-    """Return the mission of a run of which only the way is known."""
     path, (x, y, yaw) = run.trajectory, run.goal
     start = Pose(x=float(path.x[0]), y=float(path.y[0]), yaw=float(path.yaw[0]))
     goal = Pose(x=x, y=y, yaw=yaw)

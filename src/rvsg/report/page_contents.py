@@ -127,18 +127,14 @@ def _fullest(facts: Sequence[AttemptFacts], subject: AttemptFacts | None) -> lis
             held.setdefault(_kind(each), []).append(each)
 
     def superseded(each: AttemptFacts) -> bool:
-        others = held.get(_kind(each), [])
         mine, index = runs[each.attempt.index], each.attempt.index
-        return any(
-            mine < runs[other.attempt.index] or (mine == runs[other.attempt.index] and other.attempt.index < index)
-            for other in others
-        )
+        others = ((runs[other.attempt.index], other.attempt.index) for other in held.get(_kind(each), []))
+        return any(mine < theirs or (mine == theirs and other < index) for theirs, other in others)
 
     return [each for each in facts if each is subject or not superseded(each)]
 
 
 def _kind(facts: AttemptFacts) -> tuple[str, str]:
-    """Return what the runs of a configuration are for, and its scenario."""
     scenario = facts.attempt.proposal.scenario
     return facts.attempt.purpose, scenario.id if scenario is not None else ""
 
@@ -163,8 +159,6 @@ def group_label(facts: AttemptFacts) -> str:
 
 LIKE = 60
 """Descriptions that share this many characters from the beginning do not tell scenarios apart."""
-
-
 REACTS = {
     Behaviour.REGULAR: "treats the robot as a person (regular)",
     Behaviour.IMPASSIVE: "ignores the robot (impassive)",
@@ -184,7 +178,6 @@ def people_rows(subject: AttemptFacts) -> list[dict[str, Any]]:
 
 
 def _tasks(human: Human) -> dict[str, Any]:
-    """Return a person's work as the page shows it."""
     return {
         "name": human.name,
         "manner": manner(human),
@@ -363,7 +356,6 @@ def thinking(shown: Shown, recording: Recording | None) -> list[dict[str, Any]]:
 
 
 def _feedback(feedback: Feedback | None, unit: str) -> list[str]:
-    """Return what the generator knew of the configuration before."""
     if feedback is None:
         return []
     low, high = feedback.interval
@@ -384,7 +376,6 @@ def _feedback(feedback: Feedback | None, unit: str) -> list[str]:
 
 
 def _calls(calls: Sequence[Call]) -> str:
-    """Return what the calls of a model took."""
     if not calls:
         return ""
     tokens = sum(call.input_tokens for call in calls)

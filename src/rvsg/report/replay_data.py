@@ -27,15 +27,15 @@ from rvsg.evaluation.sampled import sampled
 from rvsg.evaluation.verdict import outcome_in_words
 from rvsg.report.answer import quantity, untimed
 from rvsg.report.renderer import unbroken
-from rvsg.report.run_facts import INVOLVED_M, Curve, RunFacts, footprint_of
+from rvsg.report.run_facts import INVOLVED_M, RunFacts, footprint_of
 from rvsg.robots.robot import Robot
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.run import DoorMoved, Run
-from rvsg.world.world import Door, World
+from rvsg.world.world import World
 
 if TYPE_CHECKING:
-    from rvsg.simulation.embedded.trace import Evaluation, Frame, Trace
+    from rvsg.simulation.embedded.trace import Frame, Trace
 
 
 FIRST = ("#c4570a", "#0b8270", "#a23bb8", "#8a6d00", "#c2255c", "#3f7d20", "#6a5acd", "#9c4a2f")
@@ -62,6 +62,7 @@ Floats = NDArray[np.float64]
 
 PERIOD_S = 0.1
 LEAF_STEPS = 10
+"""The leaf of a door is given at each of so many parts of its way, and closed."""
 FAR_STEP = 5
 """A person who is not involved in a run is kept at every fifth sample (2 Hz)."""
 
@@ -91,8 +92,17 @@ def replay_payload(
         matrix: From world metres to the units of the floor plan (`FloorPlan.matrix`).
     """
     route, robot = mission.route, mission.robot_record
-    leaves = {"doors": [_door(door) for door in world.moving_doors]} if world.moving_doors else {}
-    return leaves | {
+    doors = [
+        {
+            "name": door.name,
+            "opening": door.opening_s,
+            "leaf": [
+                [[round(v, 3) for v in corner] for corner in door.leaf(k / LEAF_STEPS)] for k in range(LEAF_STEPS + 1)
+            ],
+        }
+        for door in world.moving_doors
+    ]
+    return ({"doors": doors} if doors else {}) | {
         "version": 1,
         "period": PERIOD_S,
         "matrix": [float(v) for v in matrix[7:-1].replace(",", " ").split()],
@@ -113,25 +123,15 @@ def replay_payload(
     }
 
 
-def _door(door: Door) -> dict[str, Any]:
-    """Return the leaf of a door, opened by 0, 0.1 ... 1 of its way."""
-    shares = [[[round(x, 3), round(y, 3)] for x, y in door.leaf(k / LEAF_STEPS)] for k in range(LEAF_STEPS + 1)]
-    return {"name": door.name, "opening": door.opening_s, "leaf": shares}
-
-
-def _door_moves(run: Run) -> dict[str, list[list[float]]]:
-    """Return when each door moves: begin (s), how far it is open then, 1 to open or 0 to close, and end (s)."""
-    moves: dict[str, list[list[float]]] = {}
-    for event in run.events:
-        if isinstance(event, DoorMoved):
-            moves.setdefault(event.door, []).append([event.time_s, event.share, float(event.opens), event.until_s])
-    return moves
-
-
 def people_colours(runs: Sequence[Run]) -> dict[str, str | None]:
     """Return a colour for each person of the runs by name; None for a person who is not involved in any of them."""
     names = list(dict.fromkeys(name for run in runs for name in run.human_names))
-    involved = [name for name in names if name in _involved_in(runs)]
+    near: set[str] = set()
+    for run in runs:
+        if run.human_names and len(run.trajectory):
+            closest = sampled(run).gap.min(axis=0)
+            near |= {name for name, gap in zip(run.human_names, closest, strict=True) if gap <= INVOLVED_M}
+    involved = [name for name in names if name in near]
     return dict.fromkeys(names) | dict(zip(involved, distinct_colours(len(involved)), strict=True))
 
 
@@ -162,16 +162,6 @@ def _group(group: ReplayGroup, robot: Robot | None) -> dict[str, Any]:
     }
 
 
-def _involved_in(runs: Iterable[Run]) -> set[str]:
-    """Return the names of the people who come within 2 m of the robot in at least one run."""
-    found: set[str] = set()
-    for run in runs:
-        if run.human_names and len(run.trajectory):
-            closest = sampled(run).gap.min(axis=0)
-            found |= {n for n, gap in zip(run.human_names, closest, strict=True) if gap <= INVOLVED_M}
-    return found
-
-
 def _run(each: RunFacts, names: Sequence[str], note: str | None) -> dict[str, Any]:
     run = each.run
     coded, samples, far, near = _coded(run, names)
@@ -193,19 +183,16 @@ def _run(each: RunFacts, names: Sequence[str], note: str | None) -> dict[str, An
         "moments": [[round(said.time_s, 2), unbroken(untimed(said))] for said in each.story],
         "blob": coded,
     }
-    if moves := _door_moves(run):
-        data["doors"] = moves
+    for event in run.events:
+        if isinstance(event, DoorMoved):
+            move = [event.time_s, event.share, float(event.opens), event.until_s]
+            data.setdefault("doors", {}).setdefault(event.door, []).append(move)
     if each.curve.is_known:
-        data["judged"] = _judged(each.curve)
+        data["judged"] = {
+            "t": [round(float(t), 2) for t in each.curve.t],
+            "value": [float(f"{v:.4g}") if np.isfinite(v) else None for v in each.curve.value],
+        }
     return data
-
-
-def _judged(curve: Curve) -> dict[str, Any]:
-    """Return the curve as numbers of four significant digits; null where there is no judgement yet."""
-    return {
-        "t": [round(float(t), 2) for t in curve.t],
-        "value": [float(f"{v:.4g}") if np.isfinite(v) else None for v in curve.value],
-    }
 
 
 def _coded(run: Run, names: Sequence[str]) -> tuple[str, int, list[int], list[list[int]]]:
@@ -232,8 +219,7 @@ def _coded(run: Run, names: Sequence[str]) -> tuple[str, int, list[int], list[li
     for h in range(people):
         at = rows[:: FAR_STEP if h in far else 1]
         channels += [path.human_x[at, h] * 100, path.human_y[at, h] * 100, np.unwrap(path.human_yaw[:, h])[at] * 20]
-    body = b"".join(varints(np.round(channel).astype(np.int64)) for channel in channels)
-    return base64.b64encode(zlib.compress(body, 9)).decode(), len(rows), far, near
+    return _channels(channels), len(rows), far, near
 
 
 def _least(values: Floats, rows: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -337,7 +323,8 @@ def _global(trace: Trace, world: World) -> dict[str, Any]:
 
 def _plans(trace: Trace) -> dict[str, Any]:
     """`plans`: time and number of points of each plan; `blob`: for each the channels x and y (cm)."""
-    new = [(frame.t, _thinned(frame.plan)) for frame in trace.frames if frame.plan is not None]
+    plans = [(frame.t, frame.plan) for frame in trace.frames if frame.plan is not None]
+    new = [(t, np.vstack([plan[:-1:PLAN_STEP], plan[-1:]])) for t, plan in plans]
     channels = [points[:, axis] * 100 for _, points in new for axis in (0, 1)]
     return {"plans": [[round(t, 2), len(points)] for t, points in new], "blob": _channels(channels)}
 
@@ -353,7 +340,8 @@ def _tried(frames: Sequence[Frame]) -> dict[str, Any]:
     critics: tuple[str, ...] = ()
     answers = [frame.evaluation for frame in frames if frame.evaluation is not None]
     for tried in answers:
-        kept = _spread(tried)
+        kept = np.arange(0, len(tried.score), max(1, -(-len(tried.score) // MOST_SAMPLES)))
+        kept = np.union1d(kept, [tried.best]) if tried.best >= 0 else kept
         best = int(np.flatnonzero(kept == tried.best)[0]) if tried.best >= 0 else -1
         x, y, yaw = tried.pose
         asked.append([round(tried.t, 2), len(kept), best, round(x, 2), round(y, 2), round(yaw, 3)])
@@ -376,15 +364,6 @@ def _tried(frames: Sequence[Frame]) -> dict[str, Any]:
     }
 
 
-def _spread(tried: Evaluation) -> NDArray[np.intp]:
-    kept = np.arange(0, len(tried.score), max(1, -(-len(tried.score) // MOST_SAMPLES)))
-    return np.union1d(kept, [tried.best]) if tried.best >= 0 else kept
-
-
-def _thinned(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.vstack([points[:-1:PLAN_STEP], points[-1:]])
-
-
 def _changes(values: Iterable[tuple[float, str]]) -> list[list[Any]]:
     """Keep the first of equal values that follow each other."""
     found: list[list[Any]] = []
@@ -404,11 +383,7 @@ def _packed(data: bytes) -> str:
 
 TRACES = "traces"
 """The folder beside a report in which the report finds traces."""
-
-
 SUFFIX = ".trace.json"
-
-
 MOST_IN_A_PAGE = 1_500_000
 """Bytes of traces that a page holds; it opens further ones from their files."""
 

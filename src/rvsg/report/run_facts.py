@@ -28,7 +28,7 @@ from rvsg.evaluation.verdict import objective
 from rvsg.robots.robot import Robot
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
-from rvsg.simulation.run import Outcome, Run, Trajectory
+from rvsg.simulation.run import Outcome, Run
 from rvsg.world.world import World
 
 Floats = NDArray[np.float64]
@@ -59,22 +59,20 @@ def prefix(run: Run, end: int) -> Run:
     if end >= len(run.trajectory):
         return run
     t_s = float(run.trajectory.t[end - 1])
-    trajectory = _first(run.trajectory, end)
-    log = (
-        trajectory
-        if run.log is run.trajectory
-        else _first(run.log, int(np.searchsorted(run.log.t * run.clock_ratio, t_s, side="right")))
-    )
+    trajectory = log = run.trajectory.at(slice(max(1, end)))
+    if run.log is not run.trajectory:
+        rows = int(np.searchsorted(run.log.t * run.clock_ratio, t_s, side="right"))
+        log = run.log.at(slice(max(1, rows)))
     imu = run.imu[: round(t_s * IMU_RATE_HZ) + 1]
     return dataclasses.replace(run, trajectory=trajectory, log=log, imu=imu, outcome=Outcome.REACHED)
 
 
-def judged_curve(run: Run, requirement: Requirement, world: World | None, *, points: int = POINTS) -> Curve:
-    """Return the judged quantity at about `points` moments of the run, the last being its end."""
+def judged_curve(run: Run, requirement: Requirement, world: World | None) -> Curve:
+    """Return the judged quantity at about `POINTS` moments of the run, the last being its end."""
     samples = len(run.trajectory)
     if samples < 2:
         return Curve(np.empty(0), np.empty(0))
-    ends = np.unique(np.linspace(2, samples, min(points, samples - 1)).round().astype(int))
+    ends = np.unique(np.linspace(2, samples, min(POINTS, samples - 1)).round().astype(int))
     metric = find_metric(requirement.metric)
     if metric is not None and metric.so_far is not None and metric.series == "trajectory":
         values = metric.so_far(sampled(run, world))[ends - 1]
@@ -146,10 +144,6 @@ def _longest_standstill(run: Run) -> float | None:
     if not len(usable):
         return None
     return float(path.t[usable[int((travelled[later[usable]] - travelled[usable]).argmin())]])
-
-
-def _first(series: Trajectory, count: int) -> Trajectory:
-    return series.at(slice(max(1, count)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -278,7 +272,14 @@ def run_facts(
     events = events_of(run, world=world, scenario=scenario)
     decides = decisive(run, requirement, curve)
     objective = measurement.objective
-    closest, person, at = _closest(run)
+    closest, person, at, with_whom = None, "", 0.0, ""
+    if run.human_names and len(run.trajectory):
+        gap = sampled(run).gap
+        row, nearest = (int(k) for k in np.unravel_index(int(gap.argmin()), gap.shape))
+        closest, person, at = float(gap[row, nearest]), run.human_names[nearest], float(run.trajectory.t[row])
+        then = gap[row_at(run, decides.time_s)]
+        with_whom = run.human_names[int(then.argmin())] if then.min() <= INVOLVED_M else ""
+    bad = np.array([np.isfinite(v) and requirement.violated_by(float(v)) for v in curve.value], np.bool_)
     return RunFacts(
         run=run,
         measurement=measurement,
@@ -288,41 +289,19 @@ def run_facts(
         curve=curve,
         decisive_s=decides.time_s,
         decisive_why=decides.why,
-        decisive_with=_nearest_at(run, decides.time_s),
+        decisive_with=with_whom,
         decisive_at=_where(run, decides.time_s, world),
         world=world,
         closest_m=closest,
         closest_to=person,
         closest_s=at,
-        beyond=_beyond(curve, requirement),
+        beyond=[(float(curve.t[a]), float(curve.t[b])) for a, b in stretches(bad)],
     )
-
-
-def _closest(run: Run) -> tuple[float | None, str, float]:
-    if not run.human_names or not len(run.trajectory):
-        return None, "", 0.0
-    gap = sampled(run).gap
-    row, person = np.unravel_index(int(gap.argmin()), gap.shape)
-    return float(gap[row, person]), run.human_names[int(person)], float(run.trajectory.t[row])
-
-
-def _nearest_at(run: Run, t_s: float) -> str:
-    if not run.human_names or not len(run.trajectory):
-        return ""
-    gap = sampled(run).gap[row_at(run, t_s)]
-    return run.human_names[int(gap.argmin())] if gap.min() <= INVOLVED_M else ""
 
 
 def _where(run: Run, t_s: float, world: World) -> Place:
     row = row_at(run, t_s)
     return place_namer(world)(float(run.trajectory.x[row]), float(run.trajectory.y[row]))
-
-
-def _beyond(curve: Curve, requirement: Requirement) -> list[tuple[float, float]]:
-    if requirement.threshold is None or not len(curve.t):
-        return []
-    bad = np.array([np.isfinite(v) and requirement.violated_by(float(v)) for v in curve.value])
-    return [(float(curve.t[a]), float(curve.t[b])) for a, b in stretches(bad)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -353,11 +332,8 @@ def cause_of(finding: Finding, confirmed: AttemptFacts, facts: Sequence[AttemptF
     baseline = next((f for f in reversed(facts) if f.attempt.purpose == "baseline"), None)
     removals = [f for f in facts if f.attempt.purpose == "removal" and f.attempt.confirms == confirmed.attempt.index]
     each = tuple(pair for f in removals if (pair := _pair(", ".join(f.attempt.without), confirmed, f)) is not None)
-    return Cause(
-        finding=finding,
-        nobody=_pair("anybody", confirmed, baseline) if baseline is not None else None,
-        each=each,
-    )
+    nobody = _pair("anybody", confirmed, baseline) if baseline is not None else None
+    return Cause(finding=finding, nobody=nobody, each=each)
 
 
 def _pair(without: str, confirmed: AttemptFacts, fewer: AttemptFacts) -> Pair | None:

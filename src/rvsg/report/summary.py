@@ -175,7 +175,6 @@ def junit_of(campaigns: Iterable[tuple[Plan, Summary]]) -> str:
 
 
 def _document(made: Iterable[ET.Element]) -> str:
-    """Return the text of test suites, with the counts of their cases."""
     suites = ET.Element("testsuites")
     suites.extend(made)
     for suite in suites:
