@@ -6,7 +6,6 @@ The JavaScript components fetch and send it.
 from __future__ import annotations
 
 import errno
-import hashlib
 import json
 import shlex
 import threading
@@ -72,17 +71,20 @@ def number_of(given: dict[str, Any], key: str) -> int:
 
 def replay(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     """Return the replay of an attempt of a campaign, and of what is tied to it unless it is asked for `alone`."""
-    folder = workspace.existing(text_of(given, "campaign"))
-    alone = bool(given.get("alone"))
-    name, index = given.get("name") or None, number_of(given, "attempt")
+    folder, name = workspace.existing(text_of(given, "campaign")), given.get("name")
+    index, alone = number_of(given, "attempt"), bool(given.get("alone"))
 
     def made() -> dict[str, Any]:
-        campaign = rvsg.Campaign.open(folder, name)
+        campaign = campaign_of(workspace, given)
         shown = related(campaign.attempts(), index)
         return replay_of_attempts(campaign, shown[:1] if alone else shown)
 
-    found: dict[str, Any] = workspace.kept(("replay", str(folder), name, index, alone), folder, made)
-    return found
+    return workspace.kept(("replay", str(folder), name, index, alone), folder, made)
+
+
+def campaign_of(workspace: Workspace, given: dict[str, Any]) -> rvsg.Campaign:
+    """Return the campaign of a question."""
+    return rvsg.Campaign.open(workspace.existing(text_of(given, "campaign")), given.get("name") or None)
 
 
 def world_place(workspace: Workspace, given: dict[str, Any]) -> str | Path:
@@ -132,8 +134,7 @@ def world_drive(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
 
 def history_of(workspace: Workspace, given: dict[str, Any]) -> History:
     """Return the changes of a world that can be undone."""
-    place = str(world_place(workspace, given))
-    return History(workspace.own / "undo" / f"{hashlib.sha256(place.encode()).hexdigest()[:16]}.json")
+    return History(workspace.own_file("undo", str(world_place(workspace, given))))
 
 
 def scenario(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
@@ -158,18 +159,17 @@ def scenario_place(workspace: Workspace, given: dict[str, Any]) -> tuple[Scenari
     """Return the scenario a page is about, its world, and what simulates it."""
     embedded = Spec("embedded")
     if given.get("campaign"):
-        folder = workspace.existing(text_of(given, "campaign"))
-        name, index = given.get("name") or None, number_of(given, "attempt")
+        folder, name = workspace.existing(text_of(given, "campaign")), given.get("name")
+        index = number_of(given, "attempt")
 
         def made() -> tuple[Scenario, World, Spec]:
-            campaign = rvsg.Campaign.open(folder, name)
+            campaign = campaign_of(workspace, given)
             found = next((a.proposal.scenario for a in campaign.attempts() if a.index == index), None)
             if found is None:
                 raise InputError(f"There is no attempt {index} with a scenario in this campaign.")
             return found, campaign.world, campaign.simulator
 
-        kept: tuple[Scenario, World, Spec] = workspace.kept(("scenario", str(folder), name, index), folder, made)
-        return kept
+        return workspace.kept(("scenario", str(folder), name, index), folder, made)
     if given.get("case"):
         suite, case = rvsg.Suite.open(workspace.existing(text_of(given, "suite"))), text_of(given, "case")
         told = next((each.scenario for each in suite.cases if each.name == case), None)
@@ -211,7 +211,7 @@ def scenario_keep(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]
 
 
 def scenario_replay(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
-    """Return the replay of the scenario as it stands in the editor, over 20 seeds."""
+    """Return the replay of the scenario as it stands in the editor, over several seeds."""
     wanted, place, simulator, requirement = _asked(workspace, given)
     return replay_of_runs(simulated(wanted, place, range(MOST_SEEDS), simulator), requirement)
 
@@ -257,8 +257,7 @@ def _wanted(given: dict[str, Any]) -> Scenario:
 def draft_of(workspace: Workspace, given: dict[str, Any]) -> Path:
     """Return where changes of a scenario are kept until they are saved."""
     keys = ("campaign", "name", "attempt", "file", "world", "route", "suite", "case")
-    named = json.dumps([given.get(key) or "" for key in keys])
-    return workspace.own / "drafts" / f"{hashlib.sha256(named.encode()).hexdigest()[:16]}.json"
+    return workspace.own_file("drafts", json.dumps([given.get(key) or "" for key in keys]))
 
 
 def runs(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
@@ -270,11 +269,9 @@ def runs(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
         requirement = load_requirement("R1", asked.mission.route)
         if given.get("campaign"):
             requirement = rvsg.Campaign.open(workspace.existing(text_of(given, "campaign"))).requirement
-        loaded = rvsg.load_runs(file)
-        return replay_of_runs(RunSet(loaded.runs, asked, place), requirement)
+        return replay_of_runs(RunSet(rvsg.load_runs(file).runs, asked, place), requirement)
 
-    found: dict[str, Any] = workspace.kept(("runs", str(file), str(scenario_file)), file, made)
-    return found
+    return workspace.kept(("runs", str(file), str(scenario_file)), file, made)
 
 
 def versions(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
@@ -291,8 +288,8 @@ def compared_versions(workspace: Workspace, first: str, second: str, suite: str 
 
 def picture(workspace: Workspace, given: dict[str, Any]) -> Response:
     """Return a picture that a model was shown."""
-    campaign = rvsg.Campaign.open(workspace.existing(text_of(given, "campaign")), given.get("name") or None)
-    return Response(picture_of_call(campaign, text_of(given, "digest")), media_type="image/png")
+    content = picture_of_call(campaign_of(workspace, given), text_of(given, "digest"))
+    return Response(content, media_type="image/png")
 
 
 MOST_SEEDS = 20
@@ -362,8 +359,7 @@ def trace(workspace: Workspace, given: dict[str, Any]) -> Response:
             file, scenario = (workspace.existing(text_of(given, key)) for key in ("file", "scenario"))
             text = trace_source(file, run=run, scenario=scenario).text()
         else:
-            folder = workspace.existing(text_of(given, "campaign"))
-            text = kept_trace(rvsg.Campaign.open(folder, given.get("name") or None), run)
+            text = kept_trace(campaign_of(workspace, given), run)
     return Response(text, media_type="application/json")
 
 

@@ -5,7 +5,6 @@ Keys of models come from the environment alone.
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -111,8 +110,7 @@ class Review:
         self.workspace, self.name = workspace, name
         self.world = rvsg.load_world(name if name in shipped_worlds() else workspace.existing(name))
         self.stored = description_of(self.world)
-        place = hashlib.sha256(name.encode()).hexdigest()[:16]
-        self._path = workspace.own / "reviews" / f"{place}.json"
+        self._path = workspace.own_file("reviews", name)
         self.target = f"description of {name}"
         self.draft = self._read()
 
@@ -151,11 +149,8 @@ class Review:
         else:  # a person wrote what is rejected: the conversation begins with it
             start, reasons = texts, (reason,)
         self.change(before=texts, start=start, reasons=reasons)
-        return {
-            "world": self.name,
-            "start": start.model_dump() if start is not None else None,
-            "reasons": list(reasons),
-        }
+        start_data = start.model_dump() if start is not None else None
+        return {"world": self.name, "start": start_data, "reasons": list(reasons)}
 
     def take(self, job: Job) -> bool:
         """Take in what a finished job wrote; whether it was new."""
@@ -186,7 +181,8 @@ def named_in(text: str, world: World) -> list[tuple[str, Literal["text", "known"
     """Return a text in pieces: names of areas of the world, what looks like one and is none, and the rest."""
     known = [area.name for area in world.areas]
     unknown = [name for name in unknown_areas(text, known) if name.strip()]
-    kinds = {name.casefold(): "unknown" for name in unknown} | {name.casefold(): "known" for name in known}
+    kinds: dict[str, Literal["known", "unknown"]] = {name.casefold(): "unknown" for name in unknown}
+    kinds |= {name.casefold(): "known" for name in known}
     if not kinds:
         return [(text, "text")]
     longest = sorted(kinds, key=len, reverse=True)
@@ -194,8 +190,7 @@ def named_in(text: str, world: World) -> list[tuple[str, Literal["text", "known"
     pieces: list[tuple[str, Literal["text", "known", "unknown"]]] = []
     for place, piece in enumerate(pattern.split(text)):
         if piece:
-            is_known = kinds.get(piece.casefold()) == "known"
-            pieces.append((piece, "text" if place % 2 == 0 else "known" if is_known else "unknown"))
+            pieces.append((piece, "text" if place % 2 == 0 else kinds.get(piece.casefold(), "unknown")))
     return pieces
 
 
@@ -207,11 +202,9 @@ def difference(before: str, after: str) -> list[tuple[Literal["same", "removed",
     for kind, i1, i2, j1, j2 in matcher.get_opcodes():
         if kind == "equal":
             pieces.append(("same", "".join(new[j1:j2])))
-            continue
-        if i2 > i1:
-            pieces.append(("removed", "".join(old[i1:i2])))
-        if j2 > j1:
-            pieces.append(("added", "".join(new[j1:j2])))
+        else:
+            pieces += [("removed", "".join(old[i1:i2]))] if i2 > i1 else []
+            pieces += [("added", "".join(new[j1:j2]))] if j2 > j1 else []
     return pieces
 
 
@@ -282,10 +275,9 @@ def picture_of_call(campaign: Campaign, digest: str) -> bytes:
         InputError: there is none of that digest.
     """
     recording = campaign.recording
-    if recording is not None and digest.isalnum() and len(digest) <= LONGEST_DIGEST:
-        path = _picture(recording, digest)
-        if path.is_file():
-            return path.read_bytes()
+    path = _picture(recording, digest) if recording is not None and digest.isalnum() else None
+    if path is not None and len(digest) <= LONGEST_DIGEST and path.is_file():
+        return path.read_bytes()
     raise InputError("This picture is not kept in the record of the campaign.")
 
 

@@ -13,17 +13,11 @@ import webbrowser
 from collections.abc import Awaitable, Callable, MutableMapping
 from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import parse_qsl, quote, urlencode
 
 from rvsg.core import plugins
 from rvsg.core.errors import FileError, InputError, how_to_install
-
-if TYPE_CHECKING:
-    from fastapi import FastAPI
-
-    from rvsg_studio.workspace import Workspace
-
 
 HOST = "127.0.0.1"
 PORT = 8420
@@ -55,7 +49,11 @@ def serve(folder: Path, *, port: int | None, browser: bool, say: Callable[[str],
         say("Whoever knows this address can use the studio. Ctrl-C ends it; jobs go on.")
         if browser:
             webbrowser.open(address)
-        _run(app, sock)
+        import uvicorn
+
+        logging.getLogger("uvicorn.error").setLevel(logging.WARNING)
+        config = uvicorn.Config(app, log_level="warning", access_log=False, ws="auto", timeout_graceful_shutdown=2)
+        uvicorn.Server(config).run(sockets=[sock])
 
 
 def make_app(folder: Path, *, token: str, port: int) -> Callable[..., object]:
@@ -63,9 +61,11 @@ def make_app(folder: Path, *, token: str, port: int) -> Callable[..., object]:
     own = folder.resolve() / ".rvsg-studio"
     os.environ["NICEGUI_STORAGE_PATH"] = str(own / "nicegui")  # read when NiceGUI is imported
     try:
-        import nicegui  # noqa: F401
+        from fastapi import FastAPI
+        from nicegui import ui
     except ImportError:
         raise InputError(f"The studio needs NiceGUI: {how_to_install('studio')}") from None
+    from rvsg_studio.answers import add_data
     from rvsg_studio.workspace import Workspace
 
     try:
@@ -73,15 +73,6 @@ def make_app(folder: Path, *, token: str, port: int) -> Callable[..., object]:
     except OSError as error:
         raise FileError(folder, f"the studio cannot write here: {error.strerror}. Choose another folder.") from None
     threading.Thread(target=workspace.listing, daemon=True).start()  # so that the first page waits less
-    return Guard(_inner(workspace), token=token, port=port)
-
-
-def _inner(workspace: Workspace) -> FastAPI:
-    from fastapi import FastAPI
-    from nicegui import ui
-
-    from rvsg_studio.answers import add_data
-
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     add_data(app, workspace)
     for name in plugins.names("page"):
@@ -96,7 +87,7 @@ def _inner(workspace: Workspace) -> FastAPI:
         show_welcome_message=False,
         favicon="data:,",
     )
-    return app
+    return Guard(app, token=token, port=port)
 
 
 @contextlib.contextmanager
@@ -118,14 +109,6 @@ def _listening(port: int | None):  # type: ignore[no-untyped-def]
         return
     reason = last.strerror or last if last else "unknown"
     raise InputError(f"Port {port} of {HOST} cannot be used: {reason}. Choose another with --port, or 0 for any.")
-
-
-def _run(app: Callable[..., object], sock: socket.socket) -> None:
-    import uvicorn
-
-    logging.getLogger("uvicorn.error").setLevel(logging.WARNING)
-    config = uvicorn.Config(app, log_level="warning", access_log=False, ws="auto", timeout_graceful_shutdown=2)
-    uvicorn.Server(config).run(sockets=[sock])
 
 
 Scope = MutableMapping[str, Any]
@@ -169,7 +152,8 @@ class Guard:
             return
         headers = {key.decode("latin-1").lower(): value.decode("latin-1") for key, value in scope["headers"]}
         query = dict(parse_qsl(scope.get("query_string", b"").decode("latin-1"), keep_blank_values=True))
-        if headers.get("host") not in self.hosts or not self._same_origin(headers):
+        origins = {None, *(f"http://{host}" for host in self.hosts)}
+        if headers.get("host") not in self.hosts or headers.get("origin") not in origins:
             await self._refuse(scope, send)
         elif self._is(self._of_cookie(headers)):
             await self.app(scope, receive, _with_headers(send))
@@ -177,10 +161,6 @@ class Guard:
             await self._let_in(scope, query, send)
         else:
             await self._refuse(scope, send)
-
-    def _same_origin(self, headers: dict[str, str]) -> bool:
-        origin = headers.get("origin")
-        return origin is None or origin in {f"http://{host}" for host in self.hosts}
 
     def _of_cookie(self, headers: dict[str, str]) -> str:
         try:
@@ -197,13 +177,8 @@ class Guard:
         # A path may hold line breaks, or begin like the name of another host.
         address = "/" + quote(scope["path"].lstrip("/\\")) + (f"?{urlencode(query)}" if query else "")
         cookie = f"{self.cookie}={self.token}; Path=/; HttpOnly; SameSite=Strict"
-        await send(
-            {
-                "type": "http.response.start",
-                "status": 303,
-                "headers": [(b"location", address.encode()), (b"set-cookie", cookie.encode()), *HEADERS],
-            }
-        )
+        head = [(b"location", address.encode()), (b"set-cookie", cookie.encode()), *HEADERS]
+        await send({"type": "http.response.start", "status": 303, "headers": head})
         await send({"type": "http.response.body", "body": b""})
 
     async def _refuse(self, scope: Scope, send: Send) -> None:

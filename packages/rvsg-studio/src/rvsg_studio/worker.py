@@ -200,12 +200,8 @@ def describe(work: Work) -> dict[str, Any]:
     session.model.tell = partial(tell_call, work)
     start = Description(**given["start"]) if given["start"] is not None else None
     made = revised(session, start, given["reasons"])
-    return {
-        "state": "finished",
-        "layout": made.layout,
-        "grid": made.grid,
-        "said": " ".join([describe_calls(session.dialogue.calls), *session.notes()]),
-    }
+    said = " ".join([describe_calls(session.dialogue.calls), *session.notes()])
+    return {"state": "finished", "layout": made.layout, "grid": made.grid, "said": said}
 
 
 def name_areas(work: Work) -> dict[str, Any]:

@@ -29,7 +29,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar, cast
 
 import yaml
 from pydantic import Field
@@ -207,6 +207,7 @@ def read_json(path: Path, otherwise: Any) -> Any:
 OWN = ".rvsg-studio"
 """The studio's own folder in the folder it works in: jobs, undo steps, the index. Deleting it loses no result."""
 REMEMBERED = 24
+T = TypeVar("T")
 
 
 class Workspace:
@@ -253,14 +254,18 @@ class Workspace:
         """Return a path as it is named in addresses and command lines: relative to the folder."""
         return path.resolve().relative_to(self.folder).as_posix()
 
-    def kept(self, key: tuple[Any, ...], path: Path, make: Callable[[], Any]) -> Any:
+    def own_file(self, kind: str, about: str) -> Path:
+        """Return where the studio keeps something of its own about a page, a world or a scenario."""
+        return self.own / kind / f"{hashlib.sha256(about.encode()).hexdigest()[:16]}.json"
+
+    def kept(self, key: tuple[Any, ...], path: Path, make: Callable[[], T]) -> T:
         """Return what was made of a file or a store, made anew where its files have changed since."""
         now = stamp(path)
         with self._lock:
             found = self._kept.get(key)
             if found is not None and found[0] == now:
                 self._kept.move_to_end(key)
-                return found[1]
+                return cast(T, found[1])
         made = make()
         with self._lock:
             self._kept[key] = (now, made)
@@ -374,8 +379,7 @@ class Typed:
     """The unsaved input of one page, by field."""
 
     def __init__(self, workspace: Workspace, page: str) -> None:
-        name = hashlib.sha256(page.encode()).hexdigest()[:16]
-        self._path = workspace.own / "typed" / f"{name}.json"
+        self._path = workspace.own_file("typed", page)
 
     @property
     def fields(self) -> dict[str, Any]:

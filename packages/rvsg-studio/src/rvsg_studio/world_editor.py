@@ -83,15 +83,10 @@ def remarks_on(name: str | Path, *, trial: Trial | None = None) -> list[dict[str
     found = []
     for remark in check_world(folder, trial=trial):
         problem = remark.problem
-        said = {
-            "serious": remark.serious,
-            "code": remark.code,
-            "message": problem.message,
-            "file": problem.path.name,
-            "line": problem.line,
-        }
+        said = {"serious": remark.serious, "code": remark.code, "key": list(remark.key)}
+        said |= {"message": problem.message, "file": problem.path.name, "line": problem.line}
         fix = {"label": remark.fix.label, "change": dict(remark.fix.change)} if remark.fix is not None else None
-        found.append(said | {"key": list(remark.key), "fix": fix})
+        found.append(said | {"fix": fix})
     return found
 
 
@@ -114,7 +109,8 @@ class History:
         if edit.after == edit.before:
             return
         kept = self._read()
-        made, done = _as_data(edit) | {"together": together}, list(kept["done"])
+        made = {"path": str(edit.path), "before": edit.before, "after": edit.after, "together": together}
+        done = list(kept["done"])
         continued = {"path": made["path"], "after": edit.before, "together": together}
         if together and done and continued.items() <= done[-1].items():
             made |= {"before": done.pop()["before"], "shortly": edit.before}
@@ -174,10 +170,6 @@ def _shipped_kinds() -> frozenset[str]:
     """Return the kinds of areas in the worlds that ship with RVSG."""
     labels = (SHIPPED / name / "labels.yaml" for name in shipped_worlds())
     return frozenset(str(area["kind"]) for path in labels if path.is_file() for area in read_yaml(path).value["areas"])
-
-
-def _as_data(edit: Edit) -> dict[str, str]:
-    return {"path": str(edit.path), "before": edit.before, "after": edit.after}
 
 
 def _route(world: World, route: Route) -> dict[str, Any]:

@@ -62,8 +62,7 @@ def read(workspace: Workspace, folder: str, name: str) -> State:
         attempts = opened.attempts()  # read once: a running campaign has more a moment later
         return opened, attempts, opened.summary(attempts)
 
-    found: State = workspace.kept(("campaign", folder, name), path, made)
-    return found
+    return workspace.kept(("campaign", folder, name), path, made)
 
 
 class Live:
@@ -306,11 +305,8 @@ class Cells:
         made.command("Begin elsewhere", matrix.commands())
         self._shown: tuple[object, ...] = ()
         self._buttons: tuple[bool, bool] | None = None
-        self._update(self._found(), self._job())
+        self._update(self._found(), self.workspace.jobs.of(folder))
         self.timer = ui.timer(EVERY_S, made.guarded(self._follow))
-
-    def _job(self) -> Job | None:
-        return self.workspace.jobs.of(self.folder)
 
     def _found(self) -> dict[tuple[str, str], FoundCampaign]:
         """The campaigns of the folder by route and requirement, as they are known now."""
@@ -318,7 +314,7 @@ class Cells:
         return {(each.route, each.requirement): each for each in inside if each.name}
 
     async def _follow(self) -> None:
-        self._update(await load(self._found), await load(self._job))
+        self._update(await load(self._found), await load(self.workspace.jobs.of, self.folder))
 
     def _update(self, found: dict[tuple[str, str], FoundCampaign], job: Job | None) -> None:
         running = job is not None and job.running
@@ -329,19 +325,15 @@ class Cells:
             self.news.set_text(job.result.get("reason", ""))
         if (running, finished) != self._buttons:
             self._buttons = (running, finished)
-            self._offer(job if running else None, finished=finished)
-        shown = (tuple(found.items()), finished)
-        if shown != self._shown:
+            self.actions.clear()
+            with self.actions:
+                if running and job is not None:
+                    job_buttons(self.page, job)
+                elif not finished:
+                    self.page.button("Resume", self._resume, cls="st-primary")
+        if (shown := (tuple(found.items()), finished)) != self._shown:
             self._shown = shown
             self._table(found)
-
-    def _offer(self, job: Job | None, *, finished: bool) -> None:
-        self.actions.clear()
-        with self.actions:
-            if job is not None:
-                job_buttons(self.page, job)
-            elif not finished:
-                self.page.button("Resume", self._resume, cls="st-primary")
 
     def _resume(self) -> None:
         command = self.matrix.resume_command

@@ -171,8 +171,7 @@ def _read(workspace: Workspace, a: str, b: str) -> tuple[tuple[Pair, ...], str]:
         one, two = found.variants
         return tuple(zip(one.cases, two.cases, found.changes, strict=True)), first.requirement.unit
 
-    pairs: tuple[tuple[Pair, ...], str] = workspace.kept(("pairs", a, b, stamp(paths[1])), paths[0], made)
-    return pairs
+    return workspace.kept(("pairs", a, b, stamp(paths[1])), paths[0], made)
 
 
 def _choose(

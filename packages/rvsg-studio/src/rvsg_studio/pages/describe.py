@@ -85,8 +85,7 @@ class Reviewing:
         self._edit()
         self._decide()
         self._show()
-        job = review.job
-        if job is not None:
+        if (job := review.job) is not None:
             self._follow(job)
         self.timer = ui.timer(1.0, made.guarded(self._watch))
 
@@ -233,10 +232,9 @@ def model_form(workspace: Workspace) -> None:
 
 def _read(workspace: Workspace, folder: str, name: str) -> tuple[Conversation, ...]:
     path = workspace.existing(folder)
-    found: tuple[Conversation, ...] = workspace.kept(
+    return workspace.kept(
         ("conversations", folder, name), path, lambda: conversations_of(rvsg.Campaign.open(path, name or None))
     )
-    return found
 
 
 async def _list(workspace: Workspace) -> None:

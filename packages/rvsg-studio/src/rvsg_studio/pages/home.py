@@ -10,7 +10,7 @@ import rvsg
 from rvsg.evaluation.verdict import counted
 from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.frame import PATIENT_S, Page, actions, chip, link, load, page, route, section, table, tag
-from rvsg_studio.listing import FoundCampaign, FoundFinding, Listing
+from rvsg_studio.listing import FoundCampaign, Listing
 from rvsg_studio.pages.finding import JobLine, job_buttons
 from rvsg_studio.workspace import Job, Workspace
 
@@ -127,18 +127,14 @@ def _findings(listing: Listing) -> None:
             return
         with tag("ul", cls="st-cards"):
             for campaign, finding in found[:NEWEST]:
-                _finding(campaign, finding)
-
-
-def _finding(campaign: FoundCampaign, finding: FoundFinding) -> None:
-    with tag("li", cls="st-card"):
-        with tag("p", cls="st-card-head"):
-            chip(finding.status, bad=finding.violated, good=finding.status == "PASS")
-            tag("span", f"{campaign.requirement} · {campaign.world}, {campaign.route}", cls="soft small")
-        with tag("p", cls="st-clip"):
-            said = finding.description or "Without a description"
-            link(said, "/finding", campaign=campaign.folder, name=campaign.name, attempt=finding.attempt)
-        tag("p", f"{finding.violations} of {finding.runs} runs violate it", cls="small")
+                with tag("li", cls="st-card"):
+                    with tag("p", cls="st-card-head"):
+                        chip(finding.status, bad=finding.violated, good=finding.status == "PASS")
+                        tag("span", f"{campaign.requirement} · {campaign.world}, {campaign.route}", cls="soft small")
+                    with tag("p", cls="st-clip"):
+                        said = finding.description or "Without a description"
+                        link(said, "/finding", campaign=campaign.folder, name=campaign.name, attempt=finding.attempt)
+                    tag("p", f"{finding.violations} of {finding.runs} runs violate it", cls="small")
 
 
 def _campaigns(listing: Listing) -> None:

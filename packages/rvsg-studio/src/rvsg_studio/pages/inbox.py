@@ -204,17 +204,18 @@ class Inbox:
 
 def _verdict(each: Found) -> None:
     """Lay out what the checker says: of the first answer, what was repaired, and what is left."""
-    proposal = each.proposal
-    first = () if proposal is None else tuple(str(finding) for finding in proposal.first_findings)
-    repaired = () if proposal is None else tuple(f"{r.human}, {r.task}: {r.what}" for r in proposal.repairs)
-    left = (*(() if proposal is None else tuple(str(finding) for finding in proposal.problems)), *each.wrong)
-    if not (first or repaired or left):
+    said: dict[str, tuple[object, ...]] = {"Left": each.wrong}
+    if (proposal := each.proposal) is not None:
+        said["Left"] = (*proposal.problems, *each.wrong)
+        said["In the first answer"] = proposal.first_findings
+        said["Repaired"] = tuple(f"{r.human}, {r.task}: {r.what}" for r in proposal.repairs)
+    if not any(said.values()):
         tag("p", "The checker finds nothing.", cls="soft small")
-    for title, lines in (("Left", left), ("In the first answer", first), ("Repaired", repaired)):
+    for title, lines in said.items():
         if not lines:
             continue
         with tag("details", open=title == "Left"):
             tag("summary", f"{title}: {counted(len(lines), 'finding' if title != 'Repaired' else 'repair')}")
             with tag("ul", cls="small"):
                 for line in lines[:SHOWN]:
-                    tag("li", line)
+                    tag("li", str(line))

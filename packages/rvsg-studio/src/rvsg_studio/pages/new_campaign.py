@@ -75,10 +75,7 @@ class Estimate(Record):
     """Calls of that model in earlier campaigns, from which time and price of a call are taken."""
 
 
-def estimate(
-    config: CampaignConfig,
-    earlier: Iterable[FoundCampaign] = (),
-) -> Estimate:
+def estimate(config: CampaignConfig, earlier: Iterable[FoundCampaign] = ()) -> Estimate:
     """Estimate a campaign by simulating its mission a few times, and by what calls of its model took earlier.
 
     Raises:
@@ -351,10 +348,8 @@ class Form:
         self.estimate.set_text("Simulating the mission a few times…")
         listing = await load(self.page.workspace.whole_listing)
         matrix = self.draft.matrix
-        if matrix is not None:
-            found = await load(estimate_all, matrix, listing.campaigns)
-        else:
-            found = await load(estimate, self.draft.config, listing.campaigns)
+        asked = (estimate_all, matrix) if matrix is not None else (estimate, self.draft.config)
+        found = await load(*asked, listing.campaigns)
         self.estimate.set_text(in_words(found))
 
     async def _start(self) -> None:
@@ -370,11 +365,11 @@ class Form:
         config = self.draft.config
         folder = workspace.path(str(config.folder))
         name = workspace.relative(folder)
-        settings = {key: value for key, value in config.model_dump().items() if key not in ("out", *MACHINE)}
+        defaults = CampaignConfig().model_dump()
         changed = {
             key: value
-            for key, value in settings.items()
-            if key == "strategy" or value != getattr(CampaignConfig(), key)
+            for key, value in config.model_dump().items()
+            if key not in ("out", *MACHINE) and (key == "strategy" or value != defaults[key])
         }
         campaign = await load(rvsg.Campaign.create, name, file=changed, begun_in=str(workspace.folder))
         machine = {key: getattr(config, key) for key in NOT_STORED if getattr(config, key) is not None}
