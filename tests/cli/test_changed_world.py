@@ -45,33 +45,22 @@ def test_a_renamed_area_does_not_matter_and_a_new_object_does(
     assert {"map", "objects"} <= {each["part"] for each in found if each["matters"]}
 
 
-@pytest.fixture
-def saved(worlds: tuple[Path, Path], tmp_path: Path) -> Path:
-    """A scenario of the old office, whose grid is shifted by 0.10 m in the new one."""
-    place = load_world(worlds[0])
-    save_scenario(scenario(place, place.routes[0].name, [walk("P", "G8", "G12")]), tmp_path / "scenario.json")
-    change(worlds[1], "world.yaml", "origin: [1.0, 1.1]", "origin: [1.1, 1.1]")
-    return tmp_path / "scenario.json"
-
-
 @pytest.mark.slow
 def test_a_scenario_moves_to_a_world_whose_grid_has_shifted(
-    worlds: tuple[Path, Path], saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    worlds: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    new, moved, kinematic = worlds[1], tmp_path / "moved.json", "--simulator kinematic"
+    (old, new), kinematic = worlds, "--simulator kinematic"
+    saved, moved = tmp_path / "scenario.json", tmp_path / "moved.json"
+    place = load_world(old)
+    save_scenario(scenario(place, place.routes[0].name, [walk("P", "G8", "G12")]), saved)
+    change(new, "world.yaml", "origin: [1.0, 1.1]", "origin: [1.1, 1.1]")
     rvsg("simulate", saved, "--world", new, kinematic, code=2)
     capsys.readouterr()
+    rvsg("scenario migrate", saved, "--world", new, "--reach 0.02 --out", moved, code=2)  # too far
+    assert not moved.exists()
     rvsg("scenario migrate", saved, "--world", new, "--out", moved)
     assert "0.10 m" in capsys.readouterr().err
     there = Scenario.model_validate({k: v for k, v in json.loads(moved.read_text()).items() if k != "world_folder"})
     assert there.mission.world_id == load_world(new).id
     assert world_of(there.mission, new).id == load_world(new).id
     rvsg("simulate", moved, "--world", new, kinematic, "--out", tmp_path / "r")
-
-
-def test_a_waypoint_that_is_too_far_is_refused(
-    worlds: tuple[Path, Path], saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    rvsg("scenario migrate", saved, "--world", worlds[1], "--reach 0.02 --out", tmp_path / "no.json", code=2)
-    assert "Traceback" not in capsys.readouterr().err
-    assert not (tmp_path / "no.json").exists()

@@ -20,11 +20,6 @@ def scenario(tmp_path: Path) -> Path:
     return path
 
 
-def test_an_unknown_format_is_an_input_error(scenario: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["replay", str(scenario), "--out", "film.avi"]) == 2
-    assert ".webp" in capsys.readouterr().err
-
-
 @pytest.mark.exhaustive
 def test_a_scenario_and_its_runs_become_strips(scenario: Path, tmp_path: Path) -> None:
     kinematic = ["--simulator", "kinematic"]

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 import shapely
-from tests.studio.conftest import PATIENT, Server, Show, pixel, press, reach, ready, waited
+from tests.studio.conftest import PATIENT, Show, pixel, press, reach, ready
 
 import rvsg
 from rvsg_studio.world_editor import editable_world
@@ -102,20 +102,6 @@ def test_an_area_is_split_and_merged_again(show: Show, office: Path, draw: Draw)
     merged = rvsg.load_world(office).area("Lounge 1")
     assert shapely.Polygon(merged.outline).symmetric_difference(lounge).area < 0.1
     assert "Lounge 2" not in names(office)
-
-
-@pytest.mark.exhaustive
-def test_areas_that_do_not_touch_are_not_merged(show: Show, studio: Server, office: Path) -> None:
-    studio.refuses = True
-    before = (office / "labels.yaml").read_text()
-    tab = show("/world?world=office2")
-    press(tab, tab.get_by_role("button", name="Lounge", exact=True))
-    lounge = shapely.Polygon(rvsg.load_world(office).area("Lounge").outline)
-    far = max(rvsg.load_world(office).areas, key=lambda area: shapely.Polygon(area.outline).distance(lounge))
-    tab.get_by_label("Area to merge with").select_option(far.name)
-    tab.get_by_role("button", name="Merge").click()
-    tab.get_by_text("Only areas that share an edge can be merged").wait_for()
-    assert (office / "labels.yaml").read_text() == before
 
 
 @pytest.mark.exhaustive
@@ -215,23 +201,3 @@ def test_an_area_is_renamed_on_the_map(show: Show, office: Path, keys: bool) -> 
     tab.get_by_role("button", name="Tea corner").wait_for()
     assert "Tea corner" in names(office) and "Lounge" not in names(office)
     assert labels.read_text().endswith("# a comment of mine\n")
-
-
-@pytest.mark.exhaustive
-def test_moves_by_arrow_keys_are_undone_together(show: Show, office: Path) -> None:
-    before = (office / "labels.yaml").read_text()
-    left = left_edge(office)
-    tab = show("/world?world=office2")
-    press(tab, tab.get_by_role("button", name="Lounge", exact=True))
-    reach(tab, tab.locator(".st-map"))
-    for _ in range(7):
-        tab.keyboard.press("ArrowLeft")
-    waited(lambda: left_edge(office) == pytest.approx(left - 0.7))
-    tab.get_by_role("button", name="Undo").and_(tab.locator(":enabled")).click()
-    tab.get_by_text("Undone.").wait_for()
-    assert (office / "labels.yaml").read_text() == before
-
-
-def left_edge(folder: Path) -> float:
-    found: float = shapely.Polygon(rvsg.load_world(folder).area("Lounge").outline).bounds[0]
-    return found

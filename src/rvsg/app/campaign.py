@@ -23,7 +23,7 @@ from rvsg.app.record import (
 )
 from rvsg.app.settings import VLM_OPTIONS, CampaignConfig, effective, option_of
 from rvsg.app.stored_campaign import StoredCampaign
-from rvsg.app.wiring import COPY, Wired, jobs_of, remembered_file, wire
+from rvsg.app.wiring import COPY, Wired, jobs_of, remembered_file, strategy_class, wire
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.confirmation import Confirmations
 from rvsg.campaign.execution import Event, Message, ModelCall
@@ -31,7 +31,7 @@ from rvsg.campaign.findings import entries_of_campaign
 from rvsg.campaign.ledger import CachedLedger, Ledger
 from rvsg.campaign.loop import stream_campaign
 from rvsg.campaign.ranking import search_attempts
-from rvsg.core import permission, plugins
+from rvsg.core import permission
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.core.outputs import make_folder
@@ -265,7 +265,7 @@ class Campaign(StoredCampaign):
 
         with alone_in(self.folder), self._ledger() as store:
             ledger = CachedLedger(store)
-            if not self.finished_in(store):
+            if not self.summary(list(store.attempts(plan.name))).complete:
                 self.prepare(tell)
             wired.generator.watch(lambda news: note(ModelCall(campaign=plan.name, news=news)))
             workers = jobs or jobs_of(self.config)
@@ -329,12 +329,12 @@ class Campaign(StoredCampaign):
     @property
     def fills_a_map(self) -> bool:
         """Whether the strategy of the campaign looks for every kind of encounter, not only for the worst one."""
-        return bool(plugins.find("strategy", self.config.strategy).fills_a_map)
+        return strategy_class(self.config).fills_a_map
 
     @property
     def spends_runs(self) -> bool:
         """Whether its strategy divides the runs of the search among configurations as it sees fit."""
-        return bool(plugins.find("strategy", self.config.strategy).spends_runs)
+        return strategy_class(self.config).spends_runs
 
     @property
     def _wired(self) -> Wired:

@@ -238,10 +238,6 @@ class StoredCampaign:
         """Return where its report is written; with a name of its own where the store holds several campaigns."""
         return self.folder / (f"report-{safe_name(self.name)}.html" if several else REPORT)
 
-    def finished_in(self, ledger: Ledger) -> bool:
-        """Return whether the ledger holds everything planned."""
-        return summarise(self.plan, list(ledger.attempts(self.name))).complete
-
     @property
     def _paths(self) -> dict[str, str]:
         return paths_of(self.record.config, self.record.provenance.begun_in)

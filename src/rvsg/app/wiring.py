@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from rvsg.app.settings import BUDGETS, VLM_OPTIONS, CampaignConfig
 from rvsg.campaign.attempt import Plan
@@ -43,7 +43,7 @@ class Wired:
     world: World
     generator: Generator
     simulator: Simulator
-    strategy_class: Any
+    strategy_class: type[Strategy]
     executor: Executor | None
     paths: Mapping[str, str] = field(default_factory=dict)
     """The typed paths among the settings, with where they are."""
@@ -68,11 +68,10 @@ class Wired:
         Args:
             recorded: What the record of a stored campaign says of it, so that the campaign goes on as it began.
         """
-        plan, options = plan or self.plan, {}
-        if recorded is not None and recorded.name == self.config.strategy:
-            options = dict(recorded.options)
-        made: Strategy = self.strategy_class(plan, StoredFeedback(ledger, plan, self.world), self.world, **options)
-        return made
+        plan, make = plan or self.plan, cast(Callable[..., Strategy], self.strategy_class)
+        same = recorded is not None and recorded.name == self.config.strategy
+        options = recorded.options if recorded is not None and same else {}
+        return make(plan, StoredFeedback(ledger, plan, self.world), self.world, **options)
 
     def runner(
         self, ledger: CachedLedger, tell: Callable[[str], None], *, jobs: int, executor: Executor | None
@@ -96,6 +95,8 @@ class Wired:
         measuring = Evaluator(
             plan.requirement, self.world, procedure=judging, time_limit_s=plan.mission.route.time_limit_s
         )
+        config = self.config
+        limits = Limits(calls=config.budget_calls, tokens=config.budget_tokens, usd=config.budget_usd)
         return Parts(
             generator=self.generator,
             runner=runner,
@@ -103,16 +104,9 @@ class Wired:
             ledger=ledger,
             procedure=judging,
             cancelled=cancelled,
-            limits=self._limits(),
-            shrink_runs=self.config.shrink_runs,
+            limits=Limits() if config.replay is not None else limits,  # a replay costs nothing
+            shrink_runs=config.shrink_runs,
         )
-
-    def _limits(self) -> Limits:
-        """Return what the calls may cost; a replay costs nothing."""
-        config = self.config
-        if config.replay is not None:
-            return Limits()
-        return Limits(calls=config.budget_calls, tokens=config.budget_tokens, usd=config.budget_usd)
 
 
 def wire(
@@ -134,37 +128,43 @@ def wire(
     """
     paths = paths or {}
     world, route = _route_of(config, paths)
-    strategy_class = plugins.find("strategy", config.strategy)
-    plugins.check_complete("strategy", strategy_class, Strategy)
+    strategy = strategy_class(config)
+    plugins.check_complete("strategy", strategy, Strategy)
     own = simulator is None
     simulator = make_simulator(simulator or config.simulator_spec, stack or config.stack_spec(paths))
     mission, notes = mission_of(world, route, paths.get(config.robot, config.robot), simulator.robots)
     check_mission(mission, world)
     requirement = load_requirement(paths.get(config.requirement, config.requirement), mission.route)
-    also = also_of(config, requirement, mission, paths, several=strategy_class.needs_several)
+    also = also_of(config, requirement, mission, paths, several=strategy.needs_several)
     generator = _generator_of(config, paths, generator, simulator, world)
     plugins.check_options("store", config.store, config.store_options, given=1)
-    plan = _plan_of(
-        config,
-        name=f"{world.name}-{route.name}-{requirement.name}-{config.generator_name}-{config.strategy}-{config.seed}",
-        mission=mission,
-        requirement=requirement,
-        also=also,
-        scenarios=scenarios_of(config),
-        proposals=proposals_of(config) if generator.asks_a_model else None,
-    )
+    shared = Plan.model_fields.keys() & CampaignConfig.model_fields.keys()
+    made = {
+        "name": f"{world.name}-{route.name}-{requirement.name}-{config.generator_name}-{config.strategy}-{config.seed}",
+        "mission": mission,
+        "requirement": requirement,
+        "also": also,
+        "scenarios": scenarios_of(config),
+        "proposals": proposals_of(config) if generator.asks_a_model else None,
+    }
     return Wired(
         config=config,
-        plan=plan,
+        plan=Plan(**{key: getattr(config, key) for key in shared} | made),
         world=world,
         generator=generator,
         simulator=simulator,
-        strategy_class=strategy_class,
+        strategy_class=strategy,
         executor=executor_of(config),
         paths=paths,
         notes=notes,
         own_simulator=own,
     )
+
+
+def strategy_class(config: CampaignConfig) -> type[Strategy]:
+    """Return the class of the strategy that is named."""
+    found: type[Strategy] = plugins.find("strategy", config.strategy)
+    return found
 
 
 def _route_of(config: CampaignConfig, paths: Mapping[str, str]) -> tuple[World, Route]:
@@ -190,12 +190,6 @@ def _generator_of(
     if config.knowledge is None:
         return generator
     return InformedGenerator(generator, read_remembered(remembered_file(config, paths)))
-
-
-def _plan_of(config: CampaignConfig, **made: Any) -> Plan:
-    """Return the plan: the settings of the same names, and what was made of the others."""
-    same = Plan.model_fields.keys() & CampaignConfig.model_fields.keys()
-    return Plan(**{name: getattr(config, name) for name in same} | made)
 
 
 def also_of(
