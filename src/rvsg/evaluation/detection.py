@@ -112,7 +112,8 @@ def _of_one(s: Sampled, person: int, human: Human, agent: HumanAgent, at: PlaceA
         where = at(*agent.goals[goal])
         begin = round(float(t[index]), 3)
         if agent.pauses_s[goal] > 0.0:
-            left = float(t[_departure(x, y, index, agent.goals[goal])])
+            away = np.hypot(x[index:] - agent.goals[goal][0], y[index:] - agent.goals[goal][1]) > LEFT_M
+            left = float(t[index + int(away.argmax()) if away.any() else -1])
             until = min(left, begin + agent.pauses_s[goal])
             excused |= (t >= begin) & (t <= begin + agent.pauses_s[goal] + LEAVING_S)
             yield PersonPaused(time_s=begin, place=where, until_s=round(until, 3), person=human.name)
@@ -133,12 +134,6 @@ def _arrivals(x: Floats, y: Floats, agent: HumanAgent) -> Iterator[tuple[int, in
         index = start + int(near.argmax())
         yield index, goal
         start, goal = index + 1, (goal + 1) % len(agent.goals)
-
-
-def _departure(x: Floats, y: Floats, index: int, goal: tuple[float, float]) -> int:
-    """Return the sample at which a person who stands at a goal since `index` leaves it, or the last one."""
-    away = np.hypot(x[index:] - goal[0], y[index:] - goal[1]) > LEFT_M
-    return index + int(away.argmax()) if away.any() else len(x) - 1
 
 
 def _stuck(s: Sampled, person: int, excused: Flags, at: PlaceAt) -> Iterator[PersonStuck]:
@@ -231,9 +226,16 @@ def place_namer(world: World | None) -> PlaceAt:
 
 def obstacle_contacts(s: Sampled, at: PlaceAt) -> Iterator[ObstacleContact]:
     """Yield the recorded contacts of the robot's body with walls, objects and doors."""
-    for event in s.run.events:
-        if isinstance(event, recorded.ObstacleContact):
-            yield _converted(ObstacleContact, event, s, at, until_s=event.until_s, door=_door_at(s, event))
+    for touch in s.run.events:
+        if not isinstance(touch, recorded.ObstacleContact):
+            continue
+        place, near = shapely.Point(touch.x, touch.y), []
+        for door in s.world.staged_doors if s.world is not None else ():
+            leaves = [shapely.Polygon(leaf).distance(place) for leaf in _leaves(door, s.run, touch.time_s)]
+            if leaves and min(leaves) < ON_LEAF_M:
+                near.append((min(leaves), door.name))
+        door_name = min(near)[1] if near else ""
+        yield _converted(ObstacleContact, touch, s, at, until_s=touch.until_s, door=door_name)
 
 
 def navigation(s: Sampled, at: PlaceAt) -> Iterator[Replan | Recovery]:
@@ -243,16 +245,6 @@ def navigation(s: Sampled, at: PlaceAt) -> Iterator[Replan | Recovery]:
             yield _converted(Replan, event, s, at)
         elif isinstance(event, recorded.Recovery):
             yield _converted(Recovery, event, s, at)
-
-
-def _door_at(s: Sampled, touch: recorded.ObstacleContact) -> str:
-    """Return the name of the door whose leaf is where the robot touches something; empty where there is none."""
-    place, near = shapely.Point(touch.x, touch.y), []
-    for door in s.world.staged_doors if s.world is not None else ():
-        away = min((shapely.Polygon(leaf).distance(place) for leaf in _leaves(door, s.run, touch.time_s)), default=1.0)
-        if away < ON_LEAF_M:
-            near.append((away, door.name))
-    return min(near)[1] if near else ""
 
 
 def _leaves(door: Door, run: Run, t: float) -> list[tuple[tuple[float, float], ...]]:
@@ -344,12 +336,14 @@ def hard_brakes(s: Sampled, at: PlaceAt) -> Iterator[HardBrake]:
     drop = np.where(usable, (speed - speed[window]) / np.where(span > 0, span, 1.0), 0.0)
     for first, last in stretches(drop >= HARD_BRAKE_M_S2 - 1e-9):
         hardest = first + int(drop[first : last + 1].argmax())
+        nearest = int(s.gap[hardest].argmin()) if s.people else -1
+        near = s.people and s.gap[hardest, nearest] < NEAR_M
         yield HardBrake(
             **_span(s, hardest, int(window[last]), at),
             deceleration_m_s2=round(float(drop[hardest]), 2),
             from_speed_m_s=round(float(speed[hardest]), 3),
             to_speed_m_s=round(float(speed[window[hardest]]), 3),
-            person=_nearest(s, hardest, NEAR_M),
+            person=s.run.human_names[nearest] if near else "",
         )
 
 
@@ -445,13 +439,6 @@ def _bearing(s: Sampled, index: int, person: int) -> float:
     return round(float(wrap(np.arctan2(dy, dx) - s.series.yaw[index])), 3)
 
 
-def _nearest(s: Sampled, index: int, within_m: float) -> str:
-    if not s.people:
-        return ""
-    person = int(s.gap[index].argmin())
-    return s.run.human_names[person] if s.gap[index, person] < within_m else ""
-
-
 ENCOUNTER_M = 1.5
 """An encounter begins where the gap between the bodies falls below this."""
 ENCOUNTER_APART_S = 2.0
@@ -489,23 +476,14 @@ def encounters_of(run: Run, *, world: World | None = None) -> tuple[Encounter, .
     """Return every encounter of a run in order of time. A `world` names the places."""
     if not len(run.trajectory) or not run.human_names:
         return ()
-    found = _encounters(sampled(run, world))
-    return tuple(sorted(found, key=lambda each: (each.time_s, each.person)))
-
-
-def _encounters(s: Sampled) -> Iterator[Encounter]:
-    at = place_namer(s.world)
-    for person in range(s.people):
+    s, at, found = sampled(run, world), place_namer(world), []
+    for person, name in enumerate(run.human_names):
         gap = s.gap[:, person]
         for first, last in joined(stretches(gap < ENCOUNTER_M), s.series.t, ENCOUNTER_APART_S):
             closest = first + int(gap[first : last + 1].argmin())
-            yield Encounter(
-                kind=_kind(s, first, closest, person),
-                person=s.run.human_names[person],
-                time_s=round(float(s.series.t[closest]), 3),
-                gap_m=round(float(gap[closest]), 3),
-                place=at(float(s.series.x[closest]), float(s.series.y[closest])),
-            )
+            kind, gap_m = _kind(s, first, closest, person), round(float(gap[closest]), 3)
+            found.append(Encounter(**_start(s, closest, at), kind=kind, person=name, gap_m=gap_m))
+    return tuple(sorted(found, key=lambda each: (each.time_s, each.person)))
 
 
 def _kind(s: Sampled, first: int, closest: int, person: int) -> EncounterKind:

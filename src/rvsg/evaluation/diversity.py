@@ -90,13 +90,16 @@ def _load(folder: Path) -> tuple[dict[str, Floats32], Any]:
 
 
 def _embed_one(ids: Sequence[int], w: dict[str, Floats32]) -> Floats32:
+    from scipy.special import erf
+
     e = "embeddings."
     x = w[e + "word_embeddings.weight"][list(ids)] + w[e + "position_embeddings.weight"][: len(ids)]
     x = _normalised(x + w[e + "token_type_embeddings.weight"][0], w, e + "LayerNorm")
     for layer in range(LAYERS):
         p = f"encoder.layer.{layer}."
         x = _normalised(x + _attention(x, w, p), w, p + "attention.output.LayerNorm")
-        inner = _gelu(_dense(x, w, p + "intermediate.dense"))
+        inner = _dense(x, w, p + "intermediate.dense")
+        inner = inner * np.float32(0.5) * (np.float32(1) + erf(inner / np.float32(math.sqrt(2))))  # GELU
         x = _normalised(x + _dense(inner, w, p + "output.dense"), w, p + "output.LayerNorm")
     pooled: Floats32 = x.mean(axis=0)
     unit: Floats32 = pooled / np.sqrt((pooled * pooled).sum())
@@ -125,13 +128,6 @@ def _attention(x: Floats32, w: dict[str, Floats32], prefix: str) -> Floats32:
     scores = np.exp(scores - scores.max(axis=-1, keepdims=True))
     mixed = (scores / scores.sum(axis=-1, keepdims=True)) @ v
     return _dense(mixed.transpose(1, 0, 2).reshape(tokens, WIDTH), w, prefix + "attention.output.dense")
-
-
-def _gelu(x: Floats32) -> Floats32:
-    from scipy.special import erf
-
-    y: Floats32 = x * np.float32(0.5) * (np.float32(1) + erf(x / np.float32(math.sqrt(2))))
-    return y
 
 
 TaskLists = Sequence[Sequence[str]]

@@ -132,12 +132,6 @@ def welch(first: Values, second: Values) -> float | None:
     return float(2.0 * stdtr(freedom, -abs(a.mean() - b.mean()) / math.sqrt(shares.sum())))
 
 
-def seed_of(values: Values) -> int:
-    """Return a seed that depends on the values only, so that equal data give equal intervals."""
-    data = np.ascontiguousarray(values, dtype=np.float64).tobytes()
-    return int.from_bytes(hashlib.sha256(data).digest()[:8], "big")
-
-
 def mean_interval(
     values: Values,
     confidence: float = 0.95,
@@ -165,16 +159,14 @@ def mean_interval(
     if two_valued and least is not None and most is not None and all(value in (least, most) for value in values):
         low, high = clopper_pearson(sum(value == most for value in values), n, confidence)
         return least + low * (most - least), least + high * (most - least)
-    low, high = _mean_interval(np.asarray(values, dtype=np.float64), confidence, seed_of(values))
-    return _within(low, least, most), _within(high, least, most)
+    low, high = (
+        min(max(end, -math.inf if least is None else least), math.inf if most is None else most)
+        for end in _mean_interval(np.asarray(values, dtype=np.float64), confidence)
+    )
+    return low, high
 
 
-def _within(value: float, least: float | None, most: float | None) -> float:
-    value = value if least is None else max(least, value)
-    return value if most is None else min(most, value)
-
-
-def _mean_interval(data: NDArray[np.float64], confidence: float, seed: int) -> tuple[float, float]:
+def _mean_interval(data: NDArray[np.float64], confidence: float) -> tuple[float, float]:
     n = len(data)
     mean = float(data.mean())
     error = float(data.std(ddof=1)) / np.sqrt(n)
@@ -186,7 +178,8 @@ def _mean_interval(data: NDArray[np.float64], confidence: float, seed: int) -> t
     reach = float(stdtrit(n - 1, 1.0 - tail)) * error
     if n < SMALLEST_BOOTSTRAP:
         return (mean - reach, mean + reach)
-    rng = np.random.default_rng(seed)
+    digest = hashlib.sha256(np.ascontiguousarray(data).tobytes()).digest()
+    rng = np.random.default_rng(int.from_bytes(digest[:8], "big"))  # equal data give equal intervals
     drawn = data[rng.integers(0, n, size=(RESAMPLES, n))]
     errors = drawn.std(axis=1, ddof=1) / np.sqrt(n)
     good = errors > 1e-12 * abs(error)

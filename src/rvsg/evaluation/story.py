@@ -67,7 +67,8 @@ def story_of(
     ends = (Arrival, TimeOut, Abort)
     middle = [event for event in found if not isinstance(event, ends)]
     chosen = sorted(middle, key=lambda event: WEIGHTS[type(event)](event), reverse=True)[: MOST - 2]
-    sentences = [Sentence(text=in_words(_at(event, at)), time_s=event.time_s) for event in chosen]
+    told = [event.replace(place=at(event.place.x, event.place.y)) for event in chosen]
+    sentences = [Sentence(text=in_words(event), time_s=event.time_s) for event in told]
     if len(sentences) < MOST - 2:
         sentences += _company(run, world, at)
     if len(sentences) < FEWEST - 2 and not any(isinstance(event, Contact | NearMiss) for event in chosen):
@@ -79,7 +80,11 @@ def story_of(
         for event in found
         if isinstance(event, ends)
     ]
-    return (_opening(run, at), *sentences, *last)
+    path = run.trajectory
+    start, goal = at(float(path.x[0]), float(path.y[0])), at(run.goal[0], run.goal[1])
+    away = f"{float(np.hypot(path.x[0] - run.goal[0], path.y[0] - run.goal[1])):.0f} m away"
+    text = f"The robot sets out from {start} to {goal}, {away}, with a time limit of {run.time_limit_s:.0f} s."
+    return (Sentence(text=text, time_s=float(path.t[0])), *sentences, *last)
 
 
 def _namer(world: World | None) -> PlaceAt:
@@ -87,20 +92,15 @@ def _namer(world: World | None) -> PlaceAt:
 
     The area is that by which answers and failures speak of the position.
     """
-    if world is None:
-        return place_namer(None)
-
     name = place_namer(world)
+    if world is None:
+        return name
 
     def at(x: float, y: float) -> Place:
         place, area = name(x, y), place_name(world, x, y)
         return place if area == place.waypoint else place.replace(waypoint=f"{place.waypoint} ({area})")
 
     return at
-
-
-def _at(event: Event, at: PlaceAt) -> Event:
-    return event.replace(place=at(event.place.x, event.place.y))
 
 
 WEIGHTS: dict[type[Event], Callable[[Any], float]] = {
@@ -200,16 +200,6 @@ def _because(event: StandStill) -> str:
 def at_place(place: Place) -> str:
     """Return `at E15`, or `at (1.2, 3.4)` where the world is not known."""
     return f"at {place}"
-
-
-def _opening(run: Run, at: PlaceAt) -> Sentence:
-    path = run.trajectory
-    start, goal = at(float(path.x[0]), float(path.y[0])), at(run.goal[0], run.goal[1])
-    away = float(np.hypot(path.x[0] - run.goal[0], path.y[0] - run.goal[1]))
-    text = (
-        f"The robot sets out from {start} to {goal}, {away:.0f} m away, with a time limit of {run.time_limit_s:.0f} s."
-    )
-    return Sentence(text=text, time_s=float(path.t[0]))
 
 
 def _company(run: Run, world: World | None, at: PlaceAt) -> list[Sentence]:

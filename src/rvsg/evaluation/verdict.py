@@ -319,11 +319,12 @@ def check_requirement(requirement: Requirement) -> Requirement:
         return requirement
     assert requirement.metric is not None
     known = metric(requirement.metric)
+    unit = f'"{known.unit}"' if known.unit in ("1", "%") else known.unit  # as YAML needs it
     if requirement.unit and _plain(requirement.unit) != _plain(known.unit):
         raise Unfit(
             "unit",
             f"{known.id} is measured in {known.unit}, got {requirement.unit!r}. "
-            f"Write the limit in {known.unit}, with `unit: {_quoted(known.unit)}`, or leave the unit out.",
+            f"Write the limit in {known.unit}, with `unit: {unit}`, or leave the unit out.",
         )
     if requirement.limit_share is not None and known.unit != "s":
         raise Unfit(
@@ -343,10 +344,6 @@ def check_requirement(requirement: Requirement) -> Requirement:
 def _plain(unit: str) -> str:
     """Return a unit as a keyboard has it: m/s³, m/s^3 and m/s3 are one."""
     return unit.translate(str.maketrans("²³", "23", "^ "))
-
-
-def _quoted(unit: str) -> str:
-    return f'"{unit}"' if unit in ("1", "%") else unit
 
 
 def judge(
@@ -387,14 +384,15 @@ def judge(
     judged = requirement.threshold is not None
     undefined = len(objectives) - len(known)
     status = procedure.status(violations, len(known)) if judged else Status.UNJUDGED
+    interval = None
+    if not all(late):
+        interval = mean_interval(known, procedure.confidence, least=least, most=most, two_valued=two_valued)
     verdict = Verdict(
         requirement=requirement.name,
         status=status,
         objectives=known,
         mean=math.fsum(known) / len(known) if known else None,
-        interval=None
-        if all(late)
-        else mean_interval(known, procedure.confidence, least=least, most=most, two_valued=two_valued),
+        interval=interval,
         violations=violations,
         runs=len(known),
         undefined=undefined,

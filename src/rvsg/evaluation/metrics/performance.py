@@ -28,12 +28,6 @@ def running_mean(values: Floats) -> Floats:
     return np.asarray(np.cumsum(values) / np.arange(1, len(values) + 1), dtype=np.float64)
 
 
-def _mean_distance_so_far(s: Sampled) -> Floats:
-    if not s.people:
-        return np.full(len(s), np.nan)
-    return running_mean(s.distance.min(axis=1))
-
-
 @_metric(
     "dto",
     "Mean distance to the nearest person",
@@ -41,7 +35,7 @@ def _mean_distance_so_far(s: Sampled) -> Floats:
     "smaller",
     Aim.SHARE,
     shown="centre_distance",
-    so_far=_mean_distance_so_far,
+    so_far=lambda s: running_mean(s.distance.min(axis=1)) if s.people else np.full(len(s), np.nan),
 )
 def distance_to_obstacles(s: Sampled) -> float | None:
     """dto = (1/T) sum_t min_i |p_robot(t) - p_i(t)|, centre to centre, over the humans i: people alone, no walls."""
@@ -68,10 +62,6 @@ def jerk(s: Sampled) -> float | None:
     return float((np.hypot(np.diff(along), np.diff(across)) / s.dt[1:]).mean())
 
 
-def _time_so_far(s: Sampled) -> Floats:
-    return np.asarray(s.series.t - s.series.t[0], dtype=np.float64)
-
-
 @_metric(
     "trg",
     "Time to reach the goal",
@@ -79,7 +69,7 @@ def _time_so_far(s: Sampled) -> Floats:
     "larger",
     Aim.DELAY,
     shown="distance_to_goal",
-    so_far=_time_so_far,
+    so_far=lambda s: np.asarray(s.series.t - s.series.t[0], dtype=np.float64),
     most="time_limit",
     censored=True,
 )
