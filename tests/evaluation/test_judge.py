@@ -135,14 +135,6 @@ def test_a_verdict_of_an_earlier_version_was_judged_by_the_default():
     assert Verdict.model_validate(old).judged_by == DEFAULT
 
 
-@given(st.lists(st.booleans(), max_size=30), st.randoms(use_true_random=False))
-def test_the_order_of_runs_does_not_matter(bad, random):
-    shuffled = list(bad)
-    random.shuffle(shuffled)
-    first, second = (judge(NEAR, [BAD if b else GOOD for b in runs]).status for runs in (bad, shuffled))
-    assert first is second
-
-
 @given(st.lists(st.booleans(), max_size=35))
 def test_next_repeats_never_misses_an_earlier_decision_and_ends(bad):
     objectives = [BAD if b else GOOD for b in bad]
@@ -243,21 +235,6 @@ def coverage(q):
     return covered, spent
 
 
-def simulated(q, rng):
-    """Whether the interval of one simulated sequence of runs holds q."""
-    violations = runs = 0
-    while step := more(violations, runs):
-        violations += int(rng.binomial(step, q))
-        runs += step
-    interval = judged(violations, runs)
-    return interval is not None and interval[0] <= q <= interval[1]
-
-
-@cache
-def judged(violations, runs):
-    return judge(CLEARANCE, objectives(violations, runs)).violation_interval
-
-
 def ends():
     """Every (violations, runs) at which the procedure can stop."""
     waiting, seen = [(0, 0)], {(0, 0)}
@@ -277,14 +254,6 @@ def test_the_interval_covers_as_often_as_it_says_although_the_runs_stopped_on_th
     covered = [coverage(q)[0] for q in sorted(jumps) if 0 < q <= 0.5]  # violations and clean runs count alike
     assert DEFAULT.confidence <= min(covered) < 0.951
     assert np.mean([coverage(float(q))[0] for q in GRID[::8]]) == pytest.approx(0.986, abs=0.004)
-
-
-@pytest.mark.parametrize("q", [0.03, 0.225, 0.5, 0.775])
-def test_simulated_sequences_of_runs_are_covered_as_computed(q):
-    rng = np.random.default_rng([6, round(1000 * q)])
-    hits = sum(simulated(q, rng) for _ in range(1500))
-    expected = coverage(q)[0]
-    assert hits / 1500 == pytest.approx(expected, abs=4 * (expected * (1 - expected) / 1500) ** 0.5)
 
 
 def test_the_runs_are_spent_where_the_verdict_is_hard():
