@@ -10,12 +10,14 @@ import pytest
 from numpy.typing import NDArray
 from tests.simulation.parts import INFLATION, MECANUM, STACK, TIAGO
 
+import rvsg
 from rvsg.core.references import refer
 from rvsg.robots.robot import Robot, load_robot
 from rvsg.simulation.embedded import dwb
 from rvsg.simulation.embedded.costmap import inflate_marks
 from rvsg.simulation.embedded.robot_parameters import stack_of
 from rvsg.simulation.embedded.rollouts import fill_window, roll_out_ends, rollouts, sample_table
+from rvsg.simulation.embedded.trace import CRITICS, trace_run
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -113,7 +115,7 @@ def choose(
     state[dwb.PLAN_END] = len(path)
     count = len(samples)
     return dwb.choose(
-        state, np.zeros(dwb.CONTROLLER_REALS), dwb.scratch(count, 60), rollouts(count), samples, master, 0, 0, path,
+        state, np.zeros(dwb.CONTROLLER_REALS), dwb.scratch(60), rollouts(count), samples, master, 0, 0, path,
         goal_yaw, *pose, v0, 0.0, w0, p,
     )  # fmt: skip
 
@@ -285,3 +287,27 @@ def test_a_reversed_step_aside_bans_the_way_back() -> None:
     assert state[dwb.BAN_ASIDE_LEFT] == 1 and state[dwb.BAN_LEFT] == 0
     dwb.remember_turn(state, reals, 0.0, -0.2, 0.0, 0.0, 0.06, 0.0, STACK)
     assert state[dwb.BAN_ASIDE_LEFT] == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "robot",
+    ["tugger", *(pytest.param(name, marks=pytest.mark.exhaustive) for name in ("tiago_omni", "turtlebot3_waffle"))],
+)
+def test_the_scores_of_the_critics_add_up_to_the_total_of_the_planner(robot: str) -> None:
+    world = rvsg.load_world("warehouse")
+    scenario = rvsg.scenario(world, "route_1", [rvsg.walk("Anna", "E15", "H15")], robot=robot)
+    answers = [frame.evaluation for frame in trace_run(scenario, world, seed=3).frames if frame.evaluation]
+    assert len(answers) > 50
+    assert [answer.best for answer in answers].count(-1) < 3
+    said = dict.fromkeys(CRITICS, 0.0)
+    for answer in answers:
+        allowed = np.isfinite(answer.score)
+        parts = answer.raw * answer.scales
+        assert answer.best in (-1, int(answer.score.argmin()))  # what the planner chose; -1 where it has arrived
+        assert parts[allowed].sum(axis=1) == pytest.approx(answer.score[allowed], abs=1e-9)
+        for name, most in zip(answer.critics, parts[allowed].max(axis=0, initial=0.0), strict=True):
+            said[name] = max(said[name], most)
+    rotates = said.pop("RotateToGoal") > 0.0
+    assert rotates == (robot == "tiago_omni")  # the others arrive without being asked again near the goal
+    assert min(said.values()) > 0.0

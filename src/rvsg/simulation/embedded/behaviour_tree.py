@@ -94,16 +94,14 @@ def length(path: Floats, count: int) -> float:
 
 def navigation_events(state: State) -> tuple[Replan | Recovery, ...]:
     """Return what was noted in a run, in order of time."""
-    return tuple(_event(row) for row in state.journal[: int(state.nav[st.NOTED])])
-
-
-def _event(row: Floats) -> Replan | Recovery:
-    time_s, until_s, x, y = (round(float(row[column]), 3) for column in (FROM, UNTIL, X, Y))
-    if row[KIND] == REPLANNED:
-        return Replan(
-            time_s=time_s, x=x, y=y, length_m=round(float(row[FIRST]), 2), deviation_m=round(float(row[SECOND]), 2)
-        )
-    return Recovery(time_s=time_s, until_s=until_s, x=x, y=y, action=ACTION_NAMES[int(row[FIRST])])
+    found: list[Replan | Recovery] = []
+    for row in state.journal[: int(state.nav[st.NOTED])].tolist():
+        place = {"time_s": round(row[FROM], 3), "x": round(row[X], 3), "y": round(row[Y], 3)}
+        if row[KIND] == REPLANNED:
+            found.append(Replan(**place, length_m=round(row[FIRST], 2), deviation_m=round(row[SECOND], 2)))
+        else:
+            found.append(Recovery(**place, until_s=round(row[UNTIL], 3), action=ACTION_NAMES[int(row[FIRST])]))
+    return tuple(found)
 
 
 REPLAN_PERIOD_S = 1.01
@@ -258,12 +256,12 @@ def choose_dwb(state: State, answer: Floats) -> None:
 
 
 @inner
-def follow(state: State, settings: Settings, t: float, answer: Floats) -> None:
+def follow(state: State, t: float, answer: Floats) -> None:
     """Carry out the local planner's answer; where it has had none for too long, following the path has failed."""
     if answer[0] == 0.0:
         command(state, 0.0, 0.0, 0.0, False, t)
         if t - state.times[st.VALID_T] > state.stack.patience:
-            stop_following(state, settings, t)
+            stop_following(state, t)
             return
     else:
         state.times[st.VALID_T] = t
@@ -275,7 +273,7 @@ def follow(state: State, settings: Settings, t: float, answer: Floats) -> None:
 
 
 @inner
-def recover(state: State, settings: Settings, t: float) -> None:
+def recover(state: State, t: float) -> None:
     """The outer recovery: the next of clearing both maps, spinning, waiting, backing up; at most six in a run."""
     nav = state.nav
     nav[st.FOLLOW_RETRIED] = 0
@@ -287,11 +285,11 @@ def recover(state: State, settings: Settings, t: float) -> None:
         nav[st.MODE] = st.DONE
         nav[st.RESULT] = st.ABORTED
         return
-    begin_action(state, settings, t)
+    begin_action(state, t)
 
 
 @inner
-def begin_action(state: State, settings: Settings, t: float) -> None:
+def begin_action(state: State, t: float) -> None:
     """Begin the recovery whose turn it is."""
     nav = state.nav
     action = nav[st.NEXT_ACTION]
@@ -348,7 +346,7 @@ def footprint_hits(state: State, x: float, y: float, yaw: float) -> bool:
 
 
 @inner
-def is_blocked(state: State, v: float, w: float, settings: Settings) -> bool:
+def is_blocked(state: State, v: float, w: float) -> bool:
     """Whether driving on at (v, w) for up to 2 s would hit something; looked at every action period."""
     x = state.body[base.X]
     y = state.body[base.Y]
@@ -392,20 +390,20 @@ def act(state: State, settings: Settings, t: float) -> None:
             end_action(state, t)
             return
         v = -state.stack.back_up_v
-    if elapsed > ACTION_TIME_S or is_blocked(state, v, w, settings):
+    if elapsed > ACTION_TIME_S or is_blocked(state, v, w):
         command(state, 0.0, 0.0, 0.0, False, t)
         nav[st.FAILED_ACTIONS] += 1
         if nav[st.FAILED_ACTIONS] >= ACTIONS:
             nav[st.MODE] = st.DONE
             nav[st.RESULT] = st.ABORTED
         else:
-            begin_action(state, settings, t)
+            begin_action(state, t)
         return
     command(state, v, 0.0, w, state.stack.recoveries_direct, t)
 
 
 @inner
-def stop_following(state: State, settings: Settings, t: float) -> None:
+def stop_following(state: State, t: float) -> None:
     """Following the path has failed: once again with a cleared local map, then the recovery."""
     nav = state.nav
     if nav[st.FOLLOW_RETRIED] == 0:
@@ -414,7 +412,7 @@ def stop_following(state: State, settings: Settings, t: float) -> None:
         nav[st.CLEAR_LOCAL] = 1
         begin_following(state, t)
     else:
-        recover(state, settings, t)
+        recover(state, t)
 
 
 @inner
@@ -451,12 +449,12 @@ def navigate(scene: Scene, state: State, settings: Settings, t: float) -> bool:
             return False
         else:
             nav[st.PLAN_RETRIED] = 0
-            recover(state, settings, t)
+            recover(state, t)
             return False
     if t < state.times[st.CONTROL_T] - 1e-9 or nav[st.CLEAR_LOCAL] != 0:
         return False
     state.times[st.CONTROL_T] += state.stack.control_period * settings.clock
     if has_progress(state, t):
         return True
-    stop_following(state, settings, t)
+    stop_following(state, t)
     return False

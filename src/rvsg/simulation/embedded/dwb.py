@@ -36,9 +36,9 @@ ROUNDING = 1e-6
 """A sample is dropped only where its partial score is above the best total by more than rounding."""
 
 # Indices of the integer state of the controller.
-(IN_WINDOW, ROTATING, XY_REACHED, BAN_LEFT, BAN_RIGHT, LAST_SIGN, PLAN_BEGIN, PLAN_END, SOURCES, STAMP, ALL_SCORES,
- LAST_BEST, BAN_ASIDE_LEFT, BAN_ASIDE_RIGHT, LAST_ASIDE) = range(15)  # fmt: skip
-CONTROLLER_INTS = 15
+(IN_WINDOW, ROTATING, XY_REACHED, BAN_LEFT, BAN_RIGHT, LAST_SIGN, PLAN_BEGIN, PLAN_END, SOURCES, STAMP,
+ LAST_BEST, BAN_ASIDE_LEFT, BAN_ASIDE_RIGHT, LAST_ASIDE) = range(14)  # fmt: skip
+CONTROLLER_INTS = 14
 # Indices of its real state: where the robot was when a turn was banned.
 BAN_X, BAN_Y, BAN_YAW = range(3)
 CONTROLLER_REALS = 3
@@ -48,21 +48,16 @@ class Scratch(NamedTuple):
     """Scratch space of a tick.
 
     `sources` (2, K) are columns and rows of the plan's cells; `distances` (2, 60, 60) remember distances already
-    worked out and in which tick; `totals` (S,) the scores.
+    worked out and in which tick.
     """
 
     sources: Small
     distances: Ints
-    totals: Floats
 
 
-def scratch(count: int, cells: int) -> Scratch:
-    """Scratch space for `count` samples."""
-    return Scratch(
-        sources=np.zeros((2, 256), np.int32),
-        distances=np.zeros((2, cells, cells), np.int64),
-        totals=np.zeros(count),
-    )
+def scratch(cells: int) -> Scratch:
+    """Scratch space for a local costmap with so many cells to a side."""
+    return Scratch(sources=np.zeros((2, 256), np.int32), distances=np.zeros((2, cells, cells), np.int64))
 
 
 @kernel
@@ -282,9 +277,10 @@ def choose(
     """The index of the best legal sample, -1 where there is none.
 
     `path` is in the local frame (metres), `origin_column`, `origin_row` the window's place in cells of 0.05 m, the
-    velocities are the measured ones. Where ALL_SCORES is set, all samples are scored for a recorder, and only the best
-    are rolled out to see whether they are free. Else a sample is dropped as soon as it cannot be the best any more.
-    Both select the same sample as scoring and checking them all.
+    velocities are the measured ones. The critics are RotateToGoal 32, Oscillation, BaseObstacle 0.02, GoalAlign 0.6,
+    PathAlign 0.8 (off near the goal), PathDist 0.8, GoalDist 0.6; the best is the first free sample of least total.
+    The sample that was best last time comes first, and a sample is dropped as soon as it cannot be the best any more:
+    most before the distances from the path are looked for. `trace` works out the totals of all.
     """
     if not prune(state, path, x, y, p.dwb_window, p.dwb_prune):
         return -1
@@ -315,50 +311,9 @@ def choose(
     ends = memo.ends[ends_of(memo, measured_v, measured_side, measured_w, samples, p)]
     column = x / p.resolution - origin_column
     row = y / p.resolution - origin_row
-    if state[ALL_SCORES] == 0:
-        best = best_of(
-            maps, state, samples, ends, master, column, row, yaw, goal_yaw, measured_v, measured_side, measured_w,
-            square, goal_column, goal_row, align_column, align_row, to_goal > p.dwb_forward_point, p,
-        )  # fmt: skip
-        state[LAST_BEST] = best + 1
-        return best
-    score(
-        maps, state, samples, ends, master, column, row, yaw, goal_yaw, square, goal_column, goal_row, align_column,
-        align_row, to_goal > p.dwb_forward_point, p,
-    )  # fmt: skip
-    totals = maps.totals[: samples.shape[0]]
-    return best_free(totals, samples, master, column, row, yaw, measured_v, measured_side, measured_w, p)
-
-
-@inner
-def best_of(
-    maps: Scratch,
-    state: Ints,
-    samples: Floats,
-    ends: Floats,
-    master: Bytes,
-    column: float,
-    row: float,
-    yaw: float,
-    goal_yaw: float,
-    measured_v: float,
-    measured_side: float,
-    measured_w: float,
-    square: float,
-    goal_column: int,
-    goal_row: int,
-    align_column: int,
-    align_row: int,
-    align_path: bool,
-    p: Stack,
-) -> int:
-    """The first free sample of least total, -1 where there is none: `score` and `best_free` in one pass.
-
-    The sample that was best last time comes first, so that most others are dropped before the distances from the path
-    are looked for. Terms are added in the same order as in `score`, so the totals are the same to the last bit.
-    """
     rows, columns = master.shape
     if not (0.0 <= column < columns and 0.0 <= row < rows) or master[int(row), int(column)] >= INSCRIBED:
+        state[LAST_BEST] = 0
         return -1
     cos = math.cos(yaw) / p.resolution
     sin = math.sin(yaw) / p.resolution
@@ -394,7 +349,7 @@ def best_of(
         total += align
         if total + goal > least + ROUNDING:
             continue
-        if align_path:
+        if to_goal > p.dwb_forward_point:
             total += p.dwb_path_align * path_distance(maps, state, ahead_column, ahead_row)
             if total + goal > least + ROUNDING:
                 continue
@@ -408,100 +363,5 @@ def best_of(
         ):  # fmt: skip
             least = total
             best = s
+    state[LAST_BEST] = best + 1
     return best
-
-
-@kernel
-def score(
-    maps: Scratch,
-    state: Ints,
-    samples: Floats,
-    ends: Floats,
-    master: Bytes,
-    column: float,
-    row: float,
-    yaw: float,
-    goal_yaw: float,
-    square: float,
-    goal_column: int,
-    goal_row: int,
-    align_column: int,
-    align_row: int,
-    align_path: bool,
-    p: Stack,
-) -> None:
-    """Total score of every sample into `maps.totals`, infinite where a critic that needs only the end forbids it.
-
-    RotateToGoal 32, Oscillation, BaseObstacle 0.02, GoalAlign 0.6, PathAlign 0.8 (off near the goal), PathDist 0.8,
-    GoalDist 0.6.
-    """
-    cos = math.cos(yaw) / p.resolution
-    sin = math.sin(yaw) / p.resolution
-    rows, columns = master.shape
-    slowing = p.dwb_slowing
-    rotate_scale = p.dwb_rotate
-    obstacle_scale = p.dwb_obstacle
-    goal_align = p.dwb_goal_align
-    goal_dist = p.dwb_goal_dist
-    path_align = p.dwb_path_align
-    path_dist = p.dwb_path_dist
-    for s in range(samples.shape[0]):
-        maps.totals[s] = math.inf
-        side = samples[s, SAMPLE_SIDE]
-        if is_banned(state, side, samples[s, SAMPLE_W]):
-            continue
-        rotate = 0.0
-        if state[IN_WINDOW] != 0:
-            rotate = rotate_to_goal(
-                state, samples[s, SAMPLE_V], side, abs(wrap(yaw + ends[s, 2] - goal_yaw)), square, slowing
-            )
-            if rotate < 0.0:
-                continue
-        end_column, end_row, ahead_column, ahead_row = cells_of(ends[s], column, row, cos, sin, columns, rows)
-        if end_column < 0:
-            continue
-        cost = master[end_row, end_column]
-        if cost >= INSCRIBED:
-            continue
-        total = rotate_scale * rotate + obstacle_scale * cost
-        total += goal_align * (abs(ahead_column - align_column) + abs(ahead_row - align_row))
-        if align_path:
-            total += path_align * path_distance(maps, state, ahead_column, ahead_row)
-        total += path_dist * path_distance(maps, state, end_column, end_row)
-        total += goal_dist * (abs(end_column - goal_column) + abs(end_row - goal_row))
-        maps.totals[s] = total
-
-
-@kernel
-def best_free(
-    totals: Floats,
-    samples: Floats,
-    master: Bytes,
-    column: float,
-    row: float,
-    yaw: float,
-    measured_v: float,
-    measured_side: float,
-    measured_w: float,
-    p: Stack,
-) -> int:
-    """The first sample of least total whose whole rollout is free; -1 where there is none. Overwrites `totals`."""
-    rows, columns = master.shape
-    if not (0.0 <= column < columns and 0.0 <= row < rows) or master[int(row), int(column)] >= INSCRIBED:
-        return -1
-    while True:
-        best = -1
-        least = math.inf
-        for s in range(totals.size):
-            if totals[s] < least:
-                least = totals[s]
-                best = s
-        if best < 0:
-            return -1
-        if is_free(
-            master, column, row, yaw, measured_v, measured_side, measured_w, samples[best, SAMPLE_V],
-            samples[best, SAMPLE_SIDE], samples[best, SAMPLE_W], int(samples[best, SAMPLE_STEPS]),
-            samples[best, SAMPLE_DT], p,
-        ):  # fmt: skip
-            return best
-        totals[best] = math.inf

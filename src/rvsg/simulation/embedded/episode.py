@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rvsg.core.errors import SimulationError
 from rvsg.core.kernels import compile_aside, compile_for, inner, is_cached, kernel, type_of
 from rvsg.core.references import refer
-from rvsg.simulation.embedded import base, dwb
+from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.behaviour_tree import begin_following, choose_dwb, command, follow, navigate, place_path
 from rvsg.simulation.embedded.lidar import place_legs
@@ -182,12 +182,6 @@ class Asked(NamedTuple):
     """Doors and trolleys: they move after every tick of the people."""
 
 
-def bind(scene: Scene, state: State, crowd: Crowd) -> tuple[Scene, State, Crowd]:
-    """Return the three large tuples by reference."""
-    parts = {name: refer(getattr(state, name)) for name in ("stack", "walls", "own")}
-    return refer(scene), refer(state, **parts), refer(crowd)
-
-
 @kernel
 def begin(scene: Scene, state: State, settings: Settings, crowd: Crowd, phases: Floats, loop: Floats) -> None:
     """Set everything as it is 2 s before the start. `phases` (s) of smoother, local and global costmap."""
@@ -261,7 +255,7 @@ def decide(scene: Scene, state: State, settings: Settings, loop: Floats, asked: 
         if asked.control:
             return CONTROL_DUE
         choose_dwb(state, loop[VALID:])
-        follow(state, settings, t, loop[VALID:])
+        follow(state, t, loop[VALID:])
     return OVER
 
 
@@ -287,15 +281,9 @@ def write_rows(settings: Settings, state: State, crowd: Crowd, intervals: Floats
 
 @kernel
 def go_on(
-    scene: Scene,
-    state: State,
-    settings: Settings,
-    crowd: Crowd,
-    intervals: Floats,
-    record: Recording,
-    loop: Floats,
+    scene: Scene, state: State, settings: Settings, crowd: Crowd, intervals: Floats, record: Recording, loop: Floats,
     asked: Asked,
-) -> int:
+) -> int:  # fmt: skip
     """Run until the episode is over or something is due outside; return why the loop is left.
 
     The answer is put into `loop` (VALID, COMMAND_V, COMMAND_W, RESULT) before the next call.
@@ -324,7 +312,7 @@ def go_on(
             if asked.stack:
                 obey(state, loop, t)
             else:
-                follow(state, settings, t, loop[VALID:])
+                follow(state, t, loop[VALID:])
         if stage != PROBED:
             if running and state.nav[st.MODE] == st.DONE:
                 loop[END] = min(loop[END], t + settings.result_delay_s * settings.clock)
@@ -419,8 +407,8 @@ class Episode:
             probe_ticks=self.outside.probe_ticks if self.outside.probe is not None else 0,
             bodies=bodies is not None,
         )
-        state.nav[dwb.ALL_SCORES] = 1 if self.outside.probe is not None else 0
-        self._references = bind(scene, state, crowd)
+        parts = {name: refer(getattr(state, name)) for name in ("stack", "walls", "own")}
+        self._references = refer(scene), refer(state, **parts), refer(crowd)
         scene_, state_, crowd_ = self._references
         if not is_cached(go_on):
             _compile(scene_, state_, settings, crowd_, intervals, record, self._loop, self._asked)

@@ -187,25 +187,6 @@ def propagate(
             return
 
 
-@inner
-def propagate_near(
-    potential: Singles, costs: Bytes, reach: Singles, waiting: Bytes, buffers: Ints, columns: int, rows: int,
-    source: int, target: int, rest: Singles,
-) -> None:  # fmt: skip
-    """`propagate`, first only where a way to the target can be near to the best one, then everywhere if need be.
-
-    `rest` holds the cost from every cell to the target on the static map: people can only add to it. Where the target's
-    potential turns out at least SPARE below the bound, no cell that was left out can have had a part in the potentials
-    along the path, nor in those around it from which its gradient is taken. A blocked target is never reached.
-    """
-    if rest[source] < HIGH and costs[target] < BLOCKED:
-        bound = np.float32(1.02) * rest[source] + np.float32(2.0) * SPARE
-        propagate(potential, costs, reach, waiting, buffers, columns, rows, source, target, rest, bound)
-        if potential[target] + SPARE < bound:
-            return
-    propagate(potential, costs, reach, waiting, buffers, columns, rows, source, target, rest, np.float32(math.inf))
-
-
 @kernel
 def rest_of_way(static: Bytes, reach: Singles, table: Bytes, column: int, row: int) -> Singles:
     """NavFn's potential from the goal's cell on the inflated static map, unknown cells taken as free."""
@@ -419,7 +400,16 @@ def plan(
     target = cell_of(goal_x, goal_y, origin_x, origin_y, resolution, columns, rows)
     master[source // columns, source % columns] = 0
     costs[source] = NEUTRAL
-    propagate_near(potential, costs, reach, waiting, buffers, columns, rows, source, max(target, 0), rest)
+    target = max(target, 0)
+    # First only where a way to the target can be near to the best one on the static map, `rest`: people can only add to
+    # it. Where the target's potential turns out at least SPARE below the bound, no cell that was left out can have had
+    # a part in the potentials along the path, nor in those around it from which its gradient is taken. Else everywhere.
+    bound = np.float32(math.inf)
+    if rest[source] < HIGH and costs[target] < BLOCKED:
+        bound = np.float32(1.02) * rest[source] + np.float32(2.0) * SPARE
+        propagate(potential, costs, reach, waiting, buffers, columns, rows, source, target, rest, bound)
+    if bound == math.inf or not potential[target] + SPARE < bound:
+        propagate(potential, costs, reach, waiting, buffers, columns, rows, source, target, rest, np.float32(math.inf))
     end_x, end_y, found = reachable_goal(
         potential, goal_x, goal_y, origin_x, origin_y, resolution, columns, rows, tolerance
     )
@@ -432,20 +422,13 @@ def plan(
     for i in range(count):
         path[begin + i, 0] = origin_x + cells[0, count - 1 - i] * resolution
         path[begin + i, 1] = origin_y + cells[1, count - 1 - i] * resolution
-    return end_at_goal(path, begin, begin + count, end_x, end_y)
-
-
-@kernel
-def end_at_goal(path: Floats, begin: int, end: int, goal_x: float, goal_y: float) -> int:
-    """Let the path end at the goal: it replaces a last point that lies farther on, else it is appended."""
-    if end - begin >= 2:
+    end = begin + count
+    if count >= 2:  # the goal replaces a last point that lies farther on
         sx = path[end - 2, 0]
         sy = path[end - 2, 1]
         last = (path[end - 1, 0] - sx) ** 2 + (path[end - 1, 1] - sy) ** 2
-        if last > (goal_x - sx) ** 2 + (goal_y - sy) ** 2:
-            path[end - 1, 0] = goal_x
-            path[end - 1, 1] = goal_y
-            return end
-    path[end, 0] = goal_x
-    path[end, 1] = goal_y
+        if last > (end_x - sx) ** 2 + (end_y - sy) ** 2:
+            end -= 1
+    path[end, 0] = end_x
+    path[end, 1] = end_y
     return end + 1

@@ -47,11 +47,8 @@ Floats = NDArray[np.float64]
 
 
 @inner
-def sense(scene: Scene, state: State, settings: Settings, side: int) -> tuple[float, float, float]:
-    """The latest noisy scan of a lidar into `state.ranges`.
-
-    Returns the lidar's position (x, y) in the world and the first ray's bearing when the scan was taken.
-    """
+def sense(scene: Scene, state: State, settings: Settings, side: int) -> tuple[Floats, float, float, float]:
+    """Return the latest noisy scan of a lidar, the lidar's position (x, y) in the world and the first ray's bearing."""
     mount = state.stack.lidars[side]
     x, y, bearing = first_ray(mount, state.scanned[side])
     rays = int(mount[LIDAR_RAYS])
@@ -81,13 +78,7 @@ def sense(scene: Scene, state: State, settings: Settings, side: int) -> tuple[fl
             ranges[k] += settings.lidar_noise * mount[LIDAR_NOISE] * noise[at % noise.size]
             at += 1
     state.nav[NOISE_AT] = at
-    return x, y, bearing
-
-
-@inner
-def rays_of(state: State, side: int) -> int:
-    """Return how many ranges a scan of a lidar has."""
-    return int(state.stack.lidars[side, LIDAR_RAYS])
+    return ranges, x, y, bearing
 
 
 @inner
@@ -109,9 +100,9 @@ def update_local(scene: Scene, state: State, settings: Settings) -> None:
     low = state.nav[WINDOW_ROW]
     for side in range(state.stack.lidars.shape[0]):
         layer = state.local[side]
-        x, y, bearing = sense(scene, state, settings, side)
+        ranges, x, y, bearing = sense(scene, state, settings, side)
         observe(
-            layer, state.ranges[side, : rays_of(state, side)], state.directions[side],
+            layer, ranges, state.directions[side],
             x / state.stack.resolution - left, y / state.stack.resolution - low, bearing,
             state.stack.resolution, VOXEL_SHORTENING_CELLS, state.stack.obstacle_range,
             state.stack.clearing_range, state.stack.lidars[side, LIDAR_MIN],
@@ -137,10 +128,10 @@ def update_global(scene: Scene, state: State, settings: Settings) -> None:
     row = (y - scene.origin_y) / scene.resolution
     for side in range(state.stack.lidars.shape[0]):
         layer = state.layers[side]
-        x, y, bearing = sense(scene, state, settings, side)
+        ranges, x, y, bearing = sense(scene, state, settings, side)
         x, y = to_map(state.own.present, x, y)
         observe(
-            layer, state.ranges[side, : rays_of(state, side)], state.directions[side],
+            layer, ranges, state.directions[side],
             (x - scene.origin_x) / scene.resolution, (y - scene.origin_y) / scene.resolution, bearing + turn,
             scene.resolution, 0.0, state.stack.obstacle_range, state.stack.clearing_range,
             state.stack.lidars[side, LIDAR_MIN],
@@ -173,7 +164,7 @@ def watch_zones(scene: Scene, state: State, settings: Settings, side: int, t: fl
     the base limits the forward speed, one behind it the reverse speed, one around it both.
     """
     zones = state.stack.zones
-    x, y, bearing = sense(scene, state, settings, side)
+    ranges, x, y, bearing = sense(scene, state, settings, side)
     scanned = state.scanned[side]
     cos = math.cos(scanned[2])
     sin = math.sin(scanned[2])
@@ -181,7 +172,6 @@ def watch_zones(scene: Scene, state: State, settings: Settings, side: int, t: fl
     from_y = cos * (y - scanned[1]) - sin * (x - scanned[0])
     turn_cos = math.cos(bearing - scanned[2])
     turn_sin = math.sin(bearing - scanned[2])
-    ranges = state.ranges[side, : rays_of(state, side)]
     directions = state.directions[side]
     least = state.stack.lidars[side, LIDAR_MIN]
     for k in range(ranges.size):
@@ -216,9 +206,8 @@ NOWHERE = 1e9
 @inner
 def keep_returns(scene: Scene, state: State, settings: Settings, side: int) -> None:
     """Keep where the latest scan of a lidar returned near the robot, in the world frame."""
-    x, y, bearing = sense(scene, state, settings, side)
+    ranges, x, y, bearing = sense(scene, state, settings, side)
     cos, sin = math.cos(bearing), math.sin(bearing)
-    ranges = state.ranges[side, : rays_of(state, side)]
     directions, kept = state.directions[side], state.returns[side]
     kept[:] = NOWHERE
     least, reach = state.stack.lidars[side, LIDAR_MIN], state.stack.monitor_reach

@@ -197,18 +197,11 @@ class EmbeddedSimulator(Simulator):
 
         `outside`: what else is computed by the caller, such as a recorder.
         """
-        agents = decode(scenario.people, world.grid)
+        mission, agents = scenario.mission, decode(scenario.people, world.grid)
         return simulate_agents(
-            world,
-            scenario.mission.route,
-            agents,
-            options=self._options,
-            seed=seed,
-            scenario_id=scenario.id,
-            robot=scenario.mission.robot_record,
-            stack=self._stack,
-            outside=outside,
-        )
+            world, mission.route, agents, options=self._options, seed=seed, scenario_id=scenario.id,
+            robot=mission.robot_record, stack=self._stack, outside=outside,
+        )  # fmt: skip
 
 
 def stored_options(options: SimulatorOptions, stack: StackChoice | None = None) -> dict[str, object]:

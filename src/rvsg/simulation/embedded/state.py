@@ -421,7 +421,7 @@ def new_state(
         returns=np.zeros((len(lidars), rays if len(stack.monitor) else 0, 2)),
         samples=samples,
         memo=memo if memo is not None else rollouts(len(samples)),
-        scratch=dwb.scratch(len(samples), cells),
+        scratch=dwb.scratch(cells),
         stack=stack,
         walls=walls,
         own=own,

@@ -1,11 +1,8 @@
 """A trace: one run simulated again with everything the robot sees and plans. Runs are deterministic, so it is the run.
 
-Recording changes nothing of the run: the trajectory of a traced run equals that of the run, bit for bit.
-
-What each critic of DWB says of every sample, worked out again for a trace.
-
-The compiled planner keeps only totals. This repeats its critics from the state it leaves behind, in NumPy, so a traced
-run stays the run.
+Recording changes nothing of the run: the trajectory of a traced run equals that of the run, bit for bit. The compiled
+planner scores no more samples than it must; what each critic of DWB says of every sample is worked out again here, in
+NumPy, from the state it leaves behind.
 """
 
 from __future__ import annotations
@@ -22,6 +19,7 @@ from numpy.typing import NDArray
 
 from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec, ignore
+from rvsg.core.references import refer
 from rvsg.robots.robot import Robot, load_robot
 from rvsg.scenario.builder import check_valid
 from rvsg.scenario.scenario import ROBOT, Scenario
@@ -30,6 +28,7 @@ from rvsg.simulation.archive import PackedRun, rounded
 from rvsg.simulation.embedded import base, dwb
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.behaviour_tree import ODOMETRY_DEADBAND
+from rvsg.simulation.embedded.costmap import INSCRIBED
 from rvsg.simulation.embedded.dwb import PLAN_END, STAMP
 from rvsg.simulation.embedded.episode import Episode, Outside
 from rvsg.simulation.embedded.lidar import first_ray, full_scan
@@ -41,7 +40,7 @@ from rvsg.simulation.embedded.robot_parameters import (
     LIDAR_VIEW,
     Stack,
 )
-from rvsg.simulation.embedded.rollouts import SAMPLE_SIDE, SAMPLE_STEPS, SAMPLE_V, SAMPLE_W
+from rvsg.simulation.embedded.rollouts import SAMPLE_SIDE, SAMPLE_STEPS, SAMPLE_V, SAMPLE_W, is_free
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.simulation.embedded.state import State
 from rvsg.simulation.run import Run
@@ -136,6 +135,7 @@ class TreeLog:
 
 CRITICS = ("RotateToGoal", "BaseObstacle", "GoalAlign", "PathAlign", "PathDist", "GoalDist")
 """The critics that score; Oscillation only forbids."""
+BANS = [dwb.BAN_LEFT, dwb.BAN_RIGHT, dwb.BAN_ASIDE_LEFT, dwb.BAN_ASIDE_RIGHT]
 
 
 def scales(p: Stack) -> tuple[float, ...]:
@@ -144,48 +144,52 @@ def scales(p: Stack) -> tuple[float, ...]:
 
 
 def raw_scores(
-    nav: Ints, sources: NDArray[np.int32], samples: Floats, ends: Floats, master: NDArray[np.uint8],
-    window: tuple[int, int], path: Floats, goal_yaw: float, pose: tuple[float, float, float], p: Stack,
-) -> Floats:  # fmt: skip
-    """Return the raw score of every critic for every sample, (S, `CRITICS`), just after `dwb.choose`.
+    state: State, samples: Floats, ends: Floats, measured: Floats, bans: Ints, pose: tuple[float, float, float]
+) -> tuple[Floats, Floats]:
+    """Return the raw scores of every sample by every critic, (S, `CRITICS`), and its total, (S,), after `dwb.choose`.
 
-    `scales` times these adds up to the total where no critic forbids the sample; elsewhere they mean nothing.
+    The scales times the raw scores add up to the total, which is infinite where a critic forbids the sample.
 
     Args:
-        nav: the controller's integers.
-        sources: columns and rows of the plan's cells (`Scratch.sources`).
         ends: where the samples end, in the frame of the robot (`Rollouts.ends`).
-        window: column and row of the local costmap's corner.
-        path: the plan in the local frame, m.
+        measured: forward speed, yaw rate and speed to the left that the odometry told.
+        bans: turns to the left and right, steps to the left and right that the Oscillation critic forbids.
         pose: x, y, yaw of the robot in the local frame.
     """
+    nav, master, path, p = state.nav, state.local[st.MASTER], state.path[1], state.stack
+    window = (int(nav[st.WINDOW_COLUMN]), int(nav[st.WINDOW_ROW]))
     x, y, yaw = pose
-    on_plan = sources[:, : nav[dwb.SOURCES]].astype(np.int64)
+    on_plan = state.scratch.sources[:, : nav[dwb.SOURCES]].astype(np.int64)
     goal, align = on_plan[:, -1], _align_cell(nav, path, x, y, window, master.shape, p)
     cos, sin = math.cos(yaw) / p.resolution, math.sin(yaw) / p.resolution
     column, row = x / p.resolution - window[0], y / p.resolution - window[1]
-    end = _cells(column, row, cos, sin, ends[:, 0], ends[:, 1], master.shape)
-    ahead = _cells(column, row, cos, sin, ends[:, 3], ends[:, 4], master.shape)
+    (end, is_on), (ahead, is_ahead_on) = (
+        _cells(column, row, cos, sin, ends[:, k], ends[:, k + 1], master.shape) for k in (0, 3)
+    )
     goal_x, goal_y = path[nav[dwb.PLAN_END] - 1]
     far = math.sqrt((goal_x - x) ** 2 + (goal_y - y) ** 2) > p.dwb_forward_point
-    return np.column_stack(
-        [
-            _rotate(nav, np.hypot(samples[:, SAMPLE_V], samples[:, SAMPLE_SIDE]), yaw + ends[:, 2] - goal_yaw, p),
-            master[end[1], end[0]].astype(np.float64),
-            np.abs(ahead - align[:, None]).sum(axis=0),
-            _from_plan(on_plan, ahead) if far else np.zeros(len(ends)),
-            _from_plan(on_plan, end),
-            np.abs(end - goal[:, None]).sum(axis=0),
-        ]
-    )
-
-
-def _rotate(nav: Ints, v: Floats, error: Floats, p: Stack) -> Floats:
-    """RotateToGoal for the samples it allows."""
-    if nav[dwb.IN_WINDOW] == 0:
-        return np.zeros(len(v))
-    off = np.abs(np.arctan2(np.sin(error), np.cos(error)))
-    return off if nav[dwb.ROTATING] else p.dwb_slowing * v * v + off
+    v, w, side = samples[:, SAMPLE_V], samples[:, SAMPLE_W], samples[:, SAMPLE_SIDE]
+    error = yaw + ends[:, 2] - float(state.goals[-1, 2] - state.own.frame[MAP_YAW])  # as the robot believes it
+    off = np.abs(error - 2.0 * math.pi * np.floor((error + math.pi) / (2.0 * math.pi)))
+    rotate, forbidden = np.zeros(len(ends)), np.zeros(len(ends), bool)
+    if nav[dwb.IN_WINDOW] and nav[dwb.ROTATING]:
+        rotate, forbidden = off, (v > 0.0) | (side != 0.0)
+    elif nav[dwb.IN_WINDOW]:
+        rotate = p.dwb_slowing * v * v + p.dwb_slowing * side * side + off
+        forbidden = v * v + side * side >= measured[0] * measured[0] + measured[2] * measured[2]
+    for ban, way in zip(bans, (w, -w, side, -side), strict=True):
+        forbidden |= bool(ban) & (way > 0.0)
+    raw = [
+        rotate,
+        master[end[1], end[0]].astype(np.float64),
+        np.abs(ahead - align[:, None]).sum(axis=0),
+        _from_plan(on_plan, ahead) if far else np.zeros(len(ends)),
+        _from_plan(on_plan, end),
+        np.abs(end - goal[:, None]).sum(axis=0),
+    ]
+    total = sum(scale * scores for scale, scores in zip(scales(p), raw, strict=True))
+    forbidden |= ~(is_on & is_ahead_on) | (raw[1] >= INSCRIBED)
+    return np.column_stack(raw), np.where(forbidden, np.inf, total)
 
 
 def _align_cell(
@@ -207,11 +211,12 @@ def _align_cell(
 
 def _cells(
     column: float, row: float, cos: float, sin: float, dx: Floats, dy: Floats, shape: tuple[int, ...]
-) -> NDArray[np.int64]:
-    """Return columns and rows of places in the frame of the robot, kept on the map."""
-    columns = np.clip(column + cos * dx - sin * dy, 0, shape[1] - 1)
-    rows = np.clip(row + sin * dx + cos * dy, 0, shape[0] - 1)
-    return np.array([columns, rows]).astype(np.int64)
+) -> tuple[Ints, NDArray[np.bool_]]:
+    """Return columns and rows of places in the frame of the robot, kept on the map, and which of them are on it."""
+    columns, rows = column + cos * dx - sin * dy, row + sin * dx + cos * dy
+    is_on = (columns >= 0.0) & (columns < shape[1]) & (rows >= 0.0) & (rows < shape[0])
+    kept = np.array([np.clip(columns, 0, shape[1] - 1), np.clip(rows, 0, shape[0] - 1)])
+    return kept.astype(np.int64), is_on
 
 
 def _from_plan(on_plan: Ints, cells: Ints) -> Floats:
@@ -344,6 +349,7 @@ class _Recorder:
         self._planned_at = -math.inf
         self._stamp = 0
         self._evaluation: Evaluation | None = None
+        self._bans = np.zeros(len(BANS), np.int64)
         self._global = np.zeros((0, 0), np.uint8)
         self._maps = (0.05, 0.05, (0.0, 0.0))
 
@@ -357,7 +363,8 @@ class _Recorder:
 
     def __call__(self, episode: Episode) -> None:
         self._tree.watch(episode.state, round(episode.t, 3))
-        self._evaluate(episode.state, round(episode.t, 3))
+        self._evaluate(episode.state, episode.t)
+        self._bans = episode.state.nav[BANS]
         if round(episode.t / base.STEP_S) % self._ticks == 0:
             self._frames.append(self._frame(episode))
 
@@ -409,36 +416,49 @@ class _Recorder:
         self._stamp = stamp
         body, samples = state.body, state.samples
         count = len(samples) if state.stack.dwb_whole_range else int(np.count_nonzero(samples[:, SAMPLE_STEPS]))
-        measured = [u if abs(u) > ODOMETRY_DEADBAND else 0.0 for u in body[[base.V, base.W, base.SIDE]].tolist()]
+        measured = body[[base.V, base.W, base.SIDE]]
+        measured[np.abs(measured) <= ODOMETRY_DEADBAND] = 0.0
         slots = np.flatnonzero((state.memo.keys == measured).all(axis=1))
         pose = (float(body[base.X]), float(body[base.Y]), float(body[base.YAW]))
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         ends = state.memo.ends[slots[0], :count]
         ahead, left = ends[:, 0], ends[:, 1]
         parts = [SAMPLE_V, SAMPLE_W, SAMPLE_SIDE]
-        score = state.scratch.totals[:count].copy()
+        # What the Oscillation critic forbade before the command of this tick; a new plan lets it forget.
+        bans = np.zeros_like(self._bans) if state.times[st.PLAN_T] == t else self._bans
+        raw, score = raw_scores(state, samples[:count], ends, measured, bans, pose)
+        best = _first_free(state, samples, score, measured, pose)
         commanded = body[[base.COMMAND_V, base.COMMAND_W, base.COMMAND_SIDE]]
-        asked = (samples[:count, parts] == commanded).all(axis=1)
-        chosen = np.flatnonzero(asked & np.isfinite(score))
-        goal_yaw = float(state.goals[-1, 2] - state.own.frame[MAP_YAW])  # as the robot believes it
-        raw = raw_scores(
-            state.nav, state.scratch.sources, samples[:count], ends, state.local[st.MASTER],
-            (int(state.nav[st.WINDOW_COLUMN]), int(state.nav[st.WINDOW_ROW])), state.path[1], goal_yaw, pose,
-            state.stack,
-        )  # fmt: skip
         if not state.stack.dwb_whole_range:
             samples[:, SAMPLE_STEPS] = 0.0  # the planner writes its samples anew each time, and fewer or more of them
         self._evaluation = Evaluation(
-            t=t,
+            t=round(t, 3),
             pose=pose,
             velocity=samples[:count, parts[: 3 if state.stack.base_side > 0.0 else 2]].copy(),
             end=np.column_stack([pose[0] + cos * ahead - sin * left, pose[1] + sin * ahead + cos * left]),
             score=score,
-            best=int(chosen[0]) if len(chosen) else -1,
+            best=best if (samples[best, parts] == commanded).all() else -1,
             critics=CRITICS,
             scales=scales(state.stack),
             raw=raw,
         )
+
+
+def _first_free(
+    state: State, samples: Floats, score: Floats, measured: Floats, pose: tuple[float, float, float]
+) -> int:
+    """Return the first sample of least total whose rollout is free, -1 without; others before it become infinite."""
+    resolution, master, stack = state.stack.resolution, state.local[st.MASTER], refer(state.stack)
+    column, row = (pose[k] / resolution - state.nav[at] for k, at in enumerate((st.WINDOW_COLUMN, st.WINDOW_ROW)))
+    v0, w0, side0 = measured
+    if master[int(row), int(column)] >= INSCRIBED:
+        return -1
+    while math.isfinite(score[best := int(score.argmin())]):
+        v, w, steps, dt, side = samples[best]
+        if is_free(master, column, row, pose[2], v0, side0, w0, v, side, w, int(steps), dt, stack):
+            return best
+        score[best] = math.inf
+    return -1
 
 
 def _velocity(state: State, *parts: int) -> tuple[float, ...]:
