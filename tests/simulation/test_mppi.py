@@ -18,7 +18,7 @@ SQUARE = np.array([(0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2), (0.2, -0.2)])
 PLAN = np.column_stack([np.linspace(1.5, 4.0, 101), np.full(101, 1.5)])
 
 
-def prepared(samples: int = 400, **options: Any) -> tuple[mppi_critics.Numbers, mppi_critics.Work]:
+def prepared(samples: int = 400, **options: Any) -> tuple[Any, mppi_critics.Work]:
     stack = Mppi(batch_size=samples, **options)
     p = stack._of(SQUARE, 100.0, 0.05)
     work = mppi_critics.new_work(stack.settings.time_steps, samples, p)
@@ -27,7 +27,7 @@ def prepared(samples: int = 400, **options: Any) -> tuple[mppi_critics.Numbers, 
 
 
 def drive(
-    p: mppi_critics.Numbers, m: mppi_critics.Work, cells: np.ndarray[Any, Any], *, ticks: int = 60
+    p: Any, m: mppi_critics.Work, cells: np.ndarray[Any, Any], *, ticks: int = 60
 ) -> list[tuple[float, float, bool]]:
     """Follow the plan for some ticks in a costmap that stays; return the places, and whether each had a command."""
     x, y, yaw, v, w = 1.5, 1.5, 0.0, 0.0, 0.0

@@ -117,12 +117,12 @@ def stacks(
         return
     found = listed_stacks()
     if json:
-        console.print_json([asdict(each) for each in found])
+        console.print_json(found)
         return
     for each in found:
-        print(f"{each.name:14} {each.title} (version {each.version})")
-        if each.options:
-            print(f"{'':14} options: {', '.join(f'{key}={value}' for key, value in each.options.items())}")
+        print(f"{each['name']:14} {each['title']} (version {each['version']})")
+        if options := each["options"]:
+            print(f"{'':14} options: {', '.join(f'{key}={value}' for key, value in options.items())}")
 
 
 def _compare(

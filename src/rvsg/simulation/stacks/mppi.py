@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from functools import partial
+from operator import attrgetter
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -17,11 +18,14 @@ from pydantic import Field
 
 from rvsg.core.kernels import kernel
 from rvsg.core.records import Record
+from rvsg.core.references import refer
 from rvsg.core.seeds import stream
 from rvsg.robots.polygons import distance, padded, reach
 from rvsg.robots.robot import Robot
 from rvsg.simulation.stacks.mppi_critics import (
     BLOCK,
+    OPTIONS,
+    WEIGHTS,
     Bytes,
     F,
     Floats,
@@ -29,7 +33,6 @@ from rvsg.simulation.stacks.mppi_critics import (
     Numbers,
     Singles,
     Work,
-    bind,
     cell_scores,
     clearances,
     free_points,
@@ -93,7 +96,7 @@ def add_product(after: Singles, before: Singles, w: Singles, dt: float) -> None:
 
 
 @kernel(arrays=True)
-def roll_out(m: Work, begin: int, end: int, yaw0: float, v0: float, w0: float, p: Numbers) -> None:
+def roll_out(m: Work, begin: int, end: int, yaw0: float, v0: float, w0: float, p: Any) -> None:
     """Sample controls around the sequence and integrate them; positions are relative to the robot."""
     cos, sin = m.scratch[0, begin:end], m.scratch[1, begin:end]
     still, ahead = m.scratch[2, begin:end], m.scratch[3, begin:end]
@@ -121,7 +124,7 @@ def roll_out(m: Work, begin: int, end: int, yaw0: float, v0: float, w0: float, p
 
 
 @kernel(arrays=True)
-def keep(m: Work, begin: int, end: int, p: Numbers) -> None:
+def keep(m: Work, begin: int, end: int, p: Any) -> None:
     """Keep what the critics of the path read of the samples of a block."""
     last, n = m.x.shape[0] - 1, end - begin
     rows = m.kept_x.shape[0]
@@ -149,7 +152,7 @@ def weighted(values: Singles, weights: Singles) -> float:
 
 
 @kernel(arrays=True)
-def average(m: Work, p: Numbers) -> None:
+def average(m: Work, p: Any) -> None:
     """Replace the control sequence by the mean of the sampled ones, weighted by their scores."""
     steps, samples = m.noise_v.shape
     least = m.costs.min()
@@ -185,7 +188,7 @@ def smooth_sequence(m: Work, offset: int) -> None:
 
 
 @kernel(arrays=True)
-def constrain(m: Work, p: Numbers) -> None:
+def constrain(m: Work, p: Any) -> None:
     """Keep the control sequence within the limits of speed and acceleration."""
     v = min(p.v_max, max(p.v_min, m.control[0, 0]))
     w = min(p.w_max, max(-p.w_max, m.control[1, 0]))
@@ -224,7 +227,7 @@ def local_path(
 @kernel(arrays=True)
 def optimise(
     m: Work, plan: Floats, cells: Bytes, ox: float, oy: float, side: float, x: float, y: float, yaw: float, v0: float,
-    w0: float, goal_yaw: float, iterations: int, p: Numbers,
+    w0: float, goal_yaw: float, iterations: int, p: Any,
 ) -> tuple[bool, float, float]:  # fmt: skip
     """Return whether there is a valid command, and forward speed and yaw rate."""
     path = local_path(plan, cells, ox, oy, side, x, y, p.prune_m)
@@ -388,7 +391,7 @@ class Mppi(Configured):
         p = self._of(np.array(square), 1.0, 0.05)
         plan = np.column_stack([np.linspace(1.0, 2.0, 40), np.ones(40)])
         cells = np.zeros((60, 60), np.uint8)
-        work, numbers = bind(new_work(self.settings.time_steps, 10, p), p)
+        work, numbers = refer(new_work(self.settings.time_steps, 10, p)), refer(p)
         optimise(work, plan, cells, 0.0, 0.0, 0.05, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1, numbers)
 
     def reset(self, task: Task) -> None:
@@ -403,7 +406,7 @@ class Mppi(Configured):
         work = new_work(s.time_steps, s.batch_size, numbers)
         rng = stream(task.seed, "stack/mppi")
         self._start_again = partial(start_again, work, rng, numbers)
-        self._work, self._numbers = bind(work, numbers)
+        self._work, self._numbers = refer(work), refer(numbers)  # taken apart at every call they cost a tenth of it
         self._until = -math.inf
         self._period_s = task.period_s
 
@@ -423,58 +426,17 @@ class Mppi(Configured):
             self._start_again()
         return None
 
-    def _of(self, footprint: Floats, possible: float, period_s: float) -> Numbers:
+    def _of(self, footprint: Floats, possible: float, period_s: float) -> Any:
         """Return the options with what the robot adds to them."""
         s = self.settings
-
-        def weight(critic: Critic) -> float:
-            return critic.cost_weight if critic.enabled else 0.0
-
-        cost, align, follow, angle = s.CostCritic, s.PathAlignCritic, s.PathFollowCritic, s.PathAngleCritic
+        critics = {name: getattr(s, critic) for name, critic in WEIGHTS.items()}
         return Numbers(
-            dt=s.model_dt,
-            temperature=s.temperature,
-            gamma=s.gamma,
-            v_std=s.vx_std,
-            w_std=s.wz_std,
-            v_max=s.vx_max,
-            v_min=s.vx_min,
-            w_max=s.wz_max,
-            a_max=s.ax_max,
-            a_min=s.ax_min,
-            aw_max=s.az_max,
-            prune_m=s.prune_distance,
-            shift=abs(period_s - s.model_dt) < 1e-6,
-            constraint=weight(s.ConstraintCritic),
+            **{name: attrgetter(option)(s) for name, option in OPTIONS.items()},
+            **{name: critic.cost_weight if critic.enabled else 0.0 for name, critic in critics.items()},
             constraint_max=math.hypot(s.vx_max, s.vy_max),
             constraint_min=-math.hypot(s.vx_min, s.vy_max),
-            cost=weight(cost),
-            critical=cost.critical_cost,
-            near_collision=cost.near_collision_cost,
-            collision=cost.collision_cost,
-            near_goal_m=cost.near_goal_distance,
-            cost_step=cost.trajectory_point_step,
-            outline=cost.consider_footprint,
+            shift=abs(period_s - s.model_dt) < 1e-6,
             possible=possible,
-            goal=weight(s.GoalCritic),
-            goal_m=s.GoalCritic.threshold_to_consider,
-            goal_angle=weight(s.GoalAngleCritic),
-            goal_angle_m=s.GoalAngleCritic.threshold_to_consider,
-            align=weight(align),
-            align_m=align.threshold_to_consider,
-            align_occupied=align.max_path_occupancy_ratio,
-            align_offset=align.offset_from_furthest,
-            align_step=align.trajectory_point_step,
-            follow=weight(follow),
-            follow_m=follow.threshold_to_consider,
-            follow_offset=follow.offset_from_furthest,
-            angle=weight(angle),
-            angle_m=angle.threshold_to_consider,
-            angle_offset=angle.offset_from_furthest,
-            angle_max=angle.max_angle_to_furthest,
-            forward=weight(s.PreferForwardCritic),
-            forward_m=s.PreferForwardCritic.threshold_to_consider,
-            twirl=weight(s.TwirlingCritic),
             footprint=footprint,
         )
 

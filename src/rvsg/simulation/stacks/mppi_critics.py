@@ -6,13 +6,13 @@ Arrays are (time steps, samples) in single precision, as in Nav2, so that the lo
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from collections import namedtuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.kernels import kernel
-from rvsg.core.references import refer
 from rvsg.simulation.embedded.base import wrap
 
 Floats = NDArray[np.float64]
@@ -22,54 +22,32 @@ BLOCK = 128
 """Samples that are rolled out and scored together, so that their states stay in the processor's cache."""
 
 
-class Numbers(NamedTuple):
-    """The options and the robot as the kernels read them; SI units."""
-
-    dt: float
-    temperature: float
-    gamma: float
-    v_std: float
-    w_std: float
-    v_max: float
-    v_min: float
-    w_max: float
-    a_max: float
-    a_min: float
-    aw_max: float
-    prune_m: float
-    shift: bool
-    constraint: float
-    constraint_max: float
-    constraint_min: float
-    cost: float
-    critical: float
-    near_collision: float
-    collision: float
-    near_goal_m: float
-    cost_step: int
-    outline: bool
-    possible: float
-    """Cost from which the outline has to be checked; below 1: always."""
-    goal: float
-    goal_m: float
-    goal_angle: float
-    goal_angle_m: float
-    align: float
-    align_m: float
-    align_occupied: float
-    align_offset: int
-    align_step: int
-    follow: float
-    follow_m: float
-    follow_offset: int
-    angle: float
-    angle_m: float
-    angle_offset: int
-    angle_max: float
-    forward: float
-    forward_m: float
-    twirl: float
-    footprint: Floats
+OPTIONS = {
+    "dt": "model_dt", "temperature": "temperature", "gamma": "gamma", "v_std": "vx_std", "w_std": "wz_std",
+    "v_max": "vx_max", "v_min": "vx_min", "w_max": "wz_max", "a_max": "ax_max", "a_min": "ax_min", "aw_max": "az_max",
+    "prune_m": "prune_distance",
+    "critical": "CostCritic.critical_cost", "near_collision": "CostCritic.near_collision_cost",
+    "collision": "CostCritic.collision_cost", "near_goal_m": "CostCritic.near_goal_distance",
+    "cost_step": "CostCritic.trajectory_point_step", "outline": "CostCritic.consider_footprint",
+    "goal_m": "GoalCritic.threshold_to_consider", "goal_angle_m": "GoalAngleCritic.threshold_to_consider",
+    "align_m": "PathAlignCritic.threshold_to_consider", "align_occupied": "PathAlignCritic.max_path_occupancy_ratio",
+    "align_offset": "PathAlignCritic.offset_from_furthest", "align_step": "PathAlignCritic.trajectory_point_step",
+    "follow_m": "PathFollowCritic.threshold_to_consider", "follow_offset": "PathFollowCritic.offset_from_furthest",
+    "angle_m": "PathAngleCritic.threshold_to_consider", "angle_offset": "PathAngleCritic.offset_from_furthest",
+    "angle_max": "PathAngleCritic.max_angle_to_furthest", "forward_m": "PreferForwardCritic.threshold_to_consider",
+}  # fmt: skip
+"""The options that the kernels read, by their names in the kernels."""
+WEIGHTS = {
+    "constraint": "ConstraintCritic", "cost": "CostCritic", "goal": "GoalCritic", "goal_angle": "GoalAngleCritic",
+    "align": "PathAlignCritic", "follow": "PathFollowCritic", "angle": "PathAngleCritic",
+    "forward": "PreferForwardCritic", "twirl": "TwirlingCritic",
+}  # fmt: skip
+"""The critics whose weights the kernels read; 0 where one is not enabled."""
+Numbers = cast(
+    Any,
+    namedtuple("Numbers", [*OPTIONS, *WEIGHTS, "constraint_max", "constraint_min", "shift", "possible", "footprint"]),
+)
+"""The options and the robot as the kernels read them; SI units. `possible`: cost from which the outline is checked."""
 
 
 class Work(NamedTuple):
@@ -98,12 +76,7 @@ class Work(NamedTuple):
     """(2, 4)"""
 
 
-def bind(m: Work, p: Numbers) -> tuple[Any, Any]:
-    """Return both by reference: taking them apart at every call costs a tenth of the command."""
-    return refer(m), refer(p)
-
-
-def start_again(m: Work, rng: np.random.Generator, p: Numbers) -> None:
+def start_again(m: Work, rng: np.random.Generator, p: Any) -> None:
     """Forget the control sequence and draw other noise.
 
     By default Nav2 keeps the noise from one period to the next, and draws it when its optimiser is reset.
@@ -114,25 +87,18 @@ def start_again(m: Work, rng: np.random.Generator, p: Numbers) -> None:
         noise[:] = deviation * rng.standard_normal(noise.shape, np.float32)
 
 
-def new_work(steps: int, samples: int, p: Numbers) -> Work:
+def new_work(steps: int, samples: int, p: Any) -> Work:
     """Return the arrays of a run, without noise."""
-    state = (steps, samples)
-    return Work(
-        noise_v=np.zeros(state, np.float32),
-        noise_w=np.zeros(state, np.float32),
-        v=np.zeros((steps + 1, samples), np.float32),
-        w=np.zeros((steps + 1, samples), np.float32),
-        x=np.zeros((steps, BLOCK), np.float32),
-        y=np.zeros((steps, BLOCK), np.float32),
-        yaw=np.zeros((steps, BLOCK), np.float32),
-        kept_x=np.zeros(((steps - 1) // p.align_step + 2, samples), np.float32),
-        kept_y=np.zeros(((steps - 1) // p.align_step + 2, samples), np.float32),
-        kept_yaw=np.zeros(samples, np.float32),
-        costs=np.zeros(samples, np.float32),
-        scratch=np.zeros((4, samples), np.float32),
-        control=np.zeros((2, steps)),
-        history=np.zeros((2, 4)),
-    )
+    shapes = {
+        **dict.fromkeys(("noise_v", "noise_w"), (steps, samples)),
+        **dict.fromkeys(("v", "w"), (steps + 1, samples)),
+        **dict.fromkeys(("x", "y", "yaw"), (steps, BLOCK)),
+        **dict.fromkeys(("kept_x", "kept_y"), ((steps - 1) // p.align_step + 2, samples)),
+        **dict.fromkeys(("kept_yaw", "costs"), (samples,)),
+        "scratch": (4, samples),
+    }
+    singles = {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
+    return Work(**singles, control=np.zeros((2, steps)), history=np.zeros((2, 4)))
 
 
 Bytes = NDArray[np.uint8]
@@ -164,7 +130,7 @@ def add_effort(costs: Singles, v: Singles, middle: float, gamma: float) -> None:
 
 
 @kernel(arrays=True)
-def score_speeds(m: Work, begin: int, end: int, to_goal: float, p: Numbers) -> None:
+def score_speeds(m: Work, begin: int, end: int, to_goal: float, p: Any) -> None:
     """ConstraintCritic, PreferForwardCritic, TwirlingCritic, and the distance of the samples from the sequence."""
     steps = m.x.shape[0]
     forward = p.forward * p.dt if to_goal >= p.forward_m else 0.0
@@ -178,7 +144,7 @@ def score_speeds(m: Work, begin: int, end: int, to_goal: float, p: Numbers) -> N
 
 
 @kernel(arrays=True)
-def cell_scores(cells: Bytes, near_goal: bool, p: Numbers) -> Singles:
+def cell_scores(cells: Bytes, near_goal: bool, p: Any) -> Singles:
     """Return what a cell costs a trajectory, as a flat grid with a border around it.
 
     COLLIDES: it collides there; below: the outline has to be checked, and the cost is COLLIDES - 1 less that.
@@ -306,7 +272,7 @@ class Ground(NamedTuple):
 
 
 @kernel(arrays=True)
-def score_costmap(m: Work, begin: int, end: int, ground: Ground, p: Numbers) -> int:
+def score_costmap(m: Work, begin: int, end: int, ground: Ground, p: Any) -> int:
     """CostCritic; return how many trajectories collide."""
     steps = m.x.shape[0]
     rows, columns = ground.away.shape
@@ -342,9 +308,7 @@ def score_costmap(m: Work, begin: int, end: int, ground: Ground, p: Numbers) -> 
 
 
 @kernel(arrays=True)
-def score_goal(
-    m: Work, begin: int, end: int, gx: float, gy: float, goal_yaw: float, to_goal: float, p: Numbers
-) -> None:
+def score_goal(m: Work, begin: int, end: int, gx: float, gy: float, goal_yaw: float, to_goal: float, p: Any) -> None:
     """GoalCritic and GoalAngleCritic: mean distance from the goal and from its yaw."""
     steps = m.x.shape[0]
     if to_goal < p.goal_m:
@@ -417,7 +381,7 @@ def add_steps(sums: Singles, x: Singles, y: Singles, last_x: Singles, last_y: Si
 
 
 @kernel(arrays=True)
-def score_alignment(m: Work, path: Floats, free: NDArray[np.bool_], count: int, p: Numbers) -> None:
+def score_alignment(m: Work, path: Floats, free: NDArray[np.bool_], count: int, p: Any) -> None:
     """PathAlignCritic: mean distance from the point of the path as far along it as the trajectory has come."""
     samples = m.costs.size
     occupied = 0
@@ -451,7 +415,7 @@ def score_alignment(m: Work, path: Floats, free: NDArray[np.bool_], count: int, 
 
 
 @kernel(arrays=True)
-def score_path(m: Work, path: Floats, free: NDArray[np.bool_], yaw0: float, to_goal: float, p: Numbers) -> None:
+def score_path(m: Work, path: Floats, free: NDArray[np.bool_], yaw0: float, to_goal: float, p: Any) -> None:
     """PathAlignCritic, PathFollowCritic and PathAngleCritic."""
     samples = m.costs.size
     end = path.shape[0] - 1

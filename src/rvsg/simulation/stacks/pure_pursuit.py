@@ -7,8 +7,9 @@ none), `use_dynamic_window` and slowing down when a goal is cancelled.
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,38 +57,9 @@ class PurePursuitSettings(Nav2Settings):
     allow_reversing: bool = False
 
 
-class Numbers(NamedTuple):
-    """The options, by their names, and the robot as the kernel reads them."""
-
-    desired_linear_vel: float
-    lookahead_dist: float
-    min_lookahead_dist: float
-    max_lookahead_dist: float
-    lookahead_time: float
-    use_velocity_scaled_lookahead_dist: bool
-    rotate_to_heading_angular_vel: float
-    max_angular_accel: float
-    use_rotate_to_heading: bool
-    rotate_to_heading_min_angle: float
-    min_approach_linear_velocity: float
-    approach_velocity_scaling_dist: float
-    use_regulated_linear_velocity_scaling: bool
-    regulated_linear_scaling_min_radius: float
-    regulated_linear_scaling_min_speed: float
-    use_cost_regulated_linear_velocity_scaling: bool
-    cost_scaling_dist: float
-    cost_scaling_gain: float
-    inflation_cost_scaling_factor: float
-    use_fixed_curvature_lookahead: bool
-    curvature_lookahead_dist: float
-    use_collision_detection: bool
-    max_allowed_time_to_collision_up_to_carrot: float
-    allow_reversing: bool
-    inscribed: float
-    circumscribed: float
-    goal_m: float
-    period_s: float
-    footprint: Floats
+OPTIONS = [name for name in PurePursuitSettings.model_fields if name not in Nav2Settings.model_fields]
+Numbers = cast(Any, namedtuple("Numbers", [*OPTIONS, "inscribed", "circumscribed", "goal_m", "period_s", "footprint"]))
+"""The options, by their names, and the robot as the kernels read them."""
 
 
 @kernel
@@ -121,7 +93,7 @@ def curvature_to(cx: float, cy: float) -> float:
 
 
 @kernel
-def turn_towards(angle: float, w0: float, p: Numbers) -> float:
+def turn_towards(angle: float, w0: float, p: Any) -> float:
     """Return the yaw rate that turns on the spot by an angle, within the acceleration, and stops there."""
     sign = 1.0 if angle > 0.0 else -1.0
     step = p.max_angular_accel * p.period_s
@@ -131,7 +103,7 @@ def turn_towards(angle: float, w0: float, p: Numbers) -> float:
 
 
 @kernel
-def hits(cells: Bytes, ox: float, oy: float, side: float, x: float, y: float, yaw: float, p: Numbers) -> bool:
+def hits(cells: Bytes, ox: float, oy: float, side: float, x: float, y: float, yaw: float, p: Any) -> bool:
     """Whether the outline of the footprint at a pose is in collision; not where the pose is off the costmap."""
     column, row = (x - ox) / side, (y - oy) / side
     if not (0.0 <= column < cells.shape[1] and 0.0 <= row < cells.shape[0]):
@@ -142,7 +114,7 @@ def hits(cells: Bytes, ox: float, oy: float, side: float, x: float, y: float, ya
 @kernel
 def collides(
     cells: Bytes, ox: float, oy: float, side: float, x: float, y: float, yaw: float, v: float, w: float,
-    carrot_m: float, p: Numbers,
+    carrot_m: float, p: Any,
 ) -> bool:  # fmt: skip
     """Whether the robot hits something on the arc of (v, w) before it is past the carrot or its time is over."""
     if hits(cells, ox, oy, side, x, y, yaw, p):
@@ -168,7 +140,7 @@ def collides(
 
 
 @kernel
-def regulated(v: float, curvature: float, cost: float, rest_m: float, end_m: float, p: Numbers) -> float:
+def regulated(v: float, curvature: float, cost: float, rest_m: float, end_m: float, p: Any) -> float:
     """Return the speed after the constraints of curvature, cost and approach."""
     by_curvature = v
     by_cost = v
@@ -193,7 +165,7 @@ def regulated(v: float, curvature: float, cost: float, rest_m: float, end_m: flo
 @kernel
 def pursue(
     plan: Floats, cells: Bytes, ox: float, oy: float, side: float, x: float, y: float, yaw: float, v0: float,
-    w0: float, goal_yaw: float, p: Numbers,
+    w0: float, goal_yaw: float, p: Any,
 ) -> tuple[bool, float, float]:  # fmt: skip
     """Return whether there is a valid command, and forward speed and yaw rate."""
     # The plan as Nav2 transforms it: from the point nearest to the robot, up to the edge of the costmap.
@@ -260,29 +232,22 @@ class PurePursuit(Configured):
 
     def prepare(self, tell: Callable[[str], None]) -> None:
         """Compile or load the kernel."""
-        self._numbers = self.numbers(
-            np.array([(0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2), (0.2, -0.2)]), 0.2, 0.3, 0.25, 0.05
-        )
+        square = np.array([(0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2), (0.2, -0.2)])
+        self._numbers = self.numbers(square, 0.2, 0.3, 0.25, 0.05)
         plan = np.array([[1.0, 1.0], [1.2, 1.0]])
         pursue(plan, np.zeros((60, 60), np.uint8), 0.0, 0.0, 0.05, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, self._numbers)
 
-    def numbers(
-        self, footprint: Floats, inscribed: float, circumscribed: float, goal_m: float, period_s: float
-    ) -> Numbers:
+    def numbers(self, footprint: Floats, inscribed: float, circumscribed: float, goal_m: float, period_s: float) -> Any:
         """Return the options with what the robot adds to them."""
-        options = self.settings.model_dump(include={*Numbers._fields} - {"footprint"})
-        return Numbers(
-            **options, inscribed=inscribed, circumscribed=circumscribed, goal_m=goal_m, period_s=period_s,
-            footprint=footprint,
-        )  # fmt: skip
+        options = self.settings.model_dump(include={*OPTIONS})
+        return Numbers(**options, inscribed=inscribed, circumscribed=circumscribed, goal_m=goal_m, period_s=period_s,
+                       footprint=footprint)  # fmt: skip
 
     def reset(self, task: Task) -> None:
         """Keep the robot's numbers."""
         outline = padded(task.robot.footprint, task.robot.padding_m)
-        self._numbers = self.numbers(
-            np.array(outline, np.float64), distance(outline, 0.0, 0.0), reach(outline),
-            task.robot.navigation.behaviours.goal_tolerance_m, task.period_s,
-        )  # fmt: skip
+        corners, goal_m = np.array(outline, np.float64), task.robot.navigation.behaviours.goal_tolerance_m
+        self._numbers = self.numbers(corners, distance(outline, 0.0, 0.0), reach(outline), goal_m, task.period_s)
 
     def command(self, seen: LocalObservation) -> tuple[float, float] | None:
         """Return the command of regulated pure pursuit."""

@@ -8,7 +8,6 @@ import importlib.util
 import inspect
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeAlias
@@ -42,22 +41,11 @@ def stack_names() -> tuple[str, ...]:
     return plugins.names("stack")
 
 
-@dataclass(frozen=True)
-class Listed:
-    """A registered stack as `rvsg stacks` lists it."""
-
-    name: str
-    title: str
-    version: str
-    options: dict[str, Any]
-    """Every option with its default."""
-
-
-def listed_stacks() -> list[Listed]:
-    """Return the registered stacks, by name."""
+def listed_stacks() -> list[dict[str, Any]]:
+    """Return name, title, version and options with their defaults of every registered stack, by name."""
     return [
-        Listed(name, found.title, found.version, dict(found.default_options()))
-        for name, found in ((name, plugins.find("stack", name)) for name in stack_names())
+        {"name": name, "title": kind.title, "version": kind.version, "options": dict(kind.default_options())}
+        for name, kind in ((name, plugins.find("stack", name)) for name in stack_names())
     ]
 
 
