@@ -1,12 +1,8 @@
 """Conversation with a vision language model that turns a Brief into a Proposal, and VlmGenerator, which holds it.
 
-Two conversations, one generator. `compact` (the default) asks for a whole configuration in one structured answer:
-one call, and one more for each round of corrections. `study` follows the published method turn by turn: P1 or P2,
-P3, P4, P6, P7 for a new scenario, P5, P6, P7 for each refinement, on one growing history. An unguided brief runs
-through the same code with requirement, feedback and memory left out.
-
-Our checker judges, not the model: findings go back at most `corrections` times, what is left is repaired, and what
-cannot be repaired is a Proposal with problems.
+`compact` (the default) asks for a whole configuration in one structured answer. `study` follows the published method
+turn by turn: P1 or P2, P3, P4, P6, P7 for a new scenario, P5, P6, P7 for each refinement, on one growing history.
+Our checker judges, not the model: findings go back at most `corrections` times, what is left is repaired.
 """
 
 from __future__ import annotations
@@ -145,10 +141,7 @@ class VlmGenerator(Generator):
         return tuple(self.open(brief, world).dialogue.pictures.values())
 
     def undisturbed_drive(self, brief: Brief) -> Rehearsal | None:
-        """The drive without people, simulated once per mission; None without a simulator to ask.
-
-        In a replay it is the one that was recorded, like everything measured.
-        """
+        """The drive without people, simulated once per mission or as recorded; None without a simulator to ask."""
         mission, recording = brief.mission, self.access.recording
         if self.access.replaying and recording is not None:
             known = recording.measured(session_of(brief)).get(DRIVE)
@@ -163,11 +156,7 @@ class VlmGenerator(Generator):
         return self._undisturbed[mission.id]
 
     def _as_recorded(self, brief: Brief) -> Brief:
-        """The brief as it is put to the model: in a replay with what was measured when it was recorded.
-
-        The recorded answers are answers to that. What the simulator measures may change with every improvement of it;
-        what is asked about a measured value should not. `notes` tell where the values differ.
-        """
+        """Return the brief, in a replay with what was measured when it was recorded; `notes` tell the differences."""
         recording, session = self.access.recording, session_of(brief)
         if recording is None:
             return brief
@@ -320,8 +309,7 @@ class CompactConversation(Conversation):
     def _rehearsed(self, reply: Reply, people: HumanConfiguration) -> Reply | None:
         """Rehearse a valid answer, and ask for a better one where something does not happen as planned; else None.
 
-        In a replay the recorded answer after the rehearsal is taken, where there is one: what a rehearsal shows may
-        change with every improvement of the simulator, the recorded answers do not.
+        In a replay the recorded answer after the rehearsal is taken, where there is one.
         """
         access, dialogue = self.generator.access, self.dialogue
         rehearsal, found = Rehearsal(robot=(), arrival_s=None), tuple[str, ...]()

@@ -46,10 +46,7 @@ def tells_of(scenario: Scenario, *, goods: bool) -> bool:
 
 
 def describe_tuned(before: Scenario, people: HumanConfiguration, *, goods: bool) -> Described:
-    """Describe a scenario whose tasks are those of the one before and whose numbers are not.
-
-    A text that this module cannot write anew, as it is a model's, says so at its end.
-    """
+    """Describe a scenario whose tasks are those of the one before and whose numbers are not; a model's text says so."""
     if not before.description:
         return Described("", before.idea)
     if tells_of(before, goods=goods):
@@ -64,10 +61,7 @@ def same_work(human: Human, other: Human) -> bool:
 
 
 def inherited(refined: Scenario, people: HumanConfiguration) -> Described:
-    """Describe a refinement that does not describe itself by the scenario it refines.
-
-    Where people have other tasks than there, the text says so.
-    """
+    """Describe a refinement by the scenario it refines, and say so where people have other tasks than there."""
     idea = refined.idea or refined.description
     if not idea or [_work(human) for human in people.humans] == [_work(human) for human in refined.people.humans]:
         return Described(refined.description, refined.idea)
@@ -95,11 +89,7 @@ def in_company_of(name: str) -> str:
 
 
 def work_of(human: Human, *, goods: bool) -> str:
-    """Return the work that fits a person: by what they push, pauses, speed (m/s) and the number of places.
-
-    Args:
-        goods: In a place where goods are handled.
-    """
+    """Return the work that fits a person: by what they push, pauses, speed (m/s), number of places, and goods there."""
     if human.trolley is not None:
         return "pushes a trolley"
     if human.kind is PersonKind.WHEELCHAIR:
@@ -138,9 +128,7 @@ def answer(
 ) -> Proposal:
     """Return the proposal of a configuration: with a scenario where it is valid or can be repaired, else with problems.
 
-    Args:
-        described: The scenario's description; None: a refinement is described by the scenario that it refines.
-        moved: Objects that the generator moved into the world.
+    Without `described` a refinement is described by the scenario it refines.
     """
     mission, place = placed(brief.mission, world, moved)
     first = check(people, mission, place)

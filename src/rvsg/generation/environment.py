@@ -219,11 +219,7 @@ class AreaNames(Record):
 
 
 def propose_area_names(world: World, model: Model, prompts: Prompts) -> AreaNames:
-    """Ask a model once for names of areas.
-
-    Raises:
-        GenerationError: it answers without a list of names, also when asked again.
-    """
+    """Ask a model once for names of areas; GenerationError where it answers without a list of names twice."""
     shown, _, facts = _views(world)
     dialogue = Dialogue(model, prompts, f"names-{world.name}", facts, shown)
     dialogue.tell("system", role="system")

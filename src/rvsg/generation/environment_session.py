@@ -53,10 +53,7 @@ class EnvironmentSession:
 def open_session(
     world: World, model: str | None, record: Path | None, prompts: Path | None, **access: Any
 ) -> EnvironmentSession | None:
-    """Return a session with a model, or None if neither a model nor a replay is named.
-
-    Calls are recorded, by default in `runs/describe-WORLD`, so that the same call resumes without paying twice.
-    """
+    """Return a session with a model, or None if neither a model nor a replay is named; calls are recorded."""
     replay = access.get("replay")
     if model is None and replay is None:
         return None
@@ -66,11 +63,7 @@ def open_session(
 
 
 def stored(world: World, command: str) -> Description:
-    """Return the stored description of a world.
-
-    Raises:
-        InputError: there is none; `command` has a model write it.
-    """
+    """Return the stored description of a world; InputError without one names the `command` that writes it."""
     description = description_of(world)
     if description is None:
         raise InputError(f"{world.name} has no description yet. Let a model write it: {command}", code="no-description")
@@ -78,22 +71,15 @@ def stored(world: World, command: str) -> Description:
 
 
 def store(world: World, description: Description, *, out: Path | None, name: str) -> Path:
-    """Store a description and return where: in `out`, in the world's folder, or for a shipped world in your data.
-
-    Args:
-        name: The world as the user named it.
-    """
+    """Store a description in `out`, in the world's folder, or for a shipped world in your data; return where."""
     place = out if out is not None else None if name in shipped_worlds() else Path(name)
     return store_description(world, description, place)
 
 
 def revised(session: EnvironmentSession, start: Description | None, reasons: Sequence[str]) -> Description:
-    """Return a description corrected for the reasons of a person, one after the other.
+    """Return a description corrected for the reasons of a person, of which only the last costs a call.
 
-    What was asked before is answered from the record, so that only the last reason costs a call.
-
-    Args:
-        start: the description that the first reason is about; None lets the model write one first.
+    `start` is the description that the first reason is about; None lets the model write one first.
     """
     dialogue = session.dialogue
     if start is None:
@@ -109,9 +95,6 @@ def revised(session: EnvironmentSession, start: Description | None, reasons: Seq
 def propose_names(
     world: World, model: str | None, record: Path | None = None, prompts: Path | None = None, **access: Any
 ) -> AreaNames:
-    """Ask a vision language model for better names of the areas of a world.
-
-    Calls are recorded, by default in `runs/names-WORLD`: the same question costs nothing again.
-    """
+    """Ask a vision language model for better names of the areas of a world; calls are recorded."""
     kept = record or (None if access.get("replay") else Path("runs") / f"names-{world.name}")
     return propose_area_names(world, reach(model, kept, **access).model, Prompts(prompts))

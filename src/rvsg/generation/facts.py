@@ -145,11 +145,7 @@ def _invalid(grid: Grid) -> list[str]:
 def brief_facts(
     brief: Brief, world: World, *, provoking: bool = False, undisturbed: Rehearsal | None = None
 ) -> dict[str, Any]:
-    """Route, requirement, humans, memory and feedback of a brief.
-
-    Args:
-        undisturbed: The drive without people; None where it is not known.
-    """
+    """Return route, requirement, humans, memory and feedback of a brief."""
     requirement, mission, grid = brief.requirement, brief.mission, world.grid
     passes = passes_of(undisturbed, grid)
     fields = Human.model_fields
@@ -191,11 +187,9 @@ def brief_facts(
 
 
 def route_facts(mission: Mission, world: World, undisturbed: Rehearsal | None = None) -> dict[str, Any]:
-    """A route as prompts tell it; `start` and `goal` are the nearest waypoints, `length_m` follows `via`.
+    """Return a route as prompts tell it; `start` and `goal` are the nearest waypoints, `length_m` follows `via`.
 
-    `description` is the user's own, else the paragraph written from the way that the robot drives without people, or
-    from the route where that is not known: areas, turns, narrow places.
-    The latter holds start, goal, purpose, way and time limit; a user's words (`described_by_user`) may not.
+    `description` is the user's own, else a paragraph written from the `undisturbed` drive, or from the route.
     """
     route, grid = mission.route, world.grid
     inner = [grid.position(name) for name in route.via if name in grid.by_name]
@@ -244,11 +238,7 @@ def requirement_facts(requirement: Requirement) -> dict[str, Any]:
 
 
 def feedback_facts(feedback: Feedback, requirement: Requirement | None, passes: Mapping[str, Pass]) -> dict[str, Any]:
-    """A result as prompts tell it; `better` says the last change moved the value where the test wants it.
-
-    Args:
-        passes: When the robot passes which waypoint without people.
-    """
+    """Return a result as prompts tell it; `passes` tells when the robot passes which waypoint without people."""
     worse, limit = (requirement.worse, requirement.threshold) if requirement else ("smaller", None)
     previous, values, people = feedback.previous_mean, feedback.objectives, feedback.scenario.people
     spread = max(values) - min(values) > NEWS * abs(feedback.mean)
@@ -293,10 +283,7 @@ def feedback_facts(feedback: Feedback, requirement: Requirement | None, passes: 
 
 
 def _arrivals(human: Human, feedback: Feedback) -> list[dict[str, Any]]:
-    """Return a person's first arrivals where they planned to be, pause, end a task or come last, in order.
-
-    The table shows the way between.
-    """
+    """Return a person's first arrivals where they planned to be, pause, end a task or come last, in order."""
     planned = feedback.planned.get(human.name, {})
     wanted = {at for task in human.tasks for at in (*task.path[-1:], *(pause.at for pause in task.pauses))} | {*planned}
     first = {arrival.at: arrival for arrival in reversed(feedback.arrivals.get(human.name, ()))}
@@ -365,10 +352,7 @@ def configuration_object(
 
 
 def answer_object(feedback: Feedback, moved: Sequence[SolidObject] = ()) -> Any:
-    """The configuration that was simulated as its generator answered it, with the end of its analysis.
-
-    The plan is told beside the arrivals.
-    """
+    """Return the configuration that was simulated as its generator answered it, with the end of its analysis."""
     found = configuration_object(feedback.scenario.people, feedback.scenario.description, moved=moved)
     analysis = feedback.analysis
     if len(analysis) > LONGEST_ANALYSIS:
@@ -396,13 +380,10 @@ def _remembered(earlier: Remembered) -> dict[str, Any]:
 
 
 def neighbour_rule(grid: Grid, hops: Iterable[tuple[str, str]]) -> dict[str, Any]:
-    """Return the neighbour list as a rule and its exceptions, which is far shorter than the list.
+    """Return the neighbour list as a rule and its exceptions, of the hops that a person fits through.
 
     `diagonal` says whether the rule joins diagonal waypoints; `not_joined` are pairs that the rule joins and the map
     does not, by their first waypoint, `also_joined` pairs that the map joins and the rule does not.
-
-    Args:
-        hops: Those that a person fits through.
     """
     valid = [waypoint for waypoint in grid.waypoints if waypoint.human]
     at = {(waypoint.row, waypoint.column): waypoint.name for waypoint in valid}
@@ -432,20 +413,12 @@ MAP_WIDTH_PX, SMALL_MAP_WIDTH_PX = 1024, 512
 
 
 def pictures_of(world: World, route: Route | None = None, way: Way = ()) -> tuple[Picture, Picture]:
-    """The labelled map (with the route) and the grid picture.
-
-    Args:
-        way: The drive without people as (seconds, x, y). The labelled map shows it with a mark every 5 s, instead of
-            the straight lines between the points of the route.
-    """
+    """Return the labelled map and the grid picture; the map shows the drive without people (seconds, x, y)."""
     return _labelled_map(world, route, way, MAP_WIDTH_PX), _grid_picture(world)
 
 
 def small_map_of(world: World, route: Route | None = None, way: Way = ()) -> Picture:
-    """The labelled map drawn small, with all of its names, for a third of the price.
-
-    It is enough for a refinement, which knows its areas and waypoints; the text holds the grid.
-    """
+    """Return the labelled map drawn small, with all of its names, for a third of the price; enough for a refinement."""
     return _labelled_map(world, route, way, SMALL_MAP_WIDTH_PX)
 
 
@@ -467,11 +440,9 @@ def _grid_picture(world: World) -> Picture:
 
 @lru_cache(maxsize=4)
 def birdseye_of(world: World) -> Picture | None:
-    """The world seen slantingly from above; None for a world from a bare map, which does not know its heights.
+    """Return the world seen slantingly from above; None for a bare map, which does not know its heights.
 
-    Shown once, when the world is described: heights tell where people see each other, and what lies on a map. Where
-    things are it tells worse than the map (tall things hide what is behind them), so prompts of scenarios do not
-    show it.
+    Only the description of a world is shown it: tall things hide what is behind them.
     """
     if not world.objects:
         return None

@@ -82,12 +82,7 @@ class People(NamedTuple):
 
 @kernel
 def push(apart: complex, relative: complex) -> complex:
-    """Return the social force (unit mass and weight) of somebody on a person.
-
-    Args:
-        apart: From the person to the other, metres.
-        relative: The velocity of the person less that of the other, m/s.
-    """
+    """Return the social force (unit mass and weight) of somebody `apart` metres, at a `relative` velocity in m/s."""
     distance = abs(apart)
     if distance < 1e-9:
         return 0j
@@ -252,18 +247,9 @@ def run_all(
 ) -> tuple[Floats, NDArray[np.int64]]:
     """Run B variants with H people each, for at most so many steps.
 
-    Args:
-        goals: Waypoints of everybody, (B, H, longest).
-        stops: Seconds of pause at each of them, of the same shape.
-        count: How many waypoints each has, (B, H).
-        speed: Walking speeds, (B, H).
-        heeds: Whether each makes room for the robot, (B, H).
-        delays: Seconds before each starts, (B, H).
-        robot_speeds: The robot's usual speed in every variant, (B,).
-        tracks: Filled with robot and people over time, (B, steps, 1 + H); (B, 0, 1 + H) where nobody wants them.
-
-    Returns:
-        What is measured, (B, 6), and after how many steps each robot was done, (B,).
+    `goals` (B, H, longest) are waypoints, `stops` seconds of pause at them, `count` how many each has; `tracks`
+    (B, steps, 1 + H) is filled with robot and people over time, or empty. Returns what is measured, (B, 6), and after
+    how many steps each robot was done, (B,).
     """
     variants, humans, _ = goals.shape
     out, done = np.zeros((variants, 6)), np.zeros(variants, np.int64)
@@ -295,10 +281,7 @@ AIMED = 8
 
 
 class Forecast(NamedTuple):
-    """What is expected of a run, in the order of the columns that are measured.
-
-    Gaps are in metres between surfaces.
-    """
+    """What is expected of a run, in the order of the columns that are measured; gaps in metres between surfaces."""
 
     mean_gap_m: float
     least_gap_m: float
@@ -311,11 +294,7 @@ class Forecast(NamedTuple):
 
 
 class Forecaster:
-    """Forecasts for one route.
-
-    `robot_speed_m_s` and `pace` (a factor on everybody's speed) are fitted by `fitted`; `robot_radius_m` is that of the
-    disc that stands for the robot.
-    """
+    """Forecasts for one route; `fitted` fits `robot_speed_m_s` and `pace`, a factor on everybody's speed."""
 
     def __init__(
         self,
@@ -346,10 +325,7 @@ class Forecaster:
         return [Forecast(*row) for row in measured.tolist()]
 
     def tracks(self, variants: Sequence[Sequence[Human]]) -> list[Complexes]:
-        """Return for each configuration where robot and people are every `STEP_S` until the robot is done, (N, 1 + H).
-
-        Points are complex numbers, x + iy metres.
-        """
+        """Return where robot and people of each configuration are every `STEP_S`, (N, 1 + H), as x + iy metres."""
         if not variants:
             return []
         measured, tracks = self._run(variants, [self.robot_speed], [self.pace], keep=True)
@@ -387,11 +363,7 @@ class Forecaster:
         keep: bool = False,
         most: float = math.inf,
     ) -> tuple[Floats, Complexes]:
-        """Return what is measured of each variant in so many steps, and with `keep` robot and people over time.
-
-        Speeds and paces are those of each variant, or one of all. What is kept, (steps, B, 1 + H), ends when the last
-        robot is done.
-        """
+        """Return what is measured of each variant, and with `keep` places over time, (steps, B, 1 + H)."""
         number: dict[int, int] = {}  # most variants share their tasks
         routes: list[tuple[list[Point], list[float]]] = []
         for human in (human for humans in variants for human in humans):
@@ -485,11 +457,7 @@ FEATURES = 8
 
 
 class Screen:
-    """Forecasts configurations of one mission.
-
-    Args:
-        aim: What the people should bring about.
-    """
+    """Forecasts of configurations of one mission by the aim that people should bring about."""
 
     def __init__(self, mission: Mission, world: World, aim: Aim) -> None:
         self.aim = aim

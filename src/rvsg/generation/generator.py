@@ -71,9 +71,8 @@ Plan = Mapping[str, Mapping[str, float]]
 def surprises(rehearsal: Rehearsal, plan: Plan) -> tuple[str, ...]:
     """Return what does not happen as planned: who is held up, who never comes near, who arrives at another time.
 
-    Only what goes wrong before the first person meets the robot is a mistake of the plan. Afterwards robot and people
-    hold each other up, which is what the test is for: its runs measure it. For the same reason a person who is still
-    waiting for a robot that somebody else holds up until the end is no surprise.
+    Only what goes wrong before the first person meets the robot is a mistake of the plan; afterwards robot and people
+    hold each other up, which is what the test is for.
     """
     met = min((walked.met_s for walked in rehearsal.people.values() if walked.met_s is not None), default=math.inf)
     held_up = math.isfinite(met) and rehearsal.arrival_s is None
@@ -148,11 +147,10 @@ class Proposal(Record):
 
 
 class Generator(Protocol):
-    """Anything that answers a Brief.
+    """Anything that answers a Brief: an equal brief (its seed included) gives an equal proposal.
 
-    It is deterministic: an equal brief (its seed included) gives an equal proposal, except where an outside model
-    answers, which is then recorded. Derive a generator from this class: everything but `name` and `propose` has a
-    default.
+    An outside model's answers are recorded instead. Derive a generator from this class: everything but `name` and
+    `propose` has a default.
     """
 
     @property
@@ -188,10 +186,7 @@ class Generator(Protocol):
 
 
 class InformedGenerator(Generator):
-    """Adds earlier scenarios to the memory of every brief for a new one, and lets another generator answer it.
-
-    Those of another route are left out: a generator compares scenarios of one drive. An unguided brief stays unguided.
-    """
+    """Another generator, whose briefs for a new scenario remember earlier ones of the same route, unless unguided."""
 
     def __init__(self, generator: Generator, earlier: Sequence[Remembered]) -> None:
         self.generator = generator

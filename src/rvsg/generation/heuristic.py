@@ -1,8 +1,7 @@
 """The heuristic generator, the offline default: it plans people's work so that it meets the robot where it drives.
 
-It is not a model of language or vision. It knows the map, the labels, the route and the work of the place; it draws
-ways of working between labelled areas, forecasts roughly who will be where when, and keeps what promises most for
-the requirement. A refinement fits the forecast to what was measured and tries small changes; a new scenario avoids
+It draws ways of working between labelled areas, forecasts roughly who will be where when, and keeps what promises most
+for the requirement. A refinement fits the forecast to what was measured and tries small changes; a new scenario avoids
 the places and the work that the memory holds. People work by their tasks: nobody follows or waits for the robot.
 """
 
@@ -340,11 +339,7 @@ class _Plan:
         return self.free[key]
 
     def described(self, humans: list[Human]) -> tuple[list[Human], Described]:
-        """The work of the hour from the world's list, the robot's task, and who does what where.
-
-        An activity is told only where somebody does it: goes to the places it names, in its order. Where nobody does
-        any, somebody is put to work at one.
-        """
+        """Return the work of the hour from the world's list, the robot's task, and who does what where."""
         purpose = sentence(self.brief.mission.route.purpose)
         robot = f"The robot's task meanwhile: {purpose}." if purpose else "The robot drives meanwhile."
         activities, activity = self.world.activities, None
@@ -457,8 +452,7 @@ class _Plan:
 
 
 def _together(humans: list[Human], index: int, changed: Human) -> list[Human]:
-    """Everybody with one person changed: a mate makes a group with the one before; who is in a group keeps its pace
-    and time, or leaves it for other work."""
+    """Return everybody with one person changed; a group keeps its pace and time, or is left for other work."""
     old, result = humans[index], list(humans)
     result[index] = changed
     if changed.group != old.group:

@@ -1,10 +1,7 @@
-"""Sampler of people who work between the places of a world, and the other actors of a world.
+"""Sampler of people who work between the places of a world, and the other actors (`actors`) of a world.
 
-A way of working gives the reason for a speed, a pause and a way: somebody who pushes a loaded trolley is slow and
-takes the main aisle, somebody who checks labels stops. People keep to it whatever the robot does.
-
-A world lists trolleys, children, wheelchairs and moved objects in `actors`. Worlds that list none get people on foot
-alone, drawn from the same random numbers.
+A way of working gives the reason for a speed, a pause and a way. Worlds that list no actors get people on foot alone,
+drawn from the same random numbers.
 """
 
 from __future__ import annotations
@@ -107,11 +104,7 @@ class PeopleSampler:
         return ROLES[drawn(self._roles, self.rng)]
 
     def human(self, name: str, role: Role, named: Sequence[Sequence[Place]] | None = None) -> Human | None:
-        """A person at work; None where the drawn places are not joined.
-
-        Args:
-            named: The places that an activity names, to which the person goes in its order.
-        """
+        """Return a person at work, at the `named` places in their order; None where places are not joined."""
         stops = self._stops(role) if named is None else self._stops_at(named, role)
         tasks = self.tasks(stops, along_route=role.far and self.aim is not Aim.NONE)
         if not tasks:
@@ -147,16 +140,14 @@ class PeopleSampler:
         return [*stops, more] if more is not None else stops
 
     def underway(self, given: tuple[Task, ...]) -> tuple[Task, ...]:
-        """The cycle of tasks of somebody already on the way through one of them, sooner where that way is the robot's:
-        it begins there, and ends there with the rest of the task."""
+        """Return the tasks of somebody already on the way through one of them, sooner where it is the robot's."""
         tasks = at_places(given)
         inner = [(k, at) for k, task in enumerate(tasks) for at in range(1, len(task.path) - 1)]
         weights = [math.exp(-self.ground.along(tasks[k].path[at])[1] / 0.5) for k, at in inner]
         return begin_at(tasks, *self.pick(inner, weights)) if sum(weights) else given
 
     def mate(self, name: str, other: Human, group: int) -> Human | None:
-        """Somebody who works together with another: the same tasks at the same time, from a start beside or
-        before the other's. None where there is no such start."""
+        """Return somebody with the same tasks at the same time, from a start beside the other's; or None."""
         begins = other.tasks[0].path[0]
         starts = [hop for hop, _ in self.ground.hops[begins]]
         if not starts:
@@ -273,9 +264,7 @@ def cast(
 ) -> list[Human]:
     """Let people be of other kinds or push a trolley, as the world allows; who does not fit stays on foot.
 
-    Args:
-        activity: What is told of the work; whoever does it (`worker`) pushes a trolley where the world says so.
-        anybody: Let also those who walk fast push one, where people's speeds are not drawn.
+    The `worker` of the told activity pushes a trolley where the world says so; `anybody`: also those who walk fast.
     """
     result, actors = list(humans), world.actors
     pushes = activity is not None and world.needs_trolley(activity)

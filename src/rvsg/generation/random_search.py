@@ -1,11 +1,8 @@
 """The random generator: the study's random search. It knows the map and the rules, and nothing of the requirement.
 
-In the study's random configurations each person has between 2 and 20 tasks, every labelled area is drawn equally
-often, and people walk nearly straight between the areas. This one draws the number of tasks uniformly, then areas
-uniformly (never the same twice in a row), then a waypoint of the area uniformly, and walks the shortest valid path.
-In worlds that name `actors`, some people are children, sit in wheelchairs or push trolleys, and objects are left
-beside the robot's way. Everything it draws is valid, so that random search loses no run to a configuration that could
-not be simulated.
+The number of tasks (2 to 20) is drawn uniformly, then areas, then a waypoint of each, joined by the shortest valid
+path. In worlds that name `actors`, some people are children, sit in wheelchairs or push trolleys, and objects are left
+beside the robot's way. Everything it draws is valid.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Reader of a model's reply: from its text to a configuration, leniently; the checker judges it strictly.
 
-A model that keeps to the JSON schema answers in our own form. For the others, the aliases below understand the
-published study's form (`{"Worker 1 Tasks": [{"Task", "Start", "End", "Path"}]}`) and what models make of either: other
-names for the keys, a wrapping object, a list of humans without one. Whatever had to be guessed, cut or put right
-becomes a Finding that goes back to the model, and what was done about it a Repair.
+The aliases below understand the published study's form (`{"Worker 1 Tasks": [{"Task", "Start", "End", "Path"}]}`) and
+what models make of it or of our own. What had to be guessed, cut or put right becomes a Finding that goes back to the
+model, and what was done about it a Repair.
 """
 
 from __future__ import annotations
@@ -80,10 +79,9 @@ _BETWEEN = re.compile(r"\s*(?:→|⟶|➔|➜|⇒|-+>|=+>|,|;|\||\s)\s*")
 
 @dataclass(frozen=True, kw_only=True)
 class Reply:
-    """What was understood of a reply. `people` is None where there is no configuration in it at all.
+    """What was understood of a reply; `people` is None without a configuration.
 
-    `findings` are the reader's own; the rules of the map are the checker's business. `repairs` are what the reader
-    put right by itself for `people`; `fatal` says that the findings leave nothing that could be simulated.
+    `findings` are the reader's own, `repairs` what it put right for `people`; `fatal`: nothing is left to simulate.
     """
 
     people: HumanConfiguration | None = None
@@ -106,11 +104,9 @@ class Reply:
 def read_configuration(
     text: str, names: Sequence[str] | None = None, *, actors: Sequence[str] = (), lidar_height_m: float = 0.21
 ) -> Reply:
-    """The configuration in a reply. `names` are the humans that were asked for, in order; None: any number.
+    """Return the last configuration in a reply, of the humans `names` that were asked for in order; None: any number.
 
     `actors` are those of the world, and `lidar_height_m` says what a lidar sees of moved objects.
-
-    Of several configurations in a reply the last one counts: models put the corrected one last.
     """
     found = find_json(text)
     for source in reversed(found):
@@ -158,7 +154,7 @@ def _objects(text: str) -> Iterator[dict[Any, Any]]:
 
 
 def read_path_lines(text: str, names: Sequence[str]) -> HumanConfiguration | None:
-    """The tasks in the lines `human | task | waypoints` of a reply to P4, P5 or P6; the last list of each human.
+    """Return the tasks in the lines `human | task | waypoints` of a reply to P4, P5 or P6; the last list of each human.
 
     None where somebody of `names` has no such line: then there is nothing to check yet.
     """

@@ -106,10 +106,7 @@ def _repaired(text: str, start: int) -> tuple[Found | None, int]:
 
 
 def _end_of(text: str, start: int, marks: re.Pattern[str]) -> tuple[int | None, int]:
-    """Return the index after the bracket that closes the one at `start`, and the characters read.
-
-    The index is None where nothing closes it, and `start` where the nesting is too deep.
-    """
+    """Return the index after the bracket that closes the one at `start`, or None, and the characters read."""
     opened: list[str] = []
     for mark in marks.finditer(text, start):
         bracket = mark.group()
@@ -192,11 +189,7 @@ def configuration_schema(
     behaviours: Sequence[Behaviour] = tuple(Behaviour),
     actors: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """The schema of a configuration; `rich` with analysis, description, speeds, delays, pauses and behaviours.
-
-    Without `rich` it is `described` or holds the people alone. `behaviours` are those that may be chosen, `actors`
-    who takes part besides adults on foot.
-    """
+    """Return the schema of a configuration; `rich` with description, speeds, delays, pauses and behaviours."""
     task = {"task": TEXT, "path": _PATH}
     if not rich:
         plain = object_schema({"name": TEXT, "tasks": {"type": "array", "items": object_schema(task)}})

@@ -1,9 +1,8 @@
 """Search space of the numbers of a configuration: what an optimiser may change, and within which limits.
 
-The structure stays as the generator proposed it: who works between which areas, with which behaviour and in which
-group. What changes are start delays, speeds, one pause per person, where along the cycle of tasks a person begins, and
-at which of an area's waypoints a task ends. Every change keeps people plausible: they walk at 0.35 to 1.6 m/s and not
-more than half as fast again as proposed, wait at most 10 s and pause at most 12 s.
+Start delays, speeds, one pause per person, where along the cycle of tasks a person begins, and at which of an area's
+waypoints a task ends. People walk at 0.35 to 1.6 m/s and not more than half as fast again as proposed, wait at most
+10 s and pause at most 12 s.
 """
 
 from __future__ import annotations

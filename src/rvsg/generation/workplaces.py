@@ -80,8 +80,7 @@ MOST_GRAPHS = 8
 
 
 class WalkingGraph:
-    """Positions (metres) and free hops of a world's grid, with remembered paths. `corridor` are the waypoints the
-    robot's route passes: people who prefer them take the way the robot takes, as far as it leads where they go."""
+    """Positions (metres) and free hops of a world's grid, with remembered paths; the route passes `corridor`."""
 
     def __init__(self, world: World, route: Route) -> None:
         grid = world.grid
@@ -111,8 +110,7 @@ class WalkingGraph:
         }
 
     def path(self, start: str, end: str, *, along_route: bool = False) -> Path | None:
-        """The shortest valid path; `along_route` counts hops between waypoints of the robot's corridor at 0.6 of
-        their length, so that the way taken is at most 1.7 times the shortest. None where there is no way."""
+        """Return the shortest valid path or None; `along_route` counts hops in the robot's corridor at 0.6."""
         key = (start, along_route)
         if key not in self._came:
             self._came[key] = self._search(self._number[start], self._weighed[along_route])
@@ -163,8 +161,7 @@ def walking_graph(world: World, route: Route) -> WalkingGraph:
 
 
 def _robot_path(world: World, route: Route) -> tuple[Point, ...]:
-    """The way the robot is expected to take: along the named waypoints or else the shortest walk from its start to
-    its goal, pulled straight wherever the map leaves it room, as a planner does."""
+    """Return the way the robot is expected to take: along named waypoints or the shortest walk, pulled straight."""
     grid = world.grid
     start, goal = (route.start.x, route.start.y), (route.goal.x, route.goal.y)
     through = [(pose.x, pose.y) for pose in route.through]
@@ -217,10 +214,7 @@ def nearest_on(line: tuple[Point, ...], point: Point) -> tuple[float, float]:
 
 @lru_cache(maxsize=256)
 def named_in(activity: str, places: tuple[Place, ...]) -> tuple[tuple[Place, ...], ...]:
-    """Return the places that an activity names, in its order: one by its name, or all of a kind.
-
-    A longer name counts before a shorter one in it: in "the large shelves" no "shelf" is named.
-    """
+    """Return the places that an activity names, in its order: one by its name, or all of a kind; longer names first."""
     text = activity.lower()
     found: list[tuple[int, int, tuple[Place, ...]]] = []
     names: dict[str, list[Place]] = {}

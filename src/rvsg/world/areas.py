@@ -1,7 +1,4 @@
-"""A first proposal of labels: neighbours of a kind become "Shelf 1" to "Shelf 6", open floor becomes areas.
-
-A proposal is to be edited: names follow from models' names or, for a bare occupancy map, from shapes alone.
-"""
+"""First proposal of labels: neighbours of a kind become "Shelf 1" to "Shelf 6", open floor becomes areas."""
 
 from __future__ import annotations
 
@@ -43,7 +40,7 @@ FEWEST_ROOMS = 3  # with fewer the floor is one open place, which is labelled by
 def propose_areas(objects: Sequence[SolidObject], occupancy: OccupancyMap) -> tuple[Area, ...]:
     """Propose areas without waypoints: things by kind (or a bare map's obstacles), and rooms or parts of open floor.
 
-    An object that is the building itself is no thing to label. `occupancy` lies in the world frame with origin yaw 0.
+    `occupancy` lies in the world frame with origin yaw 0.
     """
     space = human_space_of(objects, occupancy)
     apart = {id(thing) for thing in without_building(objects, occupancy)}
@@ -153,11 +150,9 @@ def _plural(word: str) -> str:
 
 
 def areas_of_obstacles(occupancy: OccupancyMap, space: Space) -> tuple[Area, ...]:
-    """Return the obstacles that stand free on the main floor as areas "Obstacle 1", ...: the largest thirty, long ones
-    in parts.
+    """Return the largest obstacles that stand free on the main floor as areas "Obstacle 1", ..., long ones in parts.
 
-    Occupied cells less than a person's passage apart are one obstacle; walls (thin, or with
-    floor inside) are not labelled.
+    Occupied cells less than a person's passage apart are one obstacle; walls are not labelled.
     """
     from scipy.ndimage import find_objects, label, maximum_filter1d
 
@@ -235,10 +230,7 @@ def areas_of_floor(space: Space, *, most: int = MOST_FLOOR_AREAS) -> tuple[Area,
 
 
 def largest_rectangle(cells: Bools, least_side: float = 1.0) -> tuple[int, int, int, int]:
-    """The largest rectangle of true cells with no side below `least_side`: (row, column, height, width); zeros if none.
-
-    The largest rectangle under a histogram, for the histogram of every row.
-    """
+    """Return the largest rectangle of true cells without a shorter side: row, column, height and width; or zeros."""
     best = (0, 0, 0, 0)
     best_size = 0
     heights = np.zeros(cells.shape[1] + 1, int)

@@ -513,10 +513,9 @@ def drive_routes(s: Subject, trial: Trial) -> None:
 
 
 def check_world(folder: str | Path, *, trial: Trial | None = None, robot: Robot | None = None) -> tuple[Remark, ...]:
-    """Return all findings on a world folder: unreadable files first, then whatever can be judged of the rest.
+    """Return all findings on a world folder; with a trial every route is also driven and every hop walked.
 
-    With a trial, every route is also driven and every hop walked in a simulator. With a robot the routes are checked as
-    they are fitted to it.
+    With a robot the routes are checked as they are fitted to it.
     """
     folder = world_folder(folder)
     problems: list[Problem] = []

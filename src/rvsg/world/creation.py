@@ -57,12 +57,7 @@ class WorldReader(Protocol):
     """A reader of a file format, registered under `rvsg.worlds` by the name of the format."""
 
     def __call__(self, path: Path, *, lidar_height_m: float, progress: Progress | None, **options: Any) -> WorldSource:
-        """Read a file; raise FileError for one that cannot be used.
-
-        Args:
-            lidar_height_m: Height of the lidar plane above the floor.
-            progress: Called with a line of text as the work proceeds.
-        """
+        """Read a file with the lidar plane this high above the floor; raise FileError for one that cannot be used."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,12 +173,7 @@ def save_created(
 
 
 def copy_world(world: World, folder: Path, *, force: bool = False) -> None:
-    """Write a world into a folder of its own, with the map that the robot localises in (`map.yaml` with `map.png`).
-
-    Raises:
-        FileError: the folder is occupied, or cannot be written.
-        InputError: a world without the specification of its grid.
-    """
+    """Write a world into a folder of its own, with the map that the robot localises in (`map.yaml` with `map.png`)."""
     _refuse_occupied(folder, force=force)
     save_world(world, folder)
 
@@ -398,8 +388,7 @@ def usual_actors(texts: Iterable[str]) -> tuple[str, ...]:
 
 
 def fitting_spec(spec: GridSpec, space: Space) -> GridSpec:
-    """An even grid that suits the floor: lines shifted so that they run through narrow places, and where parts of the
-    floor would be cut off from each other, lines nearer together.
+    """Return an even grid whose lines run through narrow places, and nearer together where parts would be cut off.
 
     What the specification says of spacing or origin is kept. Raises InputError where nobody fits anywhere.
     """

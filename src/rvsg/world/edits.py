@@ -1,7 +1,4 @@
-"""Edits of a world's labels.yaml, routes.yaml and world.yaml that keep everything else as it was written.
-
-Comments, order and layout of the file stay. A change that would leave the file unreadable is refused.
-"""
+"""Edits of a world's labels.yaml, routes.yaml and world.yaml that keep comments, order and layout of the file."""
 
 from __future__ import annotations
 
@@ -112,8 +109,7 @@ def _changed(text: str, path: Path, change_it: Change, change: Mapping[str, Any]
 def _transplanted(original: Sequence[str], before: Sequence[str], after: Sequence[str]) -> str:
     """Return the text after a change with the lines of the original wherever the change left them as they were.
 
-    Args:
-        before, after: the lines as ruamel.yaml lays them out without and with the change; it may fold a long line.
+    `before` and `after` are the lines as ruamel.yaml lays them out without and with the change.
     """
     blocks = SequenceMatcher(None, before, original, autojunk=False).get_opcodes()
     lines: list[str] = []

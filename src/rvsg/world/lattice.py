@@ -39,11 +39,9 @@ def build_grid(
     seeds: Sequence[tuple[float, float]] = (),
     floor: Space | None = None,
 ) -> Grid:
-    """The grid of a specification in a world whose free space for people and robot is given.
+    """Return the grid of a specification in a world whose free space for people and robot is given.
 
-    `seeds` are places (metres) on the main part of the floor, such as the starts of routes. `floor` is where people
-    could be with all doors open, which tells the parts of the floor; by default they are those of `human`.
-
+    `seeds` are places (metres) on the main part of the floor; `floor` is where people could be with all doors open.
     Raises InputError where nobody fits on any waypoint or the grid has an absurd number of them.
     """
     rows, columns = _coordinates(spec, human)
@@ -182,12 +180,10 @@ def _hops(
 def area_waypoints(
     outline: Sequence[tuple[float, float]], grid: Grid, human: Space, *, objects: Sequence[SolidObject] = ()
 ) -> tuple[str, ...]:
-    """The waypoints from which an area is worked: a proposal.
+    """Propose the waypoints from which an area is worked; may be empty.
 
-    Where most of the area is open floor, the valid waypoints inside it; otherwise (a shelf, a pile of boxes) those
-    outside it within arm's length of its border with nothing in between, such as the wall behind
-    a desk; the `objects` that stand on the area are not in the way. Where that yields none, the nearest such
-    waypoint within three times that. May be empty.
+    Of open floor they are those inside it, of a thing those within arm's length of its border with nothing but the
+    `objects` that stand on the area in between, else the nearest such waypoint within three times that.
     """
     import shapely
 
@@ -266,10 +262,7 @@ def place_of(world: World, moved: tuple[SolidObject, ...], states: Mapping[str, 
 
 
 def with_doors(world: World, states: Mapping[str, State]) -> World:
-    """Return the world with its doors in these states, the others as the world has them; its id stays the same.
-
-    People can stand and walk where the leaves leave room. A name that the world does not have changes nothing.
-    """
+    """Return the world with its doors in these states, the others as the world has them; its id stays the same."""
     if dict(states) == dict(world.door_states):
         return world
     changed = world.staged(door_states=dict(states))
@@ -321,10 +314,9 @@ def build_world(
     actors: Sequence[str] = (),
     trolley_work: Mapping[str, bool] | None = None,
 ) -> World:
-    """Lay the grid and give every area without waypoints the ones it is worked from.
+    """Lay the grid and give every area without waypoints the ones it is worked from; metres in the world frame.
 
-    Coordinates are metres in the world frame, the occupancy map's in the map frame (world = map + `map_offset`).
-    Raises InputError where no grid can be laid.
+    The occupancy map lies in the map frame (world = map + `map_offset`). Raises InputError where no grid can be laid.
     """
     spec = grid_spec or GridSpec()
     world = World(

@@ -56,8 +56,7 @@ class _Header(NamedTuple):
 def load_nav2_map(path: str | Path, *, free_thresh: float | None = None) -> Nav2Map:
     """Read `map.yaml` and its image; the threshold below which a cell is free can be overridden.
 
-    FileError with everything that is wrong in the header at once, or with what is wrong with the image: missing,
-    unreadable, 16 bits deep, absurdly large or small, without a single free cell.
+    Raises FileError with everything that is wrong in the header at once, or with what is wrong with the image.
     """
     path = Path(path)
     if path.suffix.lower() in IMAGE_SUFFIXES:
@@ -102,10 +101,9 @@ def load_nav2_map(path: str | Path, *, free_thresh: float | None = None) -> Nav2
 
 
 def classify(shade: NDArray[np.float64], opaque: NDArray[np.bool_], header: Any) -> NDArray[np.int16]:
-    """Return the value of every cell as nav2_map_server publishes it: 0 to 100, -1 unknown.
+    """Return the value of every cell as nav2_map_server publishes it: 0 to 100, -1 unknown; the image's top row first.
 
-    `shade` (rows, columns) is the brightness from 0 to 1, `opaque` whether the pixel is fully opaque; `header` has
-    mode, negate, occupied_thresh and free_thresh. Rows stay in the image's order (top first).
+    `shade` (rows, columns) is the brightness from 0 to 1, `opaque` whether the pixel is fully opaque.
     """
     if header.mode == "raw":
         value = np.round(shade * 255.0)
@@ -136,8 +134,7 @@ def read_map(path: str | Path) -> OccupancyMap:
 def upright(occupancy: OccupancyMap) -> OccupancyMap:
     """Return the same map with its cells along the axes of the map frame (origin yaw 0), at the same resolution.
 
-    A turned map is sampled at 3 x 3 points per cell: occupied where three or more of them are, else unknown where
-    most are, else free; what lies outside the original is unknown.
+    Of 3 x 3 samples per cell three make it occupied, else most make it unknown, else it is free.
     """
     yaw = math.remainder(occupancy.origin.yaw, math.tau)
     if occupancy.origin.yaw == 0.0:
@@ -307,12 +304,10 @@ def occupancy_from_objects(
     margin_m: float = 0.0,
     main: MainPart | None = None,
 ) -> OccupancyMap:
-    """The map a lidar draws of the objects: what it hits is occupied, the floor free, the inside of things unknown.
+    """Return the map a lidar draws of objects: what it hits is occupied, the floor free, the inside of things unknown.
 
-    A cell is occupied where an outline of a slice crosses it and it borders the floor. The floor is every open part
-    that holds one of the `seeds` (places where the robot drives, metres), and the part that `main` chooses; with
-    neither the largest open one.
-    The map reaches `margin_m` beyond the objects: the floor round things that no wall encloses.
+    The floor is every open part that holds one of the `seeds` (where the robot drives, metres), and the part that
+    `main` chooses; with neither the largest open one. The map reaches `margin_m` beyond the objects.
     Raises InputError where no object has a slice.
     """
     from scipy.ndimage import binary_dilation, label

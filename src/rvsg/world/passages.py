@@ -1,8 +1,4 @@
-"""Free widths of passages, measured from wall to wall across the direction of travel.
-
-A width is the length of a chord: a straight line through a point of the way, from the obstacle on its left to the one
-on its right.
-"""
+"""Free widths of passages: lines through a point of the way, from the obstacle on its left to that on its right."""
 
 from __future__ import annotations
 
@@ -37,7 +33,6 @@ def passing_m(robot: Robot | None = None) -> float:
     """Return the width below which a robot and a person who meet often cannot pass each other.
 
     It is the width of both side by side, for a robot that cannot move sideways turned by `SWERVE_RAD`.
-    The documentation says how this compares with meetings in the simulator.
     """
     robot = robot or load_robot(DEFAULT_ROBOT)
     taken = robot.width_m
@@ -67,9 +62,7 @@ class Passage(Record):
 def free_width_m(world: World, x: float, y: float, yaw: float | None = None) -> float:
     """Return the free width in metres at a point of the floor; 0 inside an obstacle.
 
-    Args:
-        yaw: Direction of travel in radians. With it, the width is measured across that direction. Without it, the
-            width is the shortest straight line from obstacle to obstacle through the point.
+    It is measured across the direction of travel `yaw` (radians), or without one along the shortest line.
     """
     at = np.array([[x, y]])
     widths = free_widths_m(world, at) if yaw is None else widths_m(human_space(world), at, np.array([yaw]))
@@ -85,8 +78,7 @@ def free_widths_m(world: World, points: Floats) -> Floats:
 def widths_m(space: Space, points: Floats, yaws: Floats) -> Floats:
     """Return the free width in metres across each direction of travel: points (N, 2), yaws (N,) to widths (N,).
 
-    The width is the shortest of the straight lines through the point that are within 30 degrees of the perpendicular,
-    so that a way that crosses an aisle slightly askew does not make the aisle wider.
+    It is the shortest line within 30 degrees of the perpendicular: crossing an aisle askew does not widen it.
     """
     return np.asarray(_widths(space, points, yaws)[0])
 
@@ -94,12 +86,9 @@ def widths_m(space: Space, points: Floats, yaws: Floats) -> Floats:
 def narrow_passages(
     world: World, line: Floats, *, robot: Robot | None = None, most: int | None = None
 ) -> tuple[Passage, ...]:
-    """Return the narrow places along a line, in the order of travel, one per stretch at its narrowest point.
+    """Return the narrow places along a line (N, 2) in metres, in the order of travel, one per stretch.
 
-    Args:
-        line: The way as points (N, 2) in metres.
-        robot: Leave out places where this robot and a person can pass each other; None: the default robot.
-        most: Keep only this many, the narrowest ones.
+    Places where this robot (None: the default one) and a person can pass are left out; `most` keeps the narrowest.
     """
     points, yaws, along = _along(line)
     widths = widths_m(human_space(world), points, yaws)
@@ -189,10 +178,7 @@ def _widths(space: Space, points: Floats, yaws: Floats) -> tuple[Floats, Floats,
 
 
 def _chords(space: Space, points: Floats, angles: Floats) -> Floats:
-    """Return how far it is to the obstacle ahead and behind: points (N, 2), angles (N or 1, K) to (N, K, 2) metres.
-
-    Follows each ray in steps of the clearance, which no obstacle can be nearer than.
-    """
+    """Return how far it is to the obstacle ahead and behind: points (N, 2), angles (N or 1, K) to (N, K, 2) metres."""
     forward = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     rays = np.stack([forward, -forward], axis=2)
     rays = np.broadcast_to(rays, (len(points), *rays.shape[1:]))
@@ -224,13 +210,10 @@ def route_paragraph(world: World, route: Route, driven: Floats | None = None, *,
 
 
 def describe_route(world: World, route: Route, driven: Floats | None = None, *, robot: Robot | None = None) -> str:
-    """Describe a route in one paragraph: start, goal, waypoints on the way, turns and narrow places.
-
-    All directions are those of the picture. The same world and route give the same words.
+    """Describe a route in one paragraph: start, goal, waypoints on the way, turns and narrow places, as on the picture.
 
     Args:
-        driven: Points (N, 2) of the way that the robot drives without people. A robot plans its own way, which may be
-            another one than the route's `via`; with it, no waypoints are named.
+        driven: Points (N, 2) of the way that the robot drives without people; with it, no waypoints are named.
         robot: The robot that drives, which tells where people cannot pass it; None: the default one.
     """
     way = waypoints_of(world, route) if driven is None else ()

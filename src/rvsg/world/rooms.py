@@ -28,11 +28,8 @@ SLIVER_M2 = 3.0
 def open_courts(free: Bools, inside: Bools, closed: Bools, resolution: float) -> list[Bools]:
     """Return the parts of the inside that are courts: wide open to the outside, with rooms of the building behind.
 
-    Args:
-        free: The floor that hangs together with the outside, at the edges of the map.
-        inside: The part of it that lies between walls.
-        closed: Other floor, in closed walls.
-        resolution: Metres per cell.
+    `free` is the floor that hangs together with the edges of the map, `inside` its part between walls, `closed` other
+    floor, in closed walls; `resolution` in metres per cell.
     """
     from scipy.ndimage import binary_dilation, distance_transform_edt, label
 
@@ -106,11 +103,7 @@ class Room:
 
 
 def indoors(occupancy: OccupancyMap) -> Bools:
-    """Return the free cells that lie between walls, also where no wall is closed; (rows, columns).
-
-    A place is indoors if a wall stands in at least six of eight directions. Outdoors at most half of them meet the
-    building.
-    """
+    """Return the free cells (rows, columns) with a wall in at least six of eight directions."""
     from scipy.ndimage import uniform_filter
 
     walls = occupancy.cells == OCCUPIED
@@ -134,11 +127,9 @@ def _diagonal(walls: Bools) -> Bools:
 
 
 def rooms_of(space: Space, floor: Bools) -> tuple[Labels, Frame, tuple[Room, ...]]:
-    """Divide the floor at narrowings of at most DOOR_M.
+    """Divide the floor at narrowings of at most DOOR_M: each cell belongs to the core from which it is reached first.
 
-    Cells of the floor that are farther than DOOR_M / 2 from walls form the cores of rooms; the rest of the floor
-    belongs to the core from which it is reached first. Returns the number of every cell's room (0: none), the frame
-    of these cells and the rooms, the largest first.
+    Returns the number of every cell's room (0: none), the frame of these cells and the rooms, the largest first.
     """
     from scipy.ndimage import find_objects, label
 
@@ -158,10 +149,7 @@ def rooms_of(space: Space, floor: Bools) -> tuple[Labels, Frame, tuple[Room, ...
 
 
 def areas_of_rooms(space: Space, floor: Bools) -> tuple[Area, ...]:
-    """Return rooms, corridors and halls as areas, named by kind and, if there are few of a kind, by place.
-
-    Numbers go from top to bottom and left to right. Rooms below ROOM_LEAST_M2 are part of their neighbour.
-    """
+    """Return rooms, corridors and halls as areas, named by kind and, if there are few of a kind, by place."""
     from scipy.ndimage import find_objects
 
     labels, frame, rooms = rooms_of(space, floor)
@@ -325,9 +313,8 @@ Part = tuple[Bools, Point, str]
 def main_part(parts: NDArray[np.int32], sizes: NDArray[np.int64], frame: Frame, ceilings: Bools | None) -> int:
     """Return the number of the open part of the map that is the floor of the building.
 
-    It is the one with most ceiling, if there are ceilings; the largest one within walls, if the largest of all lies
-    around the building; a part that encloses the largest one, which is then a courtyard without a door; else the
-    largest one.
+    It is the one with most ceiling; the largest one within walls, if the largest of all lies around the building; a
+    part that encloses the largest one, which is then a courtyard without a door; else the largest one.
     """
     from scipy.ndimage import binary_fill_holes
 
@@ -376,12 +363,8 @@ def within(
 ) -> OccupancyMap | None:
     """Return the map with the floor outside the building as unknown; None where the place is a yard with things in it.
 
-    What is decided goes into `notes`, with a point that names the part of the floor.
-
-    Args:
-        ceilings: Which cells of the map have something overhead; None where nothing is.
-        inside: Points in metres about which a person has decided that the floor is inside.
-        outside: The same for floor outside.
+    `ceilings` are cells with something overhead, None where nothing is; about points `inside` and `outside` (metres) a
+    person has decided. What is decided goes into `notes`, with a point that names the part of the floor.
     """
     frame, free = frame_of(occupancy), occupancy.cells == FREE
     for x, y in inside:

@@ -66,8 +66,7 @@ def fitted(route: Route, robot: Robot, world: World) -> tuple[Route, tuple[str, 
 def setback_m(goal: Pose, robot: Robot, world: World) -> float | None:
     """Return how far before a goal, against its heading, the robot has to stop, m.
 
-    0 where it reaches the goal within half of its tolerance; None where there is no free place within the robot's
-    length and its stopping zones, so that moving the goal does not help.
+    0 where it reaches the goal within half of its tolerance; None where moving the goal does not help.
     """
     space = robot_space(world)
     corners = list(padded(robot.footprint, robot.padding_m))
@@ -185,10 +184,8 @@ def propose_routes(
 ) -> tuple[Route, ...]:
     """Return routes that cross the building: the longest way, the busiest, and the one through the narrowest place.
 
-    They lead from area to area over waypoints on which the robot fits, from different places where there are enough.
-    With a trial each is driven once in a simulator: a way the robot does not drive alone is no proposal, and the time
-    limit leaves room for the time it takes. Ways on which it touches something are proposed only where there is no
-    other, as in buildings with narrow doors. `robot`: the one to propose for, by default the default robot.
+    With a trial each is driven once in a simulator: a way the robot does not drive alone is no proposal, and one on
+    which it touches something only where there is no other. `robot`: the one to propose for.
     """
     walks = _walks(world, robot)
     chosen: list[_Walk] = []
@@ -260,10 +257,7 @@ def _rankings(world: World, walks: Sequence[_Walk]) -> list[list[_Walk]]:
 
 
 def _driven(world: World, route: Route, trial: Trial | None) -> tuple[int, Route] | None:
-    """Return how often the robot touches something on a route, and the route as it is driven in the trial.
-
-    The route has the waypoints passed and a time limit that fits the way. None where the robot does not arrive alone.
-    """
+    """Return the touches on a route and the route as driven in the trial; None where the robot does not arrive."""
     if trial is None:
         return 0, route
     drive = trial.drive(world, route)
@@ -310,10 +304,7 @@ def route_notes(world: World, trial: Trial | None) -> tuple[str, ...]:
 
 
 def _ends(world: World, robot: Robot | None) -> list[tuple[str, str]]:
-    """For every area the waypoint it is best driven to, with the area's name; at most twenty.
-
-    Best is where the robot can turn, then what is nearest to the middle of the area.
-    """
+    """Return for every area the waypoint where the robot can best turn, then the most central; at most twenty."""
     space = robot_space(world)
     turning = TURNING_M if robot is None else robot.turning_radius_m
     ends: dict[str, str] = {}
@@ -340,10 +331,7 @@ def _route(world: World, name: str, walk: _Walk) -> Route:
 
 
 def robot_stands(space: Space, pose: Pose, robot: Robot | None = None) -> bool:
-    """Return whether the robot's padded footprint at this pose (metres, radians) is clear of obstacles.
-
-    By default the robot is the default one; of any other the rectangle around its footprint counts.
-    """
+    """Return whether the robot's padded footprint at this pose (metres, radians) is clear of obstacles."""
     robot = robot or load_robot(DEFAULT_ROBOT)
     return _is_free(space, pose, rectangle(padded(robot.footprint, robot.padding_m)), (15, 11))
 

@@ -248,9 +248,8 @@ WIDE = 116
 
 
 def save_world(world: World, folder: str | Path) -> None:
-    """Write world.yaml, map.yaml with map.png, objects.yaml, labels.yaml and routes.yaml into a folder.
+    """Write world.yaml, map.yaml with map.png, objects.yaml, labels.yaml and routes.yaml into a folder, each whole.
 
-    The folder is made where it does not exist; files of these names in it are replaced, each whole or not at all.
     Raises FileError where it cannot be written, InputError for a world without the specification of its grid.
     """
     if world.grid_spec is None:

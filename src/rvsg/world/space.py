@@ -1,7 +1,7 @@
 """Free space: the distance of every place to the nearest obstacle, for a person and for the robot.
 
-A person cannot walk through a shelf although the lidar plane only cuts its legs: people keep clear of the objects'
-footprints and of what the map shows; the robot keeps clear of what its own map shows. Unknown cells are not free.
+People keep clear of the objects' footprints and of what the map shows, the robot of what its own map shows. Unknown
+cells are not free.
 """
 
 from __future__ import annotations
@@ -98,10 +98,7 @@ def coarser(cells: NDArray[Any], frame: Frame, step: int, merge: Callable[..., A
 
 
 def outermost(cells: Bools) -> NDArray[np.int_]:
-    """Return the first and last marked cell of every row that has one, as (n, 2) of column and row.
-
-    Whatever way one looks, the farthest marked cells are among them.
-    """
+    """Return the first and last marked cell of every row that has one, as (n, 2) of column and row."""
     rows = np.flatnonzero(cells.any(axis=1))
     first = cells[rows].argmax(axis=1)
     last = cells.shape[1] - 1 - cells[rows, ::-1].argmax(axis=1)
@@ -144,10 +141,7 @@ def covered_cells(polygons: NDArray[np.float64], frame: Frame) -> Bools:
 
 
 def inside_window(polygon: Sequence[tuple[float, float]], frame: Frame) -> tuple[tuple[slice, slice], Bools]:
-    """Return the part of a raster that a polygon covers, and which of its cells have their centre in the polygon.
-
-    The same cells as `inside_cells` marks, without the work for the rest of a large raster.
-    """
+    """Return the part of a raster that a polygon covers, and which of its cells have their centre in the polygon."""
     corners = frame.to_cells(np.asarray(polygon, float))
     limits = (frame.shape[1], frame.shape[0])
     low = np.clip(np.floor(corners.min(axis=0)).astype(int) - 1, 0, limits)
@@ -203,10 +197,7 @@ class Space:
         return clear > 0.0 and clear >= radius
 
     def parts(self, radius: float) -> NDArray[np.int32]:
-        """Which connected part of the free space every cell belongs to for a disc of this radius; (rows, columns).
-
-        0 where the disc does not fit, else 1 and up, the larger part first. Large arrays: only the last is kept.
-        """
+        """Return the connected part of the free space of every cell for a disc of this radius: 0 none, 1 largest."""
         if radius not in self._parts:
             from scipy.ndimage import label
 

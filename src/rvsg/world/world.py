@@ -26,11 +26,10 @@ WIDTHS_M = (0.4, 8.0)
 
 
 class Door(Record):
-    """One leaf. `hinge` and `end` are the ends of the closed leaf in metres, world frame.
+    """One leaf. `hinge` and `end` are the ends of the closed leaf in metres, world frame; a double door is two leaves.
 
-    A swing door turns about its hinge by 90°, seen from the hinge to the `left` or `right`. A sliding door moves
-    beyond its hinge by its own width, into the wall. The robot's map does not show leaves: maps are made with the doors
-    open. A double door is two leaves.
+    A swing door turns about its hinge by 90°, seen from the hinge to the `left` or `right`. A sliding door moves beyond
+    its hinge by its own width, into the wall. Maps are made with the doors open.
     """
 
     name: Annotated[str, Field(min_length=1, max_length=120)]
@@ -179,8 +178,8 @@ class Description(Record):
 class WorldParts(Record):
     """What a saved scenario needs to know of its world to tell whether a change of the world matters to it.
 
-    `floor` is the content id of everything solid (map, objects, lidar height). `rows` and `columns` hold the
-    coordinate of every line of waypoints in metres, rows along the axis `up`; `moved` the waypoints that lie elsewhere.
+    `floor` is the content id of everything solid; `rows` and `columns` hold the coordinate of every line of waypoints
+    in metres, rows along the axis `up`; `moved` the waypoints that lie elsewhere.
     """
 
     floor: str
@@ -292,10 +291,7 @@ class World:
 
     @cached_property
     def id(self) -> str:
-        """Content id of everything but title, activities and description, which are words.
-
-        A scenario is valid in any world that agrees in the `parts` it uses, so a new label does not make it invalid.
-        """
+        """Content id of everything but title, activities and description, which are words."""
         held: dict[str, object] = {
             "objects": [o.model_dump(mode="json") for o in self.objects],
             "map": self.occupancy.cells.tobytes().hex(),

@@ -69,8 +69,8 @@ def _shipped(name: str) -> World:
 def read_world(folder: Path, problems: list[Problem] | None = None) -> World:
     """Read the world in a folder.
 
-    With a list for `problems`, names of waypoints that do not exist are noted there and left out instead of raised, as
-    are routes with a mistake; objects, areas and routes whose name was given before are noted and named by their line.
+    With a list for `problems`, unknown waypoints, routes with a mistake and names given twice are noted there instead
+    of raised.
     """
     document = read_yaml(folder / "world.yaml")
     mistakes: tuple[Problem, ...] = ()

@@ -321,13 +321,7 @@ CYLINDER = 3
 
 
 def write_bag(run: Run, world: World, path: Path, *, trace: Trace | None = None) -> None:
-    """Write a run as one MCAP file.
-
-    Args:
-        run: the run; its trajectory is written at its own rate (20 Hz).
-        world: the world of the run, for the map and its offset.
-        path: the file, `*.mcap`; an existing one is replaced when the new one is complete.
-        trace: what the robot sees and plans in the same run; see `rvsg.simulation.embedded.trace`.
+    """Write a run as one MCAP file `path`, with what the robot sees and plans where a trace is given.
 
     Raises:
         InputError: rosbags is not installed.
@@ -396,9 +390,7 @@ class _Bag(Messages):
     def _samples(self, run: Run) -> Iterator[tuple[int, str, Any]]:
         """Yield clock, pose, speed, acceleration and people of every sample.
 
-        `/imu` is what an IMU at the base's origin measures, averaged over the time between two samples: the base of
-        the simulator takes on a commanded speed within 10 ms, so accelerations over less than a control period are no
-        measure of what a robot feels.
+        The simulator's base takes on a commanded speed within 10 ms, so `/imu` is averaged between two samples.
         """
         path = run.trajectory
         side = path.lateral if path.lateral.size else np.zeros(len(path))

@@ -60,13 +60,7 @@ def _render(template: str, *, xml: bool = False, **values: Any) -> str:
 
 
 def scenario_osc(scenario: Scenario, world: World, *, agents_file: str = "agents.yaml") -> str:
-    """Return a scenario as OpenSCENARIO DSL.
-
-    Args:
-        scenario: the scenario; its mission becomes the robot's actions, its time limit the timeout.
-        world: the world of the scenario; poses are shifted by `map_offset` into the map frame.
-        agents_file: the HuNavSim file that holds the people; a comment names it.
-    """
+    """Return a scenario as OpenSCENARIO DSL, poses in the map frame; a comment names the file of its people."""
     dx, dy = world.map_offset
 
     def pose(at: Pose) -> str:
@@ -87,10 +81,7 @@ def scenario_osc(scenario: Scenario, world: World, *, agents_file: str = "agents
 def goals_yaml(route: Route, world: World, *, release: Release = "jazzy") -> str:
     """Return the poses the robot must pass and the goal, in the map frame, as the YAML of an action goal.
 
-    Args:
-        route: the route; its `through` poses come first, its goal last.
-        world: the world of the route; its poses are shifted by `map_offset` into the map frame.
-        release: up to Jazzy the goal holds a list of PoseStamped, from Kilted on a nav_msgs/Goals.
+    Up to Jazzy the goal holds a list of PoseStamped, from Kilted on a nav_msgs/Goals.
     """
     header = {"frame_id": "map"}
     goals: Any = [{"header": {**header}, "pose": _goal_pose(p, world)} for p in (*route.through, route.goal)]
@@ -117,12 +108,7 @@ def _goal_pose(pose: Pose, world: World) -> dict[str, dict[str, float]]:
 
 
 def world_sdf(world: World, run: Run | None = None) -> str:
-    """Return a world as SDF.
-
-    Args:
-        world: its solid objects become static models, extruded from the floor to their height.
-        run: its people become actors that repeat what they did in the run, on the run's clock; None: no people.
-    """
+    """Return a world as SDF: solid objects become static models, and the people of a run actors on its clock."""
     actors = {name: _waypoints(run, k) for k, name in enumerate(run.human_names)} if run is not None else {}
     return _render("world.sdf.j2", xml=True, world=world, version=SDF_VERSION, rings=_rings, actors=actors, skin=SKIN)
 

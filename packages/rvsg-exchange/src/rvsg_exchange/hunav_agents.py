@@ -229,16 +229,7 @@ def _human(name: str, agent: AgentBlock, points: list[GoalPoint], notes: list[st
 def agents_yaml(
     agents: Iterable[HumanAgent], *, map_name: str, dialect: Dialect = "block"
 ) -> tuple[str, tuple[str, ...]]:
-    """Return the text of an agents file, and what the file cannot hold.
-
-    Args:
-        agents: the people, in the world frame.
-        map_name: what HuNavSim names the map (it does not use it).
-        dialect: `flat` holds no reactions and force factors, `block` and `v2` hold all.
-
-    Returns:
-        The text, and one sentence per lost setting: pauses, start delays, and in `flat` the factors and reactions.
-    """
+    """Return the text of an agents file in a dialect, and one sentence per setting that it cannot hold."""
     notes: list[str] = []
     ids: dict[tuple[float, float], int] = {}
     blocks: dict[str, Any] = {}

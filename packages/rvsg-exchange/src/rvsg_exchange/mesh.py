@@ -146,9 +146,8 @@ _Y_UP_TO_Z_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0
 def load_mesh(path: Path, *, submesh: str | None = None, center: bool = False) -> Triangles:
     """Read the triangles of a mesh file in metres, z up.
 
-    A COLLADA file's unit is applied and its up axis ignored, as in Gazebo. STL and OBJ are taken as metres and z up;
-    glTF (glb) is metres and y up by definition. Raises FileError for a file that cannot be read (the message names
-    it), for one without triangles, and for `submesh` names that do not exist in it.
+    A COLLADA file's unit is applied and its up axis ignored, as in Gazebo; STL and OBJ are metres and z up; glTF is
+    metres and y up. Raises FileError for a file that cannot be read, has no triangles or no such `submesh`.
     """
     kind = FORMATS.get(path.suffix.lower())
     if kind is None:
@@ -316,10 +315,7 @@ SHAPES: dict[str, Callable[[Element, Problems], Triangles | None]] = {
 
 
 def heightmap(shape: Element, image: Path, problems: Problems) -> Triangles:
-    """Return the terrain of a `<heightmap>` as a closed body: brightness is height, black is the lowest.
-
-    Raises FileError for an image that cannot be read.
-    """
+    """Return the terrain of a `<heightmap>` as a closed body (bright is high); FileError for an unreadable image."""
     from PIL import Image, UnidentifiedImageError
 
     size = _positive(shape, "size", 3, problems) if shape.find("size") is not None else [1.0, 1.0, 1.0]

@@ -152,11 +152,7 @@ def parse_xml(path: Path, content: bytes, *, keep: bool = True) -> Element:
 
 
 def _tidied(content: bytes) -> tuple[bytes, int]:
-    """Return the text without what stands before its first `<`, and how many lines that was.
-
-    Gazebo's reader takes blank lines and a byte-order mark before the XML declaration, and bytes that are not UTF-8
-    (read as Latin-1 here).
-    """
+    """Return the text without what stands before its first `<`, and how many lines that was; Latin-1 if no UTF-8."""
     content = content.removeprefix(b"\xef\xbb\xbf")
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         return content, 0

@@ -152,10 +152,7 @@ class Rows:
         self._values.extend(row)
 
     def array(self, *, distinct: bool = False) -> Floats:
-        """Return the rows in the order of time, (N, width), without those whose time or pose is no finite number.
-
-        With `distinct` there is one row for each time.
-        """
+        """Return the finite rows in the order of time, (N, width); with `distinct` one for each time."""
         found = np.array(self._values, dtype=np.float64).reshape(-1, self._width)
         found = found[np.isfinite(found[:, :4]).all(axis=1)]
         found = found[np.argsort(found[:, 0], kind="stable")]

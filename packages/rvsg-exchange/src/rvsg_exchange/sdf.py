@@ -57,12 +57,7 @@ class Leaf:
 def leaves_of(
     model: Model, frames: Frames, pose: Matrix, surfaces: dict[str, Triangles], name: str, kind: str
 ) -> dict[str, Leaf]:
-    """Return the links of a model that look like leaves, by name.
-
-    Args:
-        pose: The model's pose above the floor.
-        surfaces: The collision surface of every link, above the floor.
-    """
+    """Return the links of a model that look like leaves, by name; pose and surfaces lie above the floor."""
     if model.element.is_true("static"):
         return {}
     found = {}

@@ -113,8 +113,7 @@ MOST_MODELS = 1000
 def expanded(population: Element, problems: Problems) -> Iterator[tuple[Element, tuple[float, float, float]]]:
     """Yield the `<model>` or `<include>` of a population once per copy, with its position relative to the population.
 
-    Gazebo draws `random` and `uniform` populations again at every start. Here they are drawn from a seed that follows
-    from the population's name, so the same file always gives the same world.
+    `random` and `uniform` ones are drawn from a seed that follows from the population's name.
     """
     template = next((child for child in population.children if child.tag in ("model", "include")), None)
     if template is None:
@@ -186,10 +185,9 @@ class Missing:
 
 
 class SdfTree:
-    """Reads a world or model file and everything it includes.
+    """Reader of a world or model file and everything it includes, with all `problems` and `notes` on what is left out.
 
-    What is wrong is gathered in `problems`, what was left out or changed in `notes`. `without` are patterns of names
-    whose models need not be found. With `lenient`, files that are missing or unreadable are noted and left out.
+    `without` are patterns of names whose models need not be found; `lenient` leaves out files that are missing.
     """
 
     def __init__(self, files: ModelFiles, *, without: Sequence[str] = (), lenient: bool = False) -> None:

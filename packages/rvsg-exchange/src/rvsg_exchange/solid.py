@@ -1,8 +1,7 @@
 """Solid objects from a surface: the part that the lidar plane cuts, the part that stops a person, and the box round it.
 
-A connected surface that is closed and consistently oriented is filled where it winds about a place, so that walls may
-meet, overlap and share faces; any other by the even-odd rule. Bodies are joined, and a surface that looks
-inwards (the inside of a hollow body) is taken away. Numbers in metres, world frame.
+A closed and consistently oriented surface is filled where it winds about a place, so that walls may meet, overlap and
+share faces; any other by the even-odd rule. Numbers in metres, world frame.
 """
 
 from __future__ import annotations
@@ -36,8 +35,7 @@ def solid_objects(
 ) -> tuple[SolidObject, ...]:
     """Return the solid objects of one model; none where all of it is floor or hangs above people.
 
-    `pose` is the model's 4 x 4 pose in the world, `surface` its collision surface in the world. Parts that stand far
-    apart (the separate walls of a building) become objects of their own, "name 1", "name 2", ...
+    Parts that stand far apart become objects of their own, "name 1", "name 2", ... `pose` is 4 x 4, all in the world.
     """
     low, high = float(surface.vertices[:, 2].min()), float(surface.vertices[:, 2].max())
     if high <= FLOOR_M or low >= HEAD_M:
@@ -102,10 +100,7 @@ def connected(surface: Triangles) -> list[Triangles]:
 
 
 def cut(bodies: Sequence[Triangles], height: float) -> Any:
-    """Return the region (a shapely geometry) that the bodies fill at a height.
-
-    A large body that is open at the top is a room of thin walls, not a block.
-    """
+    """Return the region that the bodies fill at a height; a large body open at the top is a room of thin walls."""
     solid: list[Any] = []
     hollow: list[Any] = []
     for body in bodies:
@@ -192,10 +187,7 @@ def _wound(face: Any, segments: Floats) -> bool:
 
 
 def _segments(body: Triangles, height: float) -> Any:
-    """Where the faces cross a height, as segments (K, 2, 2) with the inside on their left.
-
-    A shared edge gives both its faces the same point.
-    """
+    """Return where the faces cross a height, (K, 2, 2) with the inside on their left; a shared edge gives one point."""
     z = body.vertices[:, 2]
     above = z[body.faces] > height
     count = above.sum(axis=1)

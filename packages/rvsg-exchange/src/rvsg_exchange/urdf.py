@@ -189,11 +189,7 @@ def _below(element: Element | None, *tags: str) -> Element | None:
 
 
 def as_sdf_model(root: Element, path: Path) -> Element:
-    """Return the SDF `<model>` of a URDF `<robot>`.
-
-    Links become links, placed by the joints that lead to them at their zero position; visual elements, inertia and
-    transmissions are left out. Raises FileError for macros (xacro), which have to be expanded first.
-    """
+    """Return the SDF `<model>` of a URDF `<robot>` at the zero position of its joints; FileError for macros (xacro)."""
     if b"<xacro:" in path.read_bytes():
         message = "this is a xacro file; expand it first: xacro robot.urdf.xacro > robot.urdf"
         raise FileError(path, message, line=root.line)

@@ -17,10 +17,9 @@ MOST_DIVERGENCES = 3
 
 
 class CallNews(Record):
-    """What happens in a call: it begins, it waits before another try (`why`), or it is answered.
+    """Progress of a call: it begins, it waits before another try (`why`), or it is answered; times in s.
 
-    `spent` is what was spent in this sitting, this call included once it is answered; an answer `from_record` cost
-    nothing. Times in s.
+    `spent` is what was spent in this sitting; an answer `from_record` cost nothing.
     """
 
     what: Literal["asked", "waiting", "answered"]
@@ -39,11 +38,8 @@ class ModelAccess:
     """A model that is asked by at most `at_once` threads together, with calls at least 60 / `calls_per_minute` s apart.
 
     It raises BudgetSpent instead of asking once the next call would pass the budget, in which the calls of earlier
-    sittings count. Calls are counted exactly. Tokens and dollars are checked with what is spent plus the estimated
-    input of the next call, so that a budget is passed at most by the output of one call (per call in flight).
-
-    Every call is kept in `recording`. An answer that the record holds for that very request is taken from there, so
-    that a campaign that was stopped between two calls goes on where it was, at no cost.
+    sittings count; tokens and dollars are passed at most by the output of the calls in flight. Every call is kept in
+    `recording`, and an answer that the record holds for that very request is taken from there.
     """
 
     def __init__(

@@ -414,11 +414,7 @@ _loop_lock = threading.Lock()
 
 @cache
 def _loop() -> asyncio.AbstractEventLoop:
-    """Return the loop that runs the calls of all threads side by side.
-
-    A client's connections belong to the loop they were opened on: a loop for each asking thread would leave them open
-    when the thread ends.
-    """
+    """Return the one loop of all threads' calls: a client's connections belong to the loop they began on."""
     loop = asyncio.new_event_loop()
     threading.Thread(target=loop.run_forever, name="rvsg-models", daemon=True).start()
     return loop
@@ -467,10 +463,7 @@ _SECRET_LOOKS = (
 
 
 def hide_secrets(text: str) -> str:
-    """The text with every secret of the environment, or what looks like a key, replaced.
-
-    Secret are the values of variables whose names say so, of at least 6 characters.
-    """
+    """Return the text without the values of secret-named variables (6 characters or more) and what looks like a key."""
     secrets = {value for name, value in os.environ.items() if _SECRET_NAMES.search(name) and len(value) >= 6}
     for secret in sorted(secrets, key=len, reverse=True):
         text = text.replace(secret, HIDDEN)

@@ -163,10 +163,7 @@ class Model(Protocol):
 
 
 class Scripted:
-    """Answers from a list of texts (or of functions of the request), in order: for tests and demonstrations.
-
-    `asked` holds the requests it saw. When the script ends it raises ModelUnavailable.
-    """
+    """Answers from a list of texts (or of functions of the request) in order; ModelUnavailable when the script ends."""
 
     def __init__(self, replies: Iterable[str | Answer | Callable[[Request], str]], name: str = "scripted") -> None:
         self._replies = list(replies)
@@ -262,10 +259,9 @@ def estimated_tokens(text: str) -> int:
 
 
 def picture_tokens(width: int, height: int) -> int:
-    """Tokens of a picture by the tile rule published for the GPT-4 family at high detail.
+    """Return the tokens of a picture by the tile rule published for the GPT-4 family at high detail.
 
-    The picture is scaled to fit 2048 x 2048, then its shorter side to at most 768, and every begun tile of
-    512 x 512 costs 170 tokens, plus 85 once.
+    Scaled to fit 2048 x 2048, then its shorter side to at most 768: 170 tokens per 512 x 512 tile begun, plus 85.
     """
     if width <= 0 or height <= 0:
         return 0

@@ -219,10 +219,9 @@ def _lines(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
 class Replayed:
     """A model that answers each call with the answer recorded at the same place (attempt, number, purpose).
 
-    Where the request differs from the recorded one, the difference is noted in `divergences`; with `strict` it is
-    an error. A call that the record does not hold is always an error. The place of an attempt is its session up to
-    the seed (`s000-c01` of `s000-c01-5f3a...`), so that a record can be replayed under another seed; an attempt that
-    is asked more than once takes the recorded ones in turn.
+    A difference from the recorded request is noted in `divergences`; with `strict` it is an error, as is a call that
+    the record does not hold. The place of an attempt is its session up to the seed (`s000-c01` of `s000-c01-5f3a...`),
+    so that a record replays under another seed; an attempt asked again takes the recorded ones in turn.
     """
 
     def __init__(self, recording: Recording, *, strict: bool = False) -> None:

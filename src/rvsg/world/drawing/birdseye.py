@@ -40,14 +40,10 @@ TALLEST_PAGE = 1.2  # times its width
 def birdseye(
     world: World, *, width_px: int = 1600, colours: str | Palette = "light", route: Route | None = None
 ) -> Image.Image:
-    """Return an oblique view of the world from above; the same world gives the same picture.
+    """Return an oblique view of the world from above, about `width_px` wide; the same world gives the same picture.
 
-    Walls are cut at 0.8 m to show the rooms. Objects higher than 3 m are drawn 3 m high. The obstacles of a map without
-    objects, whose heights are unknown, are drawn 0.8 m high. Up on the floor plan is away from the viewer.
-
-    Args:
-        width_px: The width of the picture, about.
-        route: A route to draw.
+    Walls are cut at 0.8 m to show the rooms, objects higher than 3 m are drawn 3 m high, and the obstacles of a map
+    without objects 0.8 m high. Up on the floor plan is away from the viewer.
     """
     import shapely
 
@@ -67,10 +63,9 @@ def birdseye(
 
 
 class _Scene:
-    """A page with a world seen obliquely.
+    """A page with a world seen obliquely: a point (x, y, z) in metres lies at `matrix @ point + shift` pixels.
 
-    A point (x, y, z) in metres lies at `matrix @ point + shift` pixels on the page: an orthographic view in which the
-    map's `up` axis leads away from the viewer, turned by AZIMUTH, seen at ELEVATION. What is higher at a pixel is
+    The map's `up` axis leads away from the viewer, turned by AZIMUTH, seen at ELEVATION. What is higher at a pixel is
     nearer to the viewer, so everything is drawn in layers from the floor up.
     """
 

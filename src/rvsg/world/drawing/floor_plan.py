@@ -57,10 +57,7 @@ def draw_title(sheet: Sheet, title: str) -> None:
 
 
 def draw_rulers(sheet: Sheet, world: World) -> tuple[list[float], list[float]]:
-    """Draw the letters of the rows on the left and right, and the numbers of the columns above and below.
-
-    Returns where faint lines belong, in pixels: down the page for rows, across it for columns.
-    """
+    """Draw the names of rows and columns; return where faint lines belong, in pixels down and across the page."""
     plan, size, away = sheet.view.plan, round(19 * sheet.unit), 20 * sheet.unit
     guides: tuple[list[float], list[float]] = ([], [])
     places = sheet.view.pixels(np.array([[w.x, w.y] for w in world.grid.waypoints]).reshape(-1, 2))
@@ -85,10 +82,7 @@ def draw_rulers(sheet: Sheet, world: World) -> tuple[list[float], list[float]]:
 def draw_footer(
     sheet: Sheet, world: World, show: frozenset[str], kinds: dict[str, Colour], route: Route | None
 ) -> float:
-    """Draw the scale bar, the compass and the legend, and say in words how the plan is oriented.
-
-    Returns where the page ends, in pixels from its top.
-    """
+    """Draw scale bar, compass, legend and orientation; return where the page ends, in pixels from its top."""
     unit = sheet.unit
     left, _, right, bottom = sheet.view.plan
     first = bottom + (44 if "rulers" in show else 16) * unit + 14 * unit
@@ -296,9 +290,9 @@ RULERS_PX = 100
 
 
 def tile_windows(world: World, *, width_px: int = 1600) -> dict[tuple[int, int], Window]:
-    """Return the window of every tile by row and column from the upper left; one if one picture can name all.
+    """Return the window of every tile by row and column; one if one picture can name all. Neighbours share a strip.
 
-    Neighbouring tiles share a strip one spacing wide. Raises InputError where more than MOST_TILES would be needed.
+    Raises InputError where more than MOST_TILES would be needed.
     """
     x0, y0, x1, y1 = window = known_window(world)
     points = np.array([[w.x, w.y] for w in world.grid.waypoints if w.human])

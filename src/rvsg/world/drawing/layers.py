@@ -34,10 +34,7 @@ THICK_WALL_M = 0.3  # parts of the map thicker than this are drawn as objects wi
 
 
 def draw_floor(sheet: Sheet, world: World, guides: tuple[list[float], list[float]], *, hidden: bool) -> None:
-    """Draw the occupancy map as a coloured floor with faint lines; unknown cells look like the outside.
-
-    `hidden`: without the cells that belong to objects, as these are drawn themselves.
-    """
+    """Draw the occupancy map with faint lines, unknown cells like the outside; `hidden`: without objects' cells."""
     from scipy.ndimage import binary_dilation, binary_erosion
 
     occupancy = world_map(world)
@@ -177,8 +174,7 @@ def _clipped(ring: Floats, view: View) -> Floats:
 def draw_dots(sheet: Sheet, world: World) -> tuple[list[str], Floats, float, float]:
     """Draw a dot for every valid waypoint in the window, a ring where the robot does not fit.
 
-    Returns the names of the waypoints, their places (n, 2), the radius of the dots and the distance between them, in
-    pixels.
+    Returns the names of the waypoints, their places (n, 2), radius and spacing of the dots in pixels.
     """
     ink = sheet.palette
     left, top, right, bottom = sheet.view.plan
@@ -241,9 +237,7 @@ MARK_EVERY_S = 5.0
 def draw_route(sheet: Sheet, world: World, route: Route, way: Way | None = None) -> None:
     """Draw the way the robot drives, with arrows, from START to GOAL.
 
-    Args:
-        way: The drive as (time in s, x, y), such as a run without people. Without it, the rough way through the
-            route's waypoints is drawn.
+    `way` is a drive as (time in s, x, y); without it, the rough way through the route's waypoints is drawn.
     """
     ink, unit = sheet.palette, sheet.unit
     points = line_of(world, route) if way is None else np.array([(x, y) for _, x, y in way], float)

@@ -179,10 +179,7 @@ def wrapped(text: str) -> Iterator[str]:
 
 
 def place_inside(text: str, ring: Floats, taken: Taken, sizes: Sequence[int]) -> Word | None:
-    """Return the largest readable place of a name inside a polygon (n, 2) in pixels that covers nothing, or None.
-
-    Level text is preferred to turned text unless it would be much smaller.
-    """
+    """Return the largest readable place of a name inside a polygon (n, 2) in pixels that covers nothing, or None."""
     import shapely
 
     shape = shapely.Polygon(ring).buffer(0)

@@ -54,8 +54,7 @@ def floor_plan(
 ) -> FloorPlan:
     """Return the floor plan of a world or of a window of it (x_min, y_min, x_max, y_max in metres).
 
-    The areas' names are sized and placed to be read where the plan is shown about `shown_px` pixels wide. `tooltips`
-    gives the objects their names as titles.
+    The areas' names are readable where the plan is shown about `shown_px` pixels wide; `tooltips` names the objects.
     """
     view = view_of(world, width_px=shown_px, window=window, margins=(0, 0, 0, 0))
     x0, y0, x1, y1 = view.window
