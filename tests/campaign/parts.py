@@ -1,16 +1,13 @@
-"""What the tests of the loop are made of: the everyday simulator, a generator that walks people about, a judge."""
+"""What the tests of the loop are made of: simulators, measurements, and a generator that walks people about."""
 
 from __future__ import annotations
 
 import dataclasses
 import os
 import signal
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import cache
-from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from rvsg.campaign.attempt import Attempt, Failure, Measurement, Plan
 from rvsg.campaign.execution import Parts
@@ -20,7 +17,6 @@ from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.runner import Evaluator, FinishedRun, PendingRun, Runner
 from rvsg.campaign.strategies import Strategy, StudyStrategy
 from rvsg.core.errors import GenerationError
-from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Requirement
@@ -58,17 +54,9 @@ def plan(**changes: object) -> Plan:
     return Plan(**{**given, **changes})
 
 
-def distance(run: Run) -> float | None:
-    path = run.trajectory
-    if not run.human_names:
-        return None
-    away = np.hypot(path.human_x - path.x[:, None], path.human_y - path.y[:, None]).min(axis=1)
-    return float(away.mean())
-
-
 def measure(run: Run, _place: object = None) -> Measurement:
-    value = distance(run)
-    return Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values={"dto": value}, objective=value)
+    measured = Evaluator(REQUIREMENT).judged(run)
+    return measured.replace(values={"dto": measured.objective})
 
 
 class Distance(Evaluator):
@@ -85,26 +73,6 @@ class Distance(Evaluator):
 
     def judged(self, run: Run, place: World | None = None) -> Measurement:
         return self.by_judged(run, place)
-
-
-def judge(measurements: Sequence[Measurement], *, budget: int | None = None) -> Verdict:
-    values = tuple(m.objective for m in measurements if m.objective is not None)
-    violations = sum(REQUIREMENT.violated_by(value) for value in values)
-    mean = float(np.mean(values)) if values else None
-    spread = float(np.std(values)) if values else 0.0
-    status = Status.FAIL if violations == len(values) else Status.FLAKY if violations else Status.PASS
-    return Verdict(
-        requirement="R1",
-        status=status if values else Status.INCONCLUSIVE,
-        objectives=values,
-        mean=mean,
-        interval=(mean - spread, mean + spread) if mean is not None else None,
-        violations=violations,
-        runs=len(values),
-        undefined=len(measurements) - len(values),
-        violation_probability=violations / len(values) if values else None,
-        violation_interval=(0.0, 1.0),
-    )
 
 
 class Counted(Simulator):
@@ -125,18 +93,21 @@ class Counted(Simulator):
         return self.inner.run(scenario, world, seed=seed)
 
 
-class Deadly(KinematicSimulator):
-    """Kills its process for one seed: once, or where `always` every time."""
+class Disturbed(KinematicSimulator):
+    """Calls a function with the seed before every run, in the process that makes it."""
 
-    def __init__(self, mark: Path, seed: int, always: bool) -> None:
+    def __init__(self, disturb: Callable[[int], object]) -> None:
         super().__init__()
-        self.mark, self.seed, self.always = mark, seed, always
+        self.disturb = disturb
 
     def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
-        if seed == self.seed and (self.always or not self.mark.exists()):
-            self.mark.touch()
-            os.kill(os.getpid(), signal.SIGKILL)
+        self.disturb(seed)
         return super().run(scenario, world, seed=seed)
+
+
+def die() -> None:
+    """Kill this process."""
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def parts(
@@ -158,7 +129,7 @@ def parts(
     return Parts(
         generator=generator or WalkGenerator(),  # type: ignore[arg-type]
         runner=runner,
-        judge=judge,
+        judge=Evaluator(REQUIREMENT).judge,
         ledger=cached,
     )
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.campaign.parts import Deadly, Distance, MemoryLedger, a_scenario, measure, plan, searched, warehouse
+from tests.campaign.parts import Distance, Disturbed, MemoryLedger, a_scenario, die, measure, plan, searched, warehouse
 from tests.coded import coded
 
 from rvsg.campaign.attempt import Attempt, Plan
@@ -24,10 +24,7 @@ from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.runner import FinishedRun, RunMaker, Runner
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.core.errors import InputError, SimulationError
-from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.kinematic import KinematicSimulator
-from rvsg.simulation.run import Run
-from rvsg.world.world import World
 
 distributed = pytest.importorskip("distributed", reason="Dask is not installed (the extra `cluster`)")
 
@@ -93,9 +90,16 @@ def test_a_worker_that_dies_costs_at_most_its_own_run(tmp_path: Path, always: bo
     (calm,) = alone(the_plan)
     seed = calm.measurements[2].seed
     told: list[str] = []
-    deadly = Deadly(tmp_path / "died", seed, always)
+
+    def die_of_one(each: int) -> None:
+        if each == seed and (always or not (tmp_path / "died").exists()):
+            (tmp_path / "died").touch()
+            die()
+
     with local(2) as own:
-        (shaken,) = campaign(the_plan, own.scheduler_address, told, deadly, now=time.monotonic, patience_s=300.0)
+        (shaken,) = campaign(
+            the_plan, own.scheduler_address, told, Disturbed(die_of_one), now=time.monotonic, patience_s=300.0
+        )
     assert list(shaken.measurements) == [m for m in calm.measurements if not always or m.seed != seed]
     assert [failure.seed for failure in shaken.failures] == ([seed] if always else [])
     if always:
@@ -103,14 +107,9 @@ def test_a_worker_that_dies_costs_at_most_its_own_run(tmp_path: Path, always: bo
 
 
 def test_a_run_is_made_again_when_what_is_under_way_beside_it_is_done(cluster) -> None:
-    class Slow(KinematicSimulator):
-        def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
-            time.sleep(0.3)
-            return super().run(scenario, world, seed=seed)
-
     scenario = a_scenario()
     executor = Cluster(address=cluster.scheduler_address)
-    executor.start(RunMaker(Slow(), warehouse()), lambda _: None)
+    executor.start(RunMaker(Disturbed(lambda _: time.sleep(0.3)), warehouse()), lambda _: None)
     beside = [executor.submit(scenario, seed) for seed in range(4)]
     executor._wait_for_others()
     assert all(submitted.status == "finished" for submitted in beside)
@@ -119,12 +118,11 @@ def test_a_run_is_made_again_when_what_is_under_way_beside_it_is_done(cluster) -
 
 @pytest.mark.parametrize("error", [TimeoutError("the physics took too long"), FileNotFoundError("no mesh.dae")])
 def test_an_error_of_the_simulator_is_none_of_the_connection(cluster, error: Exception) -> None:
-    class Broken(KinematicSimulator):
-        def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
-            raise error
+    def fail(_: int) -> None:
+        raise error
 
     with pytest.raises(type(error)) as caught:
-        campaign(plan(), cluster.scheduler_address, [], Broken())
+        campaign(plan(), cluster.scheduler_address, [], Disturbed(fail))
     assert caught.value.args == error.args
 
 
@@ -157,17 +155,13 @@ def test_a_cluster_without_workers_is_one_message() -> None:
 
 
 def test_a_cluster_that_is_gone_stops_the_campaign_and_the_same_call_resumes_it(cluster, tmp_path: Path) -> None:
-    class Last(KinematicSimulator):
-        """Asks for the end of its worker for good in the middle of the campaign."""
-
-        def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
-            marks = len(list(tmp_path.iterdir()))
-            (tmp_path / str(marks)).touch()
-            if marks == 5:
-                worker = distributed.get_worker()
-                worker.loop.add_callback(worker.close, nanny=True)
-                time.sleep(2)
-            return super().run(scenario, world, seed=seed)
+    def close_worker_for_good(_: int) -> None:
+        marks = len(list(tmp_path.iterdir()))
+        (tmp_path / str(marks)).touch()
+        if marks == 5:
+            worker = distributed.get_worker()
+            worker.loop.add_callback(worker.close, nanny=True)
+            time.sleep(2)
 
     told: list[str] = []
     ledger = MemoryLedger()
@@ -175,7 +169,14 @@ def test_a_cluster_that_is_gone_stops_the_campaign_and_the_same_call_resumes_it(
         local(1) as small,
         pytest.raises(SimulationError, check=coded("cluster-no-worker")),
     ):
-        campaign(plan(), small.scheduler_address, told, Last(), ledger, now=itertools.count(0, 25).__next__)
+        campaign(
+            plan(),
+            small.scheduler_address,
+            told,
+            Disturbed(close_worker_for_good),
+            ledger,
+            now=itertools.count(0, 25).__next__,
+        )
     assert any("lost the worker" in line for line in told)
     assert 0 < len(ledger.runs) < plan().runs
     assert campaign(plan(), cluster.scheduler_address, told, None, ledger) == alone(plan())

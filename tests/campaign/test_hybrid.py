@@ -12,7 +12,6 @@ from tests.campaign.parts import (
     MemoryLedger,
     Noted,
     WalkGenerator,
-    distance,
     measure,
     parts,
     plan,
@@ -361,8 +360,7 @@ NEAR = REQUIREMENT.replace(limit=10.0)
 
 
 def times(run: Run, _place: object = None) -> Measurement:
-    values = measure_all(run, ["trg"])
-    return Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values=values, objective=distance(run))
+    return measure(run).replace(values=measure_all(run, ["trg"]))
 
 
 @pytest.mark.parametrize(

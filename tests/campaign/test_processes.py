@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
-from tests.campaign.parts import MemoryLedger, a_scenario, parts, plan, searched, warehouse
+from tests.campaign.parts import Disturbed, MemoryLedger, a_scenario, die, parts, plan, searched, warehouse
 from tests.coded import coded
 
 from rvsg.campaign.attempt import Attempt, Failure
@@ -18,10 +18,7 @@ from rvsg.campaign.runner import FinishedRun, RunMaker
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.campaign.worker_pool import ATTEMPTS, Processes
 from rvsg.core.errors import FileError, SimulationError
-from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.kinematic import KinematicSimulator
-from rvsg.simulation.run import Run
-from rvsg.world.world import World
 
 pytestmark = pytest.mark.slow
 STUCK_S = 300.0
@@ -39,17 +36,11 @@ def worker_ids(processes: Processes) -> list[int]:
     return [keeper.process.pid for keeper in processes._pool.keepers if keeper.process is not None]
 
 
-class Slow(KinematicSimulator):
-    def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
-        time.sleep(0.02)
-        return super().run(scenario, world, seed=seed)
-
-
 def killed_while_it_runs(kills: int, seed: int) -> list[Attempt]:
     """A campaign with two workers, of which one is killed now and then at a moment of chance."""
     the_plan = plan(scenarios=2, refinements=1, repeats=4)
     chance, result = random.Random(seed), []
-    made = parts(ledger := MemoryLedger(), simulator=Slow(), jobs=2)
+    made = parts(ledger := MemoryLedger(), simulator=Disturbed(lambda _: time.sleep(0.02)), jobs=2)
 
     def campaign() -> None:
         result.extend(searched(StudyStrategy, the_plan, ledger, changes={"runner": made.runner}))
@@ -86,17 +77,15 @@ def test_the_death_of_an_idle_worker_is_not_noticed() -> None:
 
 
 def test_a_worker_that_dies_is_noticed_though_its_child_holds_the_pipe(tmp_path: Path) -> None:
-    class Forks(KinematicSimulator):
-        def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
-            if seed == 2:
-                if os.fork() == 0:
-                    while not (tmp_path / "end").exists():
-                        time.sleep(0.1)
-                    os._exit(0)
-                os.kill(os.getpid(), signal.SIGKILL)
-            return super().run(scenario, world, seed=seed)
+    def fork_and_die(seed: int) -> None:
+        if seed == 2:
+            if os.fork() == 0:
+                while not (tmp_path / "end").exists():
+                    time.sleep(0.1)
+                os._exit(0)
+            die()
 
-    processes = started(Forks(), jobs=1)
+    processes = started(Disturbed(fork_and_die), jobs=1)
     pending = [processes.submit(a_scenario(), seed) for seed in (1, 2, 3)]
     done = []
     waiting = threading.Thread(target=lambda: done.extend(map(processes.result, pending)), daemon=True)
@@ -108,21 +97,19 @@ def test_a_worker_that_dies_is_noticed_though_its_child_holds_the_pipe(tmp_path:
 
 
 def test_a_result_that_is_half_written_is_made_again(tmp_path: Path) -> None:
-    class Halves(KinematicSimulator):
-        def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
-            if not (tmp_path / "mark").exists():
-                (tmp_path / "mark").touch()
-                from rvsg.campaign import worker_pool
+    def write_half_once(_: int) -> None:
+        if not (tmp_path / "mark").exists():
+            (tmp_path / "mark").touch()
+            from rvsg.campaign import worker_pool
 
-                def half(stream, data: bytes) -> None:  # type: ignore[no-untyped-def]
-                    stream.write(len(data).to_bytes(8, "little") + data[: len(data) // 2])
-                    stream.flush()
-                    os.kill(os.getpid(), signal.SIGKILL)
+            def half(stream, data: bytes) -> None:  # type: ignore[no-untyped-def]
+                stream.write(len(data).to_bytes(8, "little") + data[: len(data) // 2])
+                stream.flush()
+                die()
 
-                worker_pool.write_frame = half
-            return super().run(scenario, world, seed=seed)
+            worker_pool.write_frame = half
 
-    processes = started(Halves())
+    processes = started(Disturbed(write_half_once))
     submitted = [processes.submit(a_scenario(), seed) for seed in range(4)]
     found = [processes.result(each) for each in submitted]
     processes.stop(kill=False)
@@ -131,14 +118,12 @@ def test_a_result_that_is_half_written_is_made_again(tmp_path: Path) -> None:
 
 
 def test_a_run_that_always_kills_is_tried_alone_and_blamed_alone(tmp_path: Path) -> None:
-    class Killer(KinematicSimulator):
-        def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
-            if seed == 2:
-                (tmp_path / f"died {time.monotonic_ns()}").touch()
-                os.kill(os.getpid(), signal.SIGKILL)
-            return super().run(scenario, world, seed=seed)
+    def die_of_one(seed: int) -> None:
+        if seed == 2:
+            (tmp_path / f"died {time.monotonic_ns()}").touch()
+            die()
 
-    processes = started(Killer())
+    processes = started(Disturbed(die_of_one))
     submitted = [processes.submit(a_scenario(), seed) for seed in range(6)]
     found = [processes.result(each) for each in submitted]
     processes.stop(kill=False)
@@ -147,14 +132,12 @@ def test_a_run_that_always_kills_is_tried_alone_and_blamed_alone(tmp_path: Path)
 
 
 def test_an_error_of_the_simulator_comes_back_as_it_is(capfd: pytest.CaptureFixture[str]) -> None:
-    class Broken(KinematicSimulator):
-        def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
-            print("a simulator may print")
-            if seed:
-                raise FileError("mesh.dae", "the file does not exist")
-            return super().run(scenario, world, seed=seed)
+    def fail(seed: int) -> None:
+        print("a simulator may print")
+        if seed:
+            raise FileError("mesh.dae", "the file does not exist")
 
-    processes = started(Broken(), jobs=1)
+    processes = started(Disturbed(fail), jobs=1)
     assert isinstance(processes.result(processes.submit(a_scenario(), 0)), FinishedRun)
     with pytest.raises(FileError) as caught:
         processes.result(processes.submit(a_scenario(), 1))
