@@ -14,28 +14,8 @@ import numpy as np
 import shapely
 
 from rvsg.core.records import Record
-from rvsg.evaluation.run_events import (
-    Abort,
-    Arrival,
-    BlockedGoal,
-    Contact,
-    Event,
-    Events,
-    HardBrake,
-    NearMiss,
-    ObstacleContact,
-    PersonPaused,
-    PersonReached,
-    PersonReacted,
-    PersonStuck,
-    Place,
-    PlaceAt,
-    Recovery,
-    Replan,
-    StandStill,
-    TimeOut,
-    WaypointNames,
-)
+from rvsg.evaluation import run_events
+from rvsg.evaluation.run_events import Event, Events, Place, PlaceAt, WaypointNames
 from rvsg.evaluation.sampled import Flags, Floats, Sampled, joined, sampled, stretches, wrap
 from rvsg.scenario.scenario import Behaviour, Human, HumanAgent, Scenario, decode, task_ends
 from rvsg.simulation import run as recorded
@@ -85,15 +65,15 @@ def _recorded(s: Sampled, ends: dict[str, dict[int, str]], at: PlaceAt) -> Itera
         if isinstance(event, recorded.PersonReached):
             task = ends.get(event.person, {}).get(event.goal)
             if task is not None:
-                yield _converted(PersonReached, event, s, at, task=task)
+                yield _converted(run_events.PersonReached, event, s, at, task=task)
         elif isinstance(event, recorded.PersonPaused):
-            yield _converted(PersonPaused, event, s, at)
+            yield _converted(run_events.PersonPaused, event, s, at)
         elif isinstance(event, recorded.PersonReacted):
-            yield _converted(PersonReacted, event, s, at, behaviour=event.behaviour.value)
+            yield _converted(run_events.PersonReacted, event, s, at, behaviour=event.behaviour.value)
         else:
             index = min(int(np.searchsorted(t, event.time_s - 1e-9)), len(t) - 1)
             reason = _beside(s, index, s.run.human_names.index(event.person))
-            yield _converted(PersonStuck, event, s, at, reason=reason)
+            yield _converted(run_events.PersonStuck, event, s, at, reason=reason)
 
 
 def _converted(kind: type[E], event: recorded.RecordedEvent, s: Sampled, at: PlaceAt, **more: Any) -> E:
@@ -116,9 +96,9 @@ def _of_one(s: Sampled, person: int, human: Human, agent: HumanAgent, at: PlaceA
             left = float(t[index + int(away.argmax()) if away.any() else -1])
             until = min(left, begin + agent.pauses_s[goal])
             excused |= (t >= begin) & (t <= begin + agent.pauses_s[goal] + LEAVING_S)
-            yield PersonPaused(time_s=begin, place=where, until_s=round(until, 3), person=human.name)
+            yield run_events.PersonPaused(time_s=begin, place=where, until_s=round(until, 3), person=human.name)
         if goal in ends:
-            yield PersonReached(time_s=begin, place=where, person=human.name, task=ends.pop(goal))
+            yield run_events.PersonReached(time_s=begin, place=where, person=human.name, task=ends.pop(goal))
     if agent.behaviour in STOPPING:
         excused |= s.distance[:, person] < agent.reaction.distance_m + REACTING_M
     yield from _stuck(s, person, excused, at)
@@ -136,7 +116,7 @@ def _arrivals(x: Floats, y: Floats, agent: HumanAgent) -> Iterator[tuple[int, in
         start, goal = index + 1, (goal + 1) % len(agent.goals)
 
 
-def _stuck(s: Sampled, person: int, excused: Flags, at: PlaceAt) -> Iterator[PersonStuck]:
+def _stuck(s: Sampled, person: int, excused: Flags, at: PlaceAt) -> Iterator[run_events.PersonStuck]:
     checked = np.append(np.arange(s.series.t[0], s.series.t[-1], CHECKED_S), s.series.t[-1])
     rows = np.unique(np.searchsorted(s.series.t, checked))
     x, y, t = s.series.human_x[rows, person], s.series.human_y[rows, person], s.series.t[rows]
@@ -148,7 +128,7 @@ def _stuck(s: Sampled, person: int, excused: Flags, at: PlaceAt) -> Iterator[Per
         stays &= (np.hypot(x[later] - x, y[later] - y) < STUCK_M) & ~excused[rows[later]]
     stays &= ~excused[rows]
     for first, last in stretches(stays):
-        yield PersonStuck(
+        yield run_events.PersonStuck(
             time_s=round(float(t[first]), 3),
             place=at(x[first], y[first]),
             until_s=round(float(t[last_row[last]]), 3),
@@ -224,7 +204,7 @@ def place_namer(world: World | None) -> PlaceAt:
     return at
 
 
-def obstacle_contacts(s: Sampled, at: PlaceAt) -> Iterator[ObstacleContact]:
+def obstacle_contacts(s: Sampled, at: PlaceAt) -> Iterator[run_events.ObstacleContact]:
     """Yield the recorded contacts of the robot's body with walls, objects and doors."""
     for touch in s.run.events:
         if not isinstance(touch, recorded.ObstacleContact):
@@ -235,16 +215,16 @@ def obstacle_contacts(s: Sampled, at: PlaceAt) -> Iterator[ObstacleContact]:
             if leaves and min(leaves) < ON_LEAF_M:
                 near.append((min(leaves), door.name))
         door_name = min(near)[1] if near else ""
-        yield _converted(ObstacleContact, touch, s, at, until_s=touch.until_s, door=door_name)
+        yield _converted(run_events.ObstacleContact, touch, s, at, until_s=touch.until_s, door=door_name)
 
 
-def navigation(s: Sampled, at: PlaceAt) -> Iterator[Replan | Recovery]:
+def navigation(s: Sampled, at: PlaceAt) -> Iterator[run_events.Replan | run_events.Recovery]:
     """Yield the recorded recoveries, and the paths that differ clearly from those before."""
     for event in s.run.events:
         if isinstance(event, recorded.Replan):
-            yield _converted(Replan, event, s, at)
+            yield _converted(run_events.Replan, event, s, at)
         elif isinstance(event, recorded.Recovery):
-            yield _converted(Recovery, event, s, at)
+            yield _converted(run_events.Recovery, event, s, at)
 
 
 def _leaves(door: Door, run: Run, t: float) -> list[tuple[tuple[float, float], ...]]:
@@ -266,18 +246,18 @@ def _leaves(door: Door, run: Run, t: float) -> list[tuple[tuple[float, float], .
     return [door.leaf(each) for each in (share, *held)]
 
 
-def contacts(s: Sampled, at: PlaceAt) -> Iterator[Contact]:
+def contacts(s: Sampled, at: PlaceAt) -> Iterator[run_events.Contact]:
     """Yield one event for each contact of the robot with a person, as the metric `contacts` counts them."""
     for touch in s.contacts:
         fastest = round(float(s.series.speed[max(0, touch.first - 1) : touch.last + 1].max()), 3)
         if touch.recorded is not None:
             moved_by = touch.recorded.moved_by
-            yield _converted(Contact, touch.recorded, s, at, robot_speed_m_s=fastest, moved_by=moved_by)
+            yield _converted(run_events.Contact, touch.recorded, s, at, robot_speed_m_s=fastest, moved_by=moved_by)
             continue
         first, last, person = touch.first, touch.last, touch.person
         before = max(0, first - 1)
         towards = max(0.0, *(float(s.closing_speed[k, person]) for k in (before, first)))
-        yield Contact(
+        yield run_events.Contact(
             **_span(s, first, last, at),
             person=s.run.human_names[person],
             closing_speed_m_s=round(towards, 3),
@@ -302,7 +282,7 @@ def _mover(s: Sampled, index: int, person: int) -> Literal["robot", "person", "b
     return "robot" if robot > other else "person"
 
 
-def near_misses(s: Sampled, at: PlaceAt) -> Iterator[NearMiss]:
+def near_misses(s: Sampled, at: PlaceAt) -> Iterator[run_events.NearMiss]:
     """Yield one event for each passage with a gap below `NEAR_MISS_M` and without contact."""
     for person in range(s.people):
         gap = s.gap[:, person]
@@ -310,7 +290,7 @@ def near_misses(s: Sampled, at: PlaceAt) -> Iterator[NearMiss]:
             closest = first + int(gap[first : last + 1].argmin())
             moving = float(s.relative_speed[first : last + 1, person].max()) > 0.05
             if moving and not s.touching[first : last + 1, person].any():
-                yield NearMiss(
+                yield run_events.NearMiss(
                     **_start(s, closest, at),
                     person=s.run.human_names[person],
                     gap_m=round(float(gap[closest]), 3),
@@ -319,7 +299,7 @@ def near_misses(s: Sampled, at: PlaceAt) -> Iterator[NearMiss]:
                 )
 
 
-def hard_brakes(s: Sampled, at: PlaceAt) -> Iterator[HardBrake]:
+def hard_brakes(s: Sampled, at: PlaceAt) -> Iterator[run_events.HardBrake]:
     """Yield one event for each stretch of braking harder than `HARD_BRAKE_M_S2` over half a second, en route.
 
     Speed that a contact takes from the robot is not braking: it counts only up to the moment at which they touch.
@@ -338,7 +318,7 @@ def hard_brakes(s: Sampled, at: PlaceAt) -> Iterator[HardBrake]:
         hardest = first + int(drop[first : last + 1].argmax())
         nearest = int(s.gap[hardest].argmin()) if s.people else -1
         near = s.people and s.gap[hardest, nearest] < NEAR_M
-        yield HardBrake(
+        yield run_events.HardBrake(
             **_span(s, hardest, int(window[last]), at),
             deceleration_m_s2=round(float(drop[hardest]), 2),
             from_speed_m_s=round(float(speed[hardest]), 3),
@@ -360,7 +340,7 @@ def _in_contact(s: Sampled) -> Flags:
     return flags
 
 
-def standstills(s: Sampled, at: PlaceAt) -> Iterator[StandStill]:
+def standstills(s: Sampled, at: PlaceAt) -> Iterator[run_events.StandStill]:
     """Yield one event for each standstill of at least a second between the first movement and the end."""
     if s.still.all():
         return
@@ -371,7 +351,7 @@ def standstills(s: Sampled, at: PlaceAt) -> Iterator[StandStill]:
         if _time(s, last) - _time(s, first) < STANDSTILL_S - 1e-9 or at_the_goal:
             continue
         reason, person = _reason(s, first)
-        yield StandStill(**_span(s, first, last, at), reason=reason, person=person)
+        yield run_events.StandStill(**_span(s, first, last, at), reason=reason, person=person)
 
 
 def _reason(s: Sampled, index: int) -> tuple[Reason, str]:
@@ -393,7 +373,7 @@ def _reason(s: Sampled, index: int) -> tuple[Reason, str]:
     return "unknown", ""
 
 
-def blocked_goals(s: Sampled, at: PlaceAt) -> Iterator[BlockedGoal]:
+def blocked_goals(s: Sampled, at: PlaceAt) -> Iterator[run_events.BlockedGoal]:
     """Yield one event for each time a person occupies the goal while the robot is within 3 m of it."""
     goal_x, goal_y, _ = s.run.goal
     for person in range(s.people):
@@ -401,7 +381,7 @@ def blocked_goals(s: Sampled, at: PlaceAt) -> Iterator[BlockedGoal]:
         away = np.hypot(s.series.human_x[:, person] - goal_x, s.series.human_y[:, person] - goal_y)
         for first, last in stretches((away < reach) & (s.goal_distance < GOAL_NEAR_M)):
             if _time(s, last) - _time(s, first) >= BLOCKED_S - 1e-9:
-                yield BlockedGoal(
+                yield run_events.BlockedGoal(
                     time_s=_time(s, first),
                     place=at(goal_x, goal_y),
                     until_s=_time(s, last),
@@ -415,11 +395,11 @@ def ending(s: Sampled, at: PlaceAt) -> Event:
     remaining = round(float(s.goal_distance[-1]), 3)
     match s.run.outcome:
         case Outcome.REACHED:
-            return Arrival(**end)
+            return run_events.Arrival(**end)
         case Outcome.TIMED_OUT:
-            return TimeOut(**end, remaining_m=remaining)
+            return run_events.TimeOut(**end, remaining_m=remaining)
         case outcome:
-            return Abort(**end, outcome=outcome, remaining_m=remaining)
+            return run_events.Abort(**end, outcome=outcome, remaining_m=remaining)
 
 
 def _start(s: Sampled, index: int, at: PlaceAt) -> dict[str, Any]:

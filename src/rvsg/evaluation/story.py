@@ -8,28 +8,9 @@ from typing import Any
 import numpy as np
 
 from rvsg.core.records import Record
+from rvsg.evaluation import run_events
 from rvsg.evaluation.detection import events_of, place_namer
-from rvsg.evaluation.run_events import (
-    Abort,
-    Arrival,
-    BlockedGoal,
-    Contact,
-    Event,
-    HardBrake,
-    NearMiss,
-    ObstacleContact,
-    PersonPaused,
-    PersonReached,
-    PersonReacted,
-    PersonStuck,
-    Place,
-    PlaceAt,
-    Recovery,
-    Replan,
-    StandStill,
-    TimeOut,
-    place_name,
-)
+from rvsg.evaluation.run_events import Event, Place, PlaceAt, place_name
 from rvsg.evaluation.sampled import joined, sampled, stretches
 from rvsg.evaluation.verdict import metres, outcome_in_words
 from rvsg.scenario.scenario import Scenario
@@ -64,14 +45,16 @@ def story_of(
         return ()
     at = _namer(world)
     found = list(events if events is not None else events_of(run, world=world, scenario=scenario))
-    ends = (Arrival, TimeOut, Abort)
+    ends = (run_events.Arrival, run_events.TimeOut, run_events.Abort)
     middle = [event for event in found if not isinstance(event, ends)]
     chosen = sorted(middle, key=lambda event: WEIGHTS[type(event)](event), reverse=True)[: MOST - 2]
     told = [event.replace(place=at(event.place.x, event.place.y)) for event in chosen]
     sentences = [Sentence(text=in_words(event), time_s=event.time_s) for event in told]
     if len(sentences) < MOST - 2:
         sentences += _company(run, world, at)
-    if len(sentences) < FEWEST - 2 and not any(isinstance(event, Contact | NearMiss) for event in chosen):
+    if len(sentences) < FEWEST - 2 and not any(
+        isinstance(event, run_events.Contact | run_events.NearMiss) for event in chosen
+    ):
         sentences += _closest(run, world, at)
     sentences.sort(key=lambda sentence: sentence.time_s)
     limit = f"the time limit of {run.time_limit_s:.0f} s passes"
@@ -104,18 +87,18 @@ def _namer(world: World | None) -> PlaceAt:
 
 
 WEIGHTS: dict[type[Event], Callable[[Any], float]] = {
-    Contact: lambda event: 100.0 + event.duration_s + 10.0 * event.closing_speed_m_s,
-    ObstacleContact: lambda event: 90.0 + event.duration_s,
-    StandStill: lambda event: 50.0 + event.duration_s,
-    BlockedGoal: lambda event: 45.0 + event.duration_s,
-    HardBrake: lambda event: 40.0 + event.deceleration_m_s2,
-    Recovery: lambda _: 35.0,
-    NearMiss: lambda event: 30.0 + 40.0 * (0.25 - event.gap_m),
-    PersonStuck: lambda event: 28.0 if event.reason == "robot" else 5.0,
-    PersonReacted: lambda _: 20.0,
-    Replan: lambda _: 15.0,
-    PersonPaused: lambda _: 4.0,
-    PersonReached: lambda _: 3.0,
+    run_events.Contact: lambda event: 100.0 + event.duration_s + 10.0 * event.closing_speed_m_s,
+    run_events.ObstacleContact: lambda event: 90.0 + event.duration_s,
+    run_events.StandStill: lambda event: 50.0 + event.duration_s,
+    run_events.BlockedGoal: lambda event: 45.0 + event.duration_s,
+    run_events.HardBrake: lambda event: 40.0 + event.deceleration_m_s2,
+    run_events.Recovery: lambda _: 35.0,
+    run_events.NearMiss: lambda event: 30.0 + 40.0 * (0.25 - event.gap_m),
+    run_events.PersonStuck: lambda event: 28.0 if event.reason == "robot" else 5.0,
+    run_events.PersonReacted: lambda _: 20.0,
+    run_events.Replan: lambda _: 15.0,
+    run_events.PersonPaused: lambda _: 4.0,
+    run_events.PersonReached: lambda _: 3.0,
 }
 """How much an event matters for a story; larger matters more."""
 
@@ -128,49 +111,49 @@ def in_words(event: Event) -> str:
 def _what(event: Event) -> str:
     where = at_place(event.place)
     match event:
-        case Contact():
+        case run_events.Contact():
             return _contact(event)
-        case ObstacleContact():
+        case run_events.ObstacleContact():
             return f"the robot hits {what_is_hit(event)} {where} at {event.speed_m_s:.1f} m/s"
-        case NearMiss():
+        case run_events.NearMiss():
             speed = f"a relative speed of {event.relative_speed_m_s:.1f} m/s"
             return f"the robot passes {event.person} {where} with a gap of {metres(event.gap_m)} and {speed}"
-        case HardBrake():
+        case run_events.HardBrake():
             near = f"; {event.person} is near" if event.person else ""
             change = f"from {event.from_speed_m_s:.1f} to {event.to_speed_m_s:.1f} m/s"
             return f"the robot brakes hard {where}, {change}{near}"
-        case StandStill():
+        case run_events.StandStill():
             return f"the robot stops {where} and stands for {event.duration_s:.1f} s{_because(event)}"
-        case Replan():
+        case run_events.Replan():
             return f"the robot plans another path {where}, {event.deviation_m:.1f} m beside the one before"
-        case Recovery():
+        case run_events.Recovery():
             action = event.action.replace("_", " ")
             return f"navigation starts a recovery {where} ({action}, {event.duration_s:.1f} s)"
-        case BlockedGoal():
+        case run_events.BlockedGoal():
             return f"{event.person} stands on the goal for {event.duration_s:.1f} s while the robot is near it"
-        case PersonStuck():
+        case run_events.PersonStuck():
             by = {"robot": " beside the robot", "person": " beside another person"}.get(event.reason, "")
             return f"{event.person} is stuck {where}{by} for {event.duration_s:.1f} s"
-        case PersonReached():
+        case run_events.PersonReached():
             return f'{event.person} completes "{event.task}" {where}'
-        case PersonPaused():
+        case run_events.PersonPaused():
             return f"{event.person} pauses {where} for {event.duration_s:.1f} s"
-        case PersonReacted():
+        case run_events.PersonReacted():
             return f"{event.person} reacts to the robot ({event.behaviour}) {where} until {event.until_s:.1f} s"
-        case TimeOut():
+        case run_events.TimeOut():
             return f"the time limit passes; the robot is {metres(event.remaining_m)} from its goal"
-        case Abort():
+        case run_events.Abort():
             return f"{outcome_in_words(event.outcome)}; the robot is {metres(event.remaining_m)} from its goal"
-        case Arrival():
+        case run_events.Arrival():
             return "the robot reaches its goal"
 
 
-def what_is_hit(event: ObstacleContact) -> str:
+def what_is_hit(event: run_events.ObstacleContact) -> str:
     """Return the door that the robot touches, by its name, or "an obstacle"."""
     return f"the door {event.door}" if event.door else "an obstacle"
 
 
-def _contact(event: Contact) -> str:
+def _contact(event: run_events.Contact) -> str:
     who, where = event.person, at_place(event.place)
     short = event.duration_s < 0.05  # a tenth of a second is the finest that is told
     lasts = "they touch briefly" if short else f"they touch for {event.duration_s:.1f} s"
@@ -186,7 +169,7 @@ def _contact(event: Contact) -> str:
             return f"the robot and {who} touch {where} for {event.duration_s:.1f} s"
 
 
-def _because(event: StandStill) -> str:
+def _because(event: run_events.StandStill) -> str:
     return {
         "contact": f", in contact with {event.person}",
         "person_ahead": f", {event.person} in front of it",
