@@ -235,7 +235,7 @@ def mistakes_of(
 
 def keys_of(error: ValidationError) -> tuple[str, ...]:
     """Return the keys a validation complains of, as people write them: `areas[0].name`."""
-    return tuple(dict.fromkeys(_place(detail["loc"]) for detail in _details(error)))
+    return tuple(dict.fromkeys(key_text(detail["loc"]) for detail in _details(error)))
 
 
 def invalid_options(error: ValidationError, model: type[BaseModel], where: str) -> InvalidOptions:
@@ -286,9 +286,9 @@ _SAID = {
 
 def _message(detail: dict[str, Any], key: Key, model: type[BaseModel], *, noun: str = "key", whole: str = "") -> str:
     kind, loc = detail["type"], detail["loc"]
-    place = _place(key)
+    place = key_text(key)
     if kind == "extra_forbidden":
-        return _misspelt(str(loc[-1]), _place(key[:-1]), _model_at(model, loc[:-1]), noun)
+        return _misspelt(str(loc[-1]), key_text(key[:-1]), _model_at(model, loc[:-1]), noun)
     if kind == "missing":
         if isinstance(loc[-1], int):
             return f"{place}: expected more values than {_shown(detail['input'])}"
@@ -318,7 +318,7 @@ def _of_length(detail: dict[str, Any]) -> str | None:
     return None
 
 
-def _place(key: Key) -> str:
+def key_text(key: Key) -> str:
     """Return a path of keys as people write it: `areas[0].name`."""
     text = ""
     for part in key:

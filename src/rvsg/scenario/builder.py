@@ -138,26 +138,6 @@ def scenario(
     return made
 
 
-def with_moved(scenario: Scenario, path: str | Path, world: World) -> tuple[Scenario, World]:
-    """Return a scenario and its world with the objects of a file moved into it, instead of those it had.
-
-    Raises:
-        FileError: the file is wrong; names every mistake with its line.
-    """
-    moved = load_moved(path, world)
-    return scenario.replace(mission=scenario.mission.replace(moved=moved)), world.with_moved(moved)
-
-
-def with_doors(scenario: Scenario, states: Mapping[str, State], world: World) -> tuple[Scenario, World]:
-    """Return a scenario and its world with some doors in other states.
-
-    Raises:
-        UnknownName: the world has no such door.
-    """
-    place = doors_in(world, states)
-    return scenario.replace(mission=scenario.mission.replace(doors=dict(place.door_states))), place
-
-
 def check(scenario: Scenario, world: World | str | Path | None = None) -> tuple[Finding, ...]:
     """Return every rule the scenario breaks; empty if it is valid."""
     return validity.check(scenario.people, scenario.mission, world_of(scenario.mission, world))
@@ -170,9 +150,7 @@ def check_valid(scenario: Scenario, world: World) -> tuple[Finding, ...]:
         InvalidScenario: with every finding.
     """
     check_route(scenario.mission.route, world)
-    findings = validity.check(scenario.people, scenario.mission, world)
-    if findings:
-        raise InvalidScenario("The scenario is not valid:", [str(finding) for finding in findings])
+    _check(scenario.people, scenario.mission, world, "The scenario is not valid:")
     return validity.warnings(scenario.people, scenario.mission, world)
 
 
@@ -182,8 +160,12 @@ def check_mission(mission: Mission, world: World) -> None:
     Raises:
         InvalidScenario: with every finding.
     """
-    if findings := validity.check(HumanConfiguration(humans=()), mission, world):
-        raise InvalidScenario("The mission is not valid:", [str(finding) for finding in findings])
+    _check(HumanConfiguration(humans=()), mission, world, "The mission is not valid:")
+
+
+def _check(people: HumanConfiguration, mission: Mission, world: World, message: str) -> None:
+    if findings := validity.check(people, mission, world):
+        raise InvalidScenario(message, [str(finding) for finding in findings])
 
 
 def check_route(route: Route, world: World) -> None:
@@ -257,7 +239,8 @@ def load_scenario_in(path: str | Path, world: World | str | Path | None = None) 
 
 def _near(path: Path, mission: Mission, saved: Path | None) -> tuple[Path, ...]:
     """Return where the world of a scenario file may be: in the folder saved in it, else beside the file."""
-    return (*((saved,) if saved is not None else ()), path.parent / mission.world)
+    beside = path.parent / mission.world
+    return (beside,) if saved is None else (saved, beside)
 
 
 def load_changed(
@@ -282,9 +265,11 @@ def load_changed(
     if robot is not None:
         asked, notes = with_robot(asked, robot, place)
     if moved is not None:
-        asked, place = with_moved(asked, moved, place)
+        things = load_moved(moved, place)
+        asked, place = asked.replace(mission=asked.mission.replace(moved=things)), place.with_moved(things)
     if doors:
-        asked, place = with_doors(asked, doors, place)
+        place = doors_in(place, doors)
+        asked = asked.replace(mission=asked.mission.replace(doors=dict(place.door_states)))
     for note in (*notes, *(f"warning: {doubtful}" for doubtful in check_valid(asked, place))):
         on_message(note)
     return asked, place

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, model_validator
 
-from rvsg.core.documents import mistakes_of
+from rvsg.core.documents import Key, key_text, mistakes_of
 from rvsg.core.errors import InputError, UnknownName
 from rvsg.core.records import Record
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario, Task, at_places, ends_of
@@ -21,7 +21,6 @@ from rvsg.world.world import Route, World
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _RANGE = re.compile(rf"\s*({_NUMBER})\s+to\s+({_NUMBER})\s*")
-Key = tuple[str | int, ...]
 
 
 class Range(Record):
@@ -83,9 +82,9 @@ def family_of(value: dict[str, Any], vary: Sequence[str] = ()) -> ScenarioFamily
         if not isinstance(text, str) or {"description", "name"} & {*key} or not _RANGE.fullmatch(text):
             continue
         if key[:2] != ("people", "humans") or len(key) < 4:
-            raise InputError(f"{_written(key)}: {text!r} is a range, and only numbers of people may be ranges.")
+            raise InputError(f"{key_text(key)}: {text!r} is a range, and only numbers of people may be ranges.")
         human = data["people"]["humans"][key[2]]
-        found[key] = _range(f"{human.get('name', f'person {key[2]}')}.{_written(key[3:])}", key, text)
+        found[key] = _range(f"{human.get('name', f'person {key[2]}')}.{key_text(key[3:])}", key, text)
     for key, each in found.items():
         _set(data, key, each.at(0.5))
     data = _scenario(data).model_dump(mode="json")
@@ -132,22 +131,16 @@ def _varied(humans: list[dict[str, Any]], text: str) -> Range:
     index, human = max(matching, key=lambda pair: len(pair[1]["name"]))
     rest = name.removeprefix(f"{human['name']}.")
     leaves = _leaves(human, ())
-    keys = {_written(k): k for k, v in leaves if isinstance(v, int | float) and not isinstance(v, bool)}
+    keys = {key_text(k): k for k, v in leaves if isinstance(v, int | float) and not isinstance(v, bool)}
     if rest not in keys:
         raise UnknownName("number", rest, keys, hint=f"Numbers of {human['name']} that may vary.")
     return _range(name, ("people", "humans", index, *keys[rest]), span)
 
 
-def _written(key: Key) -> str:
-    """Return a path of keys as people write it: `tasks[0].pauses[1].duration_s`."""
-    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key).removeprefix(".")
-
-
-def _set(data: dict[str, Any], key: Key, value: float) -> None:
-    at: Any = data
+def _set(data: Any, key: Key, value: float) -> None:
     for part in key[:-1]:
-        at = at[part]
-    at[key[-1]] = value
+        data = data[part]
+    data[key[-1]] = value
 
 
 def _scenario(data: dict[str, Any]) -> Scenario:

@@ -24,7 +24,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from importlib import resources
 from pathlib import Path
-from typing import IO, Any, ClassVar, NamedTuple, Never
+from typing import IO, Any, ClassVar, NamedTuple, Never, TypeVar
 
 import numpy as np
 
@@ -61,6 +61,9 @@ LATERAL = struct.Struct("<d")
 NO_COMMAND, VELOCITY, REACHED, GAVE_UP = range(4)
 LARGEST_ANSWER = 65_536
 NO_PLAN, NO_CELLS, NOBODY = np.zeros((0, 2)), np.zeros((0, 0), np.uint8), np.zeros((0, 4))
+
+
+T = TypeVar("T")
 
 
 class Wanted(NamedTuple):
@@ -184,27 +187,29 @@ class Channel:
                 left = max(0.0, until - time.monotonic())
                 flooded, ready, _ = select.select([self.reads], [self.writes], [], left)
                 if flooded and not ready:
-                    self._take_unasked()
+                    self._take()  # an early answer is none, a flood ends it
+                    if len(self._rest) > LARGEST_ANSWER + LENGTH.size:
+                        raise StackError(
+                            f"it wrote {len(self._rest)} bytes without being asked, before it read the question. Does "
+                            "it print to standard output? Print to standard error.",
+                            code="stack-unasked",
+                        ) from None
                 elif not ready:
                     raise StackError(f"it did not read within {limit_s:g} s", code="stack-late") from None
             except OSError as error:
                 raise StackError("it ended", code="stack-ended") from error
 
-    def _take_unasked(self) -> None:
-        """Keep what the other side writes before it has read the question; an early answer is none, a flood ends it."""
+    def _take(self) -> None:
+        """Keep what the other side has written; StackError where it is gone."""
         try:
             part = os.read(self.reads, LARGEST_ANSWER)
+        except BlockingIOError:
+            return
         except OSError as error:
             raise StackError("it ended", code="stack-ended") from error
         if not part:
-            raise StackError("it ended", code="stack-ended")
+            raise StackError("it ended in the middle of an answer" if self._rest else "it ended", code="stack-ended")
         self._rest += part
-        if len(self._rest) > LARGEST_ANSWER + LENGTH.size:
-            raise StackError(
-                f"it wrote {len(self._rest)} bytes without being asked, before it read the question. Does it print to "
-                "standard output? Print to standard error.",
-                code="stack-unasked",
-            )
 
     def receive(self, limit_s: float) -> bytes:
         """Read a frame.
@@ -232,17 +237,7 @@ class Channel:
         while len(self._rest) < size:
             if not select.select([self.reads], [], [], max(0.0, until - time.monotonic()))[0]:
                 raise StackError(f"it did not answer within {limit_s:g} s", code="stack-late")
-            try:
-                part = os.read(self.reads, LARGEST_ANSWER)
-            except BlockingIOError:
-                continue
-            except OSError as error:
-                raise StackError("it ended", code="stack-ended") from error
-            if not part:
-                raise StackError(
-                    "it ended in the middle of an answer" if self._rest else "it ended", code="stack-ended"
-                )
-            self._rest += part
+            self._take()
 
 
 TCP = "tcp://"
@@ -369,7 +364,7 @@ class External:
         """Begin a run, in a fresh process where the one before failed."""
         self._lidars, self._number = len(task.robot.lidars), 0
         self._connect()
-        answer = self._exchange(task_frame(task), self.start_timeout_s)
+        answer = self._exchange(task_frame(task), self.start_timeout_s, bytes)
         if answer != b"R":
             self._broken(f"it answered {answer[:12]!r} to a new task; expected R")
 
@@ -377,11 +372,9 @@ class External:
         """Send an observation; return status and velocity."""
         self._number += 1
         frame = observation_frame(self._number, seen, self._lidars, self._wanted, local=self.local)
-        answer = self._exchange(frame, self.timeout_s)
-        try:
-            return read_answer(answer, self._number, self._wanted.protocol)
-        except StackError as error:
-            self._broken(str(error), error.code)
+        return self._exchange(
+            frame, self.timeout_s, lambda answer: read_answer(answer, self._number, self._wanted.protocol)
+        )
 
     def close(self) -> None:
         """End the process, or leave the server."""
@@ -399,18 +392,15 @@ class External:
             self._connection = Connection(self.command_line, self.start_timeout_s)
             self._started += 1
             hello = {"protocol": PROTOCOLS[0], "protocols": PROTOCOLS, "options": self.parameters}
-            answer = self._exchange(b"H" + json.dumps(hello).encode(), self.start_timeout_s)
-            try:
-                self._wanted = read_hello(answer)
-            except StackError as error:
-                self._broken(str(error), error.code)
+            self._wanted = self._exchange(b"H" + json.dumps(hello).encode(), self.start_timeout_s, read_hello)
 
-    def _exchange(self, frame: bytes, limit_s: float) -> bytes:
+    def _exchange(self, frame: bytes, limit_s: float, read: Callable[[bytes], T]) -> T:
+        """Send a frame and return what is read of the answer; end the process where that fails."""
         if self._connection is None:
             raise StackError("it ended", code="stack-ended")
         try:
             self._connection.channel.send(frame, limit_s)
-            return self._connection.channel.receive(limit_s)
+            return read(self._connection.channel.receive(limit_s))
         except StackError as error:
             self._broken(f"{error}{self._connection.why()}", error.code)
 

@@ -6,7 +6,7 @@ import difflib
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Never
@@ -78,7 +78,7 @@ class Section:
             found, parts = self.values[key], [key]
         if found is None:
             return default
-        self._reader.use((*self.place, *parts), note)
+        self._reader.used[(*self.place, *parts)] = note
         return found
 
     def number(self, key: str, default: float | None = None) -> Any:
@@ -140,16 +140,8 @@ MONITORED = ("min_points", "slowdown_ratio", "linear_limit", "angular_limit", "t
 """Options of the polygons of a collision monitor."""
 CHECKERS = ("SimpleProgressChecker", "SimpleGoalChecker", "StoppedGoalChecker")
 LAYERS = ("StaticLayer", "ObstacleLayer", "VoxelLayer", "InflationLayer")
-CRITICS = (
-    "RotateToGoal",
-    "Oscillation",
-    "BaseObstacle",
-    "ObstacleFootprint",
-    "GoalAlign",
-    "PathAlign",
-    "PathDist",
-    "GoalDist",
-)
+CRITICS = ("RotateToGoal", "Oscillation", "BaseObstacle", "ObstacleFootprint", "GoalAlign", "PathAlign", "PathDist",
+           "GoalDist")  # fmt: skip
 """DWB's critics."""
 SERVERS = ("controller_server", "local_costmap", "global_costmap", "planner_server", "bt_navigator", "behavior_server",
            "recoveries_server", "velocity_smoother", "collision_monitor")  # fmt: skip
@@ -237,14 +229,6 @@ class _Reader:
         """Sections that change nothing, and why."""
         self.options: dict[str, Any] = {"smoother": {}, "costmaps": {}, "behaviours": {}}
 
-    def use(self, key: Key, note: str = "") -> None:
-        """Mark a key as honoured."""
-        self.used[key] = note
-
-    def refuse(self, key: Key, note: str) -> None:
-        """Mark a key as not supported, with the reason."""
-        self.refused[key] = note
-
     def wrong(self, key: Key, message: str, code: str = "document") -> Never:
         """Raise what is wrong with a key."""
         line = read_yaml(self.path).lines.get(key)
@@ -280,7 +264,7 @@ class _Reader:
             names = section.get(key)
             if names:
                 if isinstance(names, list) and len(names) > 1:
-                    self.refuse((*section.place, key), f"only the first is simulated: {names[0]}")
+                    self.refused[(*section.place, key)] = f"only the first is simulated: {names[0]}"
                 return str(names[0] if isinstance(names, list) else names)
         return default
 
@@ -313,11 +297,7 @@ class _Reader:
     def _dwb(self, section: Section) -> None:
         values: dict[str, Any] = {}
         section.copy_to(values, **DWB)
-        for name in section.get("critics", []):
-            if name not in CRITICS:
-                near = difflib.get_close_matches(str(name), CRITICS, n=1, cutoff=0.0)[0]
-                self.wrong((*section.place, "critics"), f"DWB's critic {name} is not simulated. The nearest: {near}.")
-        critics = section.get("critics", [])
+        critics = self._critics(section, CRITICS, "DWB") or []
         if "ObstacleFootprint" in critics:
             values["check_footprint"] = True
         for critic, key in SCALES.items():
@@ -326,12 +306,22 @@ class _Reader:
         for name, key in (("GoalAlign.forward_point_distance", "forward_point_m"),
                           ("decel_lim_theta", "yaw_acceleration_rad_s2")):  # fmt: skip
             if (value := section.number(name)) is not None and abs(value) != values.get(key):
-                self.refuse((*section.place, *name.split(".")), f"it is that of {DWB[key]}")
+                self.refused[(*section.place, *name.split("."))] = f"it is that of {DWB[key]}"
         if "deceleration_m_s2" in values:
             values["deceleration_m_s2"] = abs(values["deceleration_m_s2"])
         if section.values.get("max_vel_y"):
             self._lateral(section, values)
         self.options["dwb"] = {key: value for key, value in values.items() if value != 0.0 or key not in POSITIVE}
+
+    def _critics(self, section: Section, known: Sequence[str], planner: str) -> Any:
+        """Return the names of the critics, None where none are listed; refuse one that is not simulated."""
+        critics = section.get("critics")
+        for name in critics or ():
+            if name not in known:
+                near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.0)[0]
+                message = f"{planner}'s critic {name} is not simulated. The nearest: {near}."
+                self.wrong((*section.place, "critics"), message)
+        return critics
 
     def _lateral(self, section: Section, values: dict[str, float | bool]) -> None:
         """Read how DWB samples lateral speeds."""
@@ -342,7 +332,7 @@ class _Reader:
         for name in ("acc_lim_y", "decel_lim_y"):
             value, ahead = section.number(name), section.number("acc_lim_x")
             if value is not None and ahead is not None and abs(value) != abs(ahead):
-                self.refuse((*section.place, name), "it is that of acc_lim_x")
+                self.refused[(*section.place, name)] = "it is that of acc_lim_x"
 
     def _rpp(self, section: Section) -> None:
         for name in PurePursuitSettings.model_fields:
@@ -350,7 +340,7 @@ class _Reader:
                 self.options[name] = value
         section.copy_to(self.options, desired_linear_vel="max_linear_vel")
         if section.values.get("use_dynamic_window"):
-            self.refuse((*section.place, "use_dynamic_window"), "the dynamic window of pure pursuit is not simulated")
+            self.refused[(*section.place, "use_dynamic_window")] = "the dynamic window of pure pursuit is not simulated"
 
     def _mppi(self, section: Section) -> None:
         model = str(section.get("motion_model", "DiffDrive"))
@@ -359,20 +349,16 @@ class _Reader:
                 (*section.place, "motion_model"), f"the motion model {model} is not simulated. Nearest: DiffDrive."
             )
         section.inner(model).get("plugin")
-        critics = section.get("critics")
         known = [name for name in MppiSettings.model_fields if name.endswith("Critic")]
-        for name in critics or ():
-            if name not in known:
-                near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.0)[0]
-                self.wrong((*section.place, "critics"), f"MPPI's critic {name} is not simulated. The nearest: {near}.")
+        critics = self._critics(section, known, "MPPI")
         for name, info in MppiSettings.model_fields.items():
             if name in known:
                 inner = section.inner(name)
                 found = {key: inner.get(key) for key in info.annotation.model_fields if key in inner.values}  # type: ignore[union-attr]
                 if int(inner.values.get("cost_power", 1)) != 1:
-                    self.refuse((*inner.place, "cost_power"), "only the power 1 is simulated")
+                    self.refused[(*inner.place, "cost_power")] = "only the power 1 is simulated"
                 elif "cost_power" in inner.values:
-                    self.use((*inner.place, "cost_power"))
+                    self.used[(*inner.place, "cost_power")] = ""
                 if critics is not None:
                     found["enabled"] = name in critics and bool(found.get("enabled", True))
                 if found:
@@ -386,19 +372,19 @@ class _Reader:
         local.copy_to(maps, local_size_m="width", local_resolution_m="resolution", local_update_hz="update_frequency")
         world.copy_to(maps, global_update_hz="update_frequency")
         if local.values.get("height", local.values.get("width")) != local.values.get("width"):
-            self.refuse((*local.place, "height"), "a square of the width is simulated")
+            self.refused[(*local.place, "height")] = "a square of the width is simulated"
         elif "height" in local.values:
-            self.use((*local.place, "height"))
+            self.used[(*local.place, "height")] = ""
         for section, prefix in ((local, "local"), (world, "global")):
             self._layers(section, prefix)
         self._footprint(local)
         for key in ("robot_radius", "footprint", "footprint_padding"):
             if key in world.values and world.values[key] == local.values.get(key):
-                self.use((*world.place, key))
+                self.used[(*world.place, key)] = ""
             elif key in world.values:
-                self.refuse((*world.place, key), "the footprint of the local costmap holds for both")
+                self.refused[(*world.place, key)] = "the footprint of the local costmap holds for both"
         if "resolution" in world.values:
-            self.refuse((*world.place, "resolution"), "the global costmap has the resolution of the map")
+            self.refused[(*world.place, "resolution")] = "the global costmap has the resolution of the map"
 
     def _layers(self, section: Section, prefix: str) -> None:
         maps = self.options["costmaps"]
@@ -416,19 +402,19 @@ class _Reader:
             if isinstance(values, Mapping) and name not in listed:
                 self.idle[(*section.place, name)] = f"{name} is not among the plug-ins of the costmap"
         for name in section.values.get("filters") or ():
-            self.refuse((*section.place, "filters"), "costmap filters (keepout and speed zones) are not simulated")
+            self.refused[(*section.place, "filters")] = "costmap filters (keepout and speed zones) are not simulated"
             for key in leaves_of(section.values.get(str(name)), (*section.place, str(name))):
-                self.refuse(key[0], "costmap filters are not simulated")
+                self.refused[key[0]] = "costmap filters are not simulated"
 
     def _sources(self, layer: Section, prefix: str) -> None:
         names = str(layer.get("observation_sources", "")).split()
         if len(names) > 1:
-            self.refuse((*layer.place, "observation_sources"), f"the ranges of {names[0]} are taken for every lidar")
+            self.refused[(*layer.place, "observation_sources")] = f"the ranges of {names[0]} are taken for every lidar"
         for name in names[:1]:
             source = layer.inner(name)
             for key in ("marking", "clearing"):
                 if source.values.get(key) is False:
-                    self.refuse((*source.place, key), "every lidar marks and clears")
+                    self.refused[(*source.place, key)] = "every lidar marks and clears"
             maps = self.options["costmaps"]
             ranges = {"obstacle_range_m": "obstacle_max_range", "clearing_range_m": "raytrace_max_range"}
             if prefix == "local":
@@ -436,7 +422,7 @@ class _Reader:
                 continue
             for local, key in ranges.items():
                 if source.number(key, maps.get(local)) != maps.get(local):
-                    self.refuse((*source.place, key), "the ranges of the local costmap hold for both")
+                    self.refused[(*source.place, key)] = "the ranges of the local costmap hold for both"
 
     def _footprint(self, local: Section) -> None:
         radius, text = local.values.get("robot_radius"), local.values.get("footprint")
@@ -466,7 +452,7 @@ class _Reader:
             self.kind_of(goal, CHECKERS, "goal checker")
             goal.copy_to(behaviours, goal_tolerance_m="xy_goal_tolerance", goal_tolerance_rad="yaw_goal_tolerance")
             if goal.get("stateful", True) is not True:
-                self.refuse((*goal.place, "stateful"), "the goal checker keeps that the place was reached")
+                self.refused[(*goal.place, "stateful")] = "the goal checker keeps that the place was reached"
 
     def _planner(self) -> None:
         server = self.node("planner_server")
@@ -477,7 +463,7 @@ class _Reader:
         section.copy_to(self.options["behaviours"], planner_tolerance_m="tolerance")
         for key, value in PLANNING.items():
             if section.get(key, value, note="this is what is simulated") != value:
-                self.refuse((*section.place, key), f"{value!r} is simulated")
+                self.refused[(*section.place, key)] = f"{value!r} is simulated"
 
     def _behaviours(self) -> None:
         server = self.node("behavior_server")
@@ -496,13 +482,13 @@ class _Reader:
                 release = "from Jazzy on" if is_jazzy else "in Humble"
                 plugin.get("plugin", note=f"recoveries drive {way} the velocity smoother, as {release}")
             for key in plugin.values.keys() - {"plugin"}:
-                self.refuse((*plugin.place, str(key)), "recoveries move as those of Humble do")
+                self.refused[(*plugin.place, str(key))] = "recoveries move as those of Humble do"
         tree = self.node("bt_navigator")
         for name in tree.get("navigators", []):
             tree.inner(str(name)).get("plugin")
         for key in ("default_nav_to_pose_bt_xml", "default_nav_through_poses_bt_xml", "default_bt_xml_filename"):
             if tree.values.get(key):
-                self.refuse((*tree.place, key), "Nav2's default tree with replanning and recovery is simulated")
+                self.refused[(*tree.place, key)] = "Nav2's default tree with replanning and recovery is simulated"
 
     def _smoother(self) -> None:
         section, smoother = self.node("velocity_smoother"), self.options["smoother"]
@@ -521,11 +507,11 @@ class _Reader:
             if vector[1]:
                 section.get(key, note="forward and turning; sideways, the robot's limits.lateral_m_s holds")
         if section.get("feedback", "OPEN_LOOP") != "OPEN_LOOP":
-            self.refuse((*section.place, "feedback"), "the smoother works in open loop")
+            self.refused[(*section.place, "feedback")] = "the smoother works in open loop"
         if section.get("scale_velocities", False):
-            self.refuse((*section.place, "scale_velocities"), "each velocity is limited by itself")
+            self.refused[(*section.place, "scale_velocities")] = "each velocity is limited by itself"
         if any(section.values.get("deadband_velocity") or ()):
-            self.refuse((*section.place, "deadband_velocity"), "there is no dead band")
+            self.refused[(*section.place, "deadband_velocity")] = "there is no dead band"
 
     def _monitor(self) -> None:
         section = self.node("collision_monitor")
@@ -540,10 +526,10 @@ class _Reader:
             polygon.get("enabled")
             kind = polygon.get("type")
             if action not in ACTIONS or kind == "velocity_polygon" or (points is None and action != "approach"):
-                self.refuse((*polygon.place, "type"), "a polygon of a topic or by speed is not simulated")
+                self.refused[(*polygon.place, "type")] = "a polygon of a topic or by speed is not simulated"
                 continue
             if polygon.values.get("sources_names", sources) != sources:
-                self.refuse((*polygon.place, "sources_names"), "every polygon sees every lidar")
+                self.refused[(*polygon.place, "sources_names")] = "every polygon sees every lidar"
             polygon.get("action_type", note="" if points else "the polygon is the padded footprint")
             polygon.get("points")
             polygon.get("radius")
@@ -555,7 +541,7 @@ class _Reader:
             source = section.inner(str(name))
             only_scans = source.get("type", "scan") == "scan" and source.get("enabled", True) is not False
             if polygons and not only_scans:
-                self.refuse((*source.place, "type"), "the monitor sees the scans of every lidar, and nothing else")
+                self.refused[(*source.place, "type")] = "the monitor sees the scans of every lidar, and nothing else"
         self.options["collision_monitor"] = tuple(polygons)
 
     def _entries(self) -> Iterator[Entry]:
