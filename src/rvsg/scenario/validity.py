@@ -23,11 +23,7 @@ from rvsg.world.routes import fits_through
 from rvsg.world.space import human_space, robot_space
 from rvsg.world.world import World
 
-MOST_SOUND = 5_000
-"""Tasks that are remembered of one world."""
 WALK_AROUND = "Add points or waypoints around it: people walk straight from one to the next."
-_sound: WeakKeyDictionary[World, set[tuple[object, ...]]] = WeakKeyDictionary()
-"""Tasks of people without free points in which nothing is wrong: a search asks of the same ones again and again."""
 
 
 def check(people: HumanConfiguration, mission: Mission, world: World) -> tuple[Finding, ...]:
@@ -71,11 +67,7 @@ def _labels(mission: Mission, world: World) -> bool:
 
 def _human_findings(human: Human, world: World, labels: bool) -> Iterator[Finding]:
     """Yield what is wrong with one person, apart from where the others and the robot are."""
-    sound = _sound.setdefault(world, set())
     for task in human.tasks:
-        key = (task.path, task.start_area, task.end_area, labels, task.pauses)
-        if not human.points and key in sound:
-            continue
         wrong = [*_path_findings(human, task, world), *(_end_findings(task, world) if labels else ())]
         for pause in task.pauses:
             if pause.at not in task.path:
@@ -83,8 +75,6 @@ def _human_findings(human: Human, world: World, labels: bool) -> Iterator[Findin
                 wrong.append(Finding.of("pause-off-path", f"The pause at {pause.at} is not on the path.", better))
         for found in wrong:
             yield found.model_copy(update={"human": human.name, "task": task.name})
-        if not human.points and not wrong and len(sound) < MOST_SOUND:
-            sound.add(key)
     yield from _point_findings(human, world)
     yield from _chain_findings(human)
     yield from _walk_findings(human)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -31,25 +30,15 @@ def sample_table(p: Stack) -> Floats:
     if not p.dwb_whole_range:
         sides = p.dwb_side_samples + 1 if p.dwb_max_side > 0.0 else 1
         return np.zeros((p.dwb_v_samples * sides * (p.dwb_w_samples + 1), 5))
-    speeds, rates = (p.dwb_min_v, p.dwb_max_v, p.dwb_v_samples), (p.dwb_max_w, p.dwb_w_samples)
-    return _whole_table(speeds, rates, p.dwb_sim_time, p.dwb_linear, p.dwb_angular).copy()
-
-
-@lru_cache(maxsize=8)
-def _whole_table(
-    speeds: tuple[float, float, int], turns: tuple[float, int], time_s: float, linear: float, angular: float
-) -> Floats:
-    """Return the samples of the whole range of velocities."""
-    low, high, v_samples = speeds
-    most, w_samples = turns
-    rates = [-most + 2.0 * most * k / (w_samples - 1) for k in range(w_samples)]
+    low, high, most, time_s = p.dwb_min_v, p.dwb_max_v, p.dwb_max_w, p.dwb_sim_time
+    rates = [-most + 2.0 * most * k / (p.dwb_w_samples - 1) for k in range(p.dwb_w_samples)]
     if 0.0 not in rates:
-        rates.insert(w_samples // 2, 0.0)
+        rates.insert(p.dwb_w_samples // 2, 0.0)
     rows = []
-    for k in range(v_samples):
-        v = low + (high - low) * k / (v_samples - 1)
+    for k in range(p.dwb_v_samples):
+        v = low + (high - low) * k / (p.dwb_v_samples - 1)
         for w in rates:
-            steps = max(1, math.ceil(max(abs(v) * time_s / linear, abs(w) * time_s / angular)))
+            steps = max(1, math.ceil(max(abs(v) * time_s / p.dwb_linear, abs(w) * time_s / p.dwb_angular)))
             if v != 0.0 or w != 0.0:
                 rows.append((v, w, steps, time_s / steps, 0.0))
     return np.array(rows, np.float64)

@@ -29,7 +29,7 @@ from rvsg.simulation.embedded.episode import Episode, Outside, go_on, new_record
 from rvsg.simulation.embedded.localisation import Localisation
 from rvsg.simulation.embedded.moving_bodies import MovingBodies, placed
 from rvsg.simulation.embedded.people.contact import events_of
-from rvsg.simulation.embedded.people.crowd import Crowd, initial
+from rvsg.simulation.embedded.people.crowd import initial
 from rvsg.simulation.embedded.profiles import (
     PROFILES,
     SimulatorOptions,
@@ -106,12 +106,6 @@ def is_blocked(around: Surroundings, scene: Scene, start: Pose, offset: tuple[fl
 
 
 @lru_cache(maxsize=KEPT_STARTS)
-def free_start(around: Surroundings, start: Pose) -> Pose | None:
-    """Return the pose nearest to `start` at which the robot's body overlaps nothing; None where there is none."""
-    return free_pose(around.walls(), start)
-
-
-@lru_cache(maxsize=KEPT_STARTS)
 def _is_in_solid(around: Surroundings, start: Pose) -> bool:
     """Whether the robot's footprint or a lidar is in what the lidar plane cuts.
 
@@ -125,13 +119,6 @@ def _is_in_solid(around: Surroundings, start: Pose) -> bool:
     corners = np.array([(rear, right), (front, right), (front, left), (rear, left)])
     edges = shapely.linestrings(around.edges.reshape(-1, 2, 2))
     return bool(shapely.intersects(placed(corners, start.x, start.y, start.yaw), edges).any())
-
-
-def stands_on_person(crowd: Crowd, start: Pose) -> bool:
-    """Whether the robot's body at the start overlaps a person by more than `START_OVERLAP_M`."""
-    robot = placed(crowd.outline, start.x, start.y, start.yaw)
-    overlaps = crowd.radius - shapely.distance(robot, shapely.points(crowd.x, crowd.y))
-    return bool((overlaps > START_OVERLAP_M).any())
 
 
 NAME = "embedded"
@@ -243,7 +230,7 @@ def simulate_agents(
         robot = robot.replace(lidars=tuple(lidar.replace(**changes) for lidar in robot.lidars))
     around = surroundings(world, robot)
     walls = around.walls()
-    start = free_start(around, route.start) if options.solid_walls else route.start
+    start = free_pose(walls, route.start) if options.solid_walls else route.start
     if start is not None:
         route = route.model_copy(update={"start": start})
     settings, scene, offset = draw_settings(world, route, options, around, seed)
@@ -267,7 +254,9 @@ def simulate_agents(
     blocked = start is None or is_blocked(around, scene, route.start, offset)
     if not options.human_defects:
         begin = route.start
-        blocked |= stands_on_person(crowd, begin)
+        body = placed(crowd.outline, begin.x, begin.y, begin.yaw)
+        apart = shapely.distance(body, shapely.points(crowd.x, crowd.y))
+        blocked |= bool((crowd.radius - apart > START_OVERLAP_M).any())
         blocked |= moving is not None and moving.on_robot(begin.x, begin.y, begin.yaw)
     own = new_localisation(world, route, options, around, offset, seed)
     rest = around.rest_of_way(scene, goals)
