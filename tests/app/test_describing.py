@@ -9,7 +9,7 @@ import pytest
 from tests.generation.loopback import says, serving
 
 import rvsg
-from rvsg.generation.environment_session import open_session, revised
+from rvsg.generation.environment import open_session
 from rvsg.world.world import Description
 from rvsg_studio.model_questions import difference
 
@@ -39,5 +39,5 @@ def test_only_the_last_reason_costs_a_call(tmp_path: Path, monkeypatch: pytest.M
                 warehouse, "openai-chat:vision-1", tmp_path / "kept", None, base_url=server.url, prices=(1, 1, 1)
             )
             assert session is not None
-            assert revised(session, start, reasons).layout == expected
+            assert session.revised(start, reasons).layout == expected
         assert len(server.requests) == 2

@@ -20,7 +20,7 @@ from rvsg.cli.options import AsJson, CallsShown, CallTimeout, Prices, Record, St
 
 if TYPE_CHECKING:
     from rvsg.app.wiring import Wired
-    from rvsg.generation.environment_session import EnvironmentSession
+    from rvsg.generation.environment import EnvironmentSession
     from rvsg.generation.generator import Proposal
     from rvsg.generation.vlm.access import CallNews, ModelAccess
     from rvsg.generation.vlm.model import Message
@@ -102,18 +102,18 @@ def describe(
     world.yaml (for a shipped world, in your data folder) and is part of every later prompt. Without --model, show the
     stored description; with --review, review it.
     """
-    from rvsg.generation.environment_session import open_session, store, stored
+    from rvsg.generation.environment import open_session, store_description, stored
     from rvsg.report.terminal import describe_calls
-    from rvsg.world.world_folder import load_world
+    from rvsg.world.world_folder import load_world, shipped_worlds
 
     loaded = load_world(world)
     model, prompts = settings.pop("model", None), settings.pop("prompts", None)
     access = settings | {"strict": strict or None, "call_timeout_s": call_timeout, "prices": prices}
     session = open_session(loaded, model, record, Path(prompts) if prompts else None, **access)
     if session is not None:
-        with CallsShown(_watch(session.model)), _kept(session.model):
-            description = session.dialogue.describe()
-        for note in (describe_calls(session.dialogue.calls), *session.notes()):
+        with CallsShown(_watch(session.access)), _kept(session.access):
+            description = session.describe()
+        for note in (describe_calls(session.calls), *session.notes()):
             say(note)
     else:
         description = stored(
@@ -124,7 +124,8 @@ def describe(
     else:
         _show_description(description)
     if session is not None or review:
-        say(f"Stored in {store(loaded, description, out=out, name=world)}")
+        place = out if out is not None else None if world in shipped_worlds() else Path(world)
+        say(f"Stored in {store_description(loaded, description, place)}")
         if not description.reviewed:
             review_it = as_started(shlex.join(["rvsg", "world", "describe", world, "--review"]))
             say(f"It is not reviewed yet. Review it with: {review_it}")
@@ -162,8 +163,8 @@ def _revising(session: EnvironmentSession) -> Callable[[str], Description]:
     """Return a function that has the model revise the description for a reason, with progress."""
 
     def revise(reason: str) -> Description:
-        with CallsShown(_watch(session.model)), _kept(session.model):
-            return session.dialogue.revise(reason)
+        with CallsShown(_watch(session.access)), _kept(session.access):
+            return session.revise(reason)
 
     return revise
 

@@ -391,7 +391,7 @@ def name(
     RVSG writes accepted names into labels.yaml and keeps its comments. With --json, it prints the proposals and writes
     nothing.
     """
-    from rvsg.generation.environment_session import propose_names
+    from rvsg.generation.environment import propose_names
     from rvsg.world.edits import edit_world
     from rvsg.world.world_folder import load_world
 

@@ -10,7 +10,7 @@ import json
 import os
 import re
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,8 @@ from rvsg.generation.generator import Call
 from rvsg.generation.prompts import Dialogue, Prompts
 from rvsg.generation.replies import read_object
 from rvsg.generation.reply_json import TEXT, find_json, object_schema, texts_schema
-from rvsg.generation.vlm.model import Answer, Model, Picture
+from rvsg.generation.vlm.access import ModelAccess, model_access
+from rvsg.generation.vlm.model import Access, Answer, Model, Picture
 from rvsg.world.world import Description, World
 from rvsg.world.world_folder import SHIPPED, load_world
 
@@ -93,6 +94,51 @@ class EnvironmentDialogue:
         return Description(layout=_clipped(texts["layout"]), grid=_clipped(texts["grid"]))
 
 
+class EnvironmentSession(EnvironmentDialogue):
+    """A dialogue about a world with a model that is named or replayed."""
+
+    def __init__(self, world: World, access: ModelAccess, prompts: Prompts) -> None:
+        super().__init__(world, access, prompts)
+        self.access = access
+
+    def notes(self) -> list[str]:
+        """Return what came from the record of an earlier session, and where a replay differs from its record."""
+        known, recording = self.access.from_record, self.access.recording
+        earlier = []
+        if known and recording is not None and not self.access.replaying:
+            calls = "1 call was" if known == 1 else f"{known} calls were"
+            earlier = [f"{calls} answered at no cost from {recording.folder}; to ask again, give another --record."]
+        return [*earlier, *self.access.notes()]
+
+    def revised(self, start: Description | None, reasons: Sequence[str]) -> Description:
+        """Return a description corrected for the reasons of a person, of which only the last costs a call.
+
+        `start` is the description that the first reason is about; None lets the model write one first.
+        """
+        made = start or self.describe()
+        if start is not None:
+            self.begin_with(start)
+        for reason in reasons:
+            made = self.revise(reason)
+        return made
+
+
+def open_session(
+    world: World, model: str | None, record: Path | None, prompts: Path | None, **access: Any
+) -> EnvironmentSession | None:
+    """Return a session with a model, or None if neither a model nor a replay is named; calls are recorded."""
+    if model is None and access.get("replay") is None:
+        return None
+    return EnvironmentSession(world, _reach(model, record, f"describe-{world.name}", access), Prompts(prompts))
+
+
+def _reach(model: str | None, record: Path | None, folder: str, access: Mapping[str, Any]) -> ModelAccess:
+    """Return a model ready to be asked, by default with a record in this folder of `runs`."""
+    given = {key: value for key, value in access.items() if value is not None}
+    kept = record or (None if given.get("replay") else Path("runs") / folder)
+    return model_access(model, Access.of(given, record=kept))
+
+
 def _views(world: World) -> tuple[tuple[Picture, ...], Picture, dict[str, Any]]:
     """Return the map (with the view from above, where the heights are known), the grid, and the facts of a world."""
     labelled, grid = pictures_of(world)
@@ -105,6 +151,14 @@ def description_of(world: World) -> Description | None:
     """The description of a world: the one in the user's data folder (newer than a shipped one), else its own."""
     path = stored_path(world)
     return read_description_file(path) if path.is_file() else world.description
+
+
+def stored(world: World, command: str) -> Description:
+    """Return the stored description of a world; InputError without one names the `command` that writes it."""
+    description = description_of(world)
+    if description is None:
+        raise InputError(f"{world.name} has no description yet. Let a model write it: {command}", code="no-description")
+    return description
 
 
 def stored_path(world: World) -> Path:
@@ -232,6 +286,14 @@ def propose_area_names(world: World, model: Model, prompts: Prompts) -> AreaName
         raise GenerationError(f"The model {model.name} proposed no names in two answers. Try another model.")
     names, unusable = _usable(entries, [area.name for area in world.areas])
     return AreaNames(names=names, unusable=unusable, calls=tuple(dialogue.calls))
+
+
+def propose_names(
+    world: World, model: str | None, record: Path | None = None, prompts: Path | None = None, **access: Any
+) -> AreaNames:
+    """Ask a vision language model for better names of the areas of a world; calls are recorded."""
+    reached = _reach(model, record, f"names-{world.name}", access)
+    return propose_area_names(world, reached, Prompts(prompts))
 
 
 def _entries(text: str) -> list[Any] | None:

@@ -32,7 +32,7 @@ from rvsg.campaign.execution import (
 from rvsg.core import permission
 from rvsg.core.errors import RvsgError
 from rvsg.core.files import write_whole
-from rvsg.generation.environment_session import open_session, propose_names, revised
+from rvsg.generation.environment import open_session, propose_names
 from rvsg.generation.generator import proposal_json
 from rvsg.generation.vlm.access import CallNews
 from rvsg.report.terminal import describe_calls
@@ -197,10 +197,10 @@ def describe(work: Work) -> dict[str, Any]:
     given = work.arguments
     session = open_session(rvsg.load_world(_world(given["world"])), record=None, prompts=None, **given["access"])
     assert session is not None, "a model is named"
-    session.model.tell = partial(tell_call, work)
+    session.access.tell = partial(tell_call, work)
     start = Description(**given["start"]) if given["start"] is not None else None
-    made = revised(session, start, given["reasons"])
-    said = " ".join([describe_calls(session.dialogue.calls), *session.notes()])
+    made = session.revised(start, given["reasons"])
+    said = " ".join([describe_calls(session.calls), *session.notes()])
     return {"state": "finished", "layout": made.layout, "grid": made.grid, "said": said}
 
 
