@@ -37,19 +37,18 @@ def written(folder: Path, text: str) -> Path:
 
 
 def test_outline_lidars_and_wheel_speed_are_read_and_with_the_missing_limits_it_is_a_robot_file(tmp_path: Path) -> None:
-    found = read_urdf(written(tmp_path, URDF))
-    assert found.values["name"] == "my_robot"
-    xs, ys = zip(*found.values["footprint"], strict=True)
+    values, missing = read_urdf(written(tmp_path, URDF))
+    assert values["name"] == "my_robot"
+    xs, ys = zip(*values["footprint"], strict=True)
     assert (min(xs), max(xs)) == pytest.approx((-0.35, 0.45))
     assert (min(ys), max(ys)) == pytest.approx((-0.25, 0.32), abs=1e-3)
-    assert found.values["body_height_m"] == pytest.approx(0.45)
-    assert found.values["limits"] == {"speed_m_s": 1.2, "reverse_m_s": 1.2}
-    (lidar,) = found.values["lidars"]
+    assert values["body_height_m"] == pytest.approx(0.45)
+    assert values["limits"] == {"speed_m_s": 1.2, "reverse_m_s": 1.2}
+    (lidar,) = values["lidars"]
     assert (lidar["x"], lidar["y"], lidar["height_m"]) == pytest.approx((0.4, 0.0, 0.2))
     assert (lidar["yaw"], lidar["field_of_view_rad"]) == pytest.approx((0.5 + 0.2, 4.4))
     assert (lidar["rays"], lidar["rate_hz"], lidar["noise_m"]) == (541, 15.0, 0.02)
-    assert any("acceleration_m_s2" in sentence for sentence in found.missing)
-    values = dict(found.values)
+    assert any("acceleration_m_s2" in sentence for sentence in missing)
     wanted = ("yaw_rate_rad_s", "acceleration_m_s2", "deceleration_m_s2", "yaw_acceleration_rad_s2")
     values["limits"] |= dict.fromkeys(wanted, 1.0)
     (tmp_path / "robot.yaml").write_text(yaml.safe_dump(values))
@@ -73,7 +72,7 @@ def test_what_is_no_urdf_is_one_message(tmp_path: Path, text: str) -> None:
 
 def test_a_robot_of_meshes_says_what_is_missing(tmp_path: Path) -> None:
     mesh = '<collision><geometry><mesh filename="a.stl"/></geometry></collision>'
-    found = read_urdf(written(tmp_path, f'<robot name="a"><link name="base_link">{mesh}</link></robot>'))
-    assert "footprint" not in found.values
-    assert len([sentence for sentence in found.missing if sentence.startswith(("footprint", "lidars"))]) == 3
-    assert found.values["lidars"] == []
+    values, missing = read_urdf(written(tmp_path, f'<robot name="a"><link name="base_link">{mesh}</link></robot>'))
+    assert "footprint" not in values
+    assert len([sentence for sentence in missing if sentence.startswith(("footprint", "lidars"))]) == 3
+    assert values["lidars"] == []

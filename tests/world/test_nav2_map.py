@@ -61,18 +61,17 @@ CASES: dict[str, tuple[np.ndarray, dict[str, Any], list[int], str]] = {
 @pytest.mark.parametrize("case", CASES)
 def test_pixels_become_cells_as_in_nav2(tmp_path: Path, case: str) -> None:
     pixels, header, cells, note = CASES[case]
-    read = load_nav2_map(write_pixels(tmp_path, np.vstack([pixels, pixels]), image="m.png", **header))
-    assert read.occupancy.cells.tolist() == [cells, cells]
-    assert read.occupancy.resolution == 0.05
-    assert not note or any(note in said for said in read.notes)
+    read, notes = load_nav2_map(write_pixels(tmp_path, np.vstack([pixels, pixels]), image="m.png", **header))
+    assert (read.cells.tolist(), read.resolution) == ([cells, cells], 0.05)
+    assert not note or any(note in said for said in notes)
 
 
 def test_row_zero_is_the_lowest_the_origin_is_kept_and_thresholds_can_be_overridden(tmp_path: Path) -> None:
     path = write_pixels(tmp_path, grey([0, 205], [254, 254]), origin="[-1.5, 2, 0.25]", free_thresh=0.25)
-    occupancy = load_nav2_map(path).occupancy
+    occupancy = load_nav2_map(path)[0]
     assert occupancy.cells.tolist() == [[0, 0], [100, 0]]
     assert occupancy.origin == Pose(x=-1.5, y=2.0, yaw=0.25)
-    assert load_nav2_map(path, free_thresh=0.196).occupancy.cells[1, 1] == UNKNOWN
+    assert load_nav2_map(path, free_thresh=0.196)[0].cells[1, 1] == UNKNOWN
 
 
 @pytest.mark.parametrize(
@@ -167,7 +166,7 @@ def test_every_public_map_reads() -> None:
     data = published_data()
     assert data is not None
     for path in sorted((data / "maps").glob("*.yaml")):
-        occupancy = upright(load_nav2_map(path).occupancy)
+        occupancy = upright(load_nav2_map(path)[0])
         assert np.count_nonzero(occupancy.cells == FREE) > 50
         assert np.count_nonzero(occupancy.cells == OCCUPIED) > 20
 
@@ -224,6 +223,6 @@ def test_a_written_map_reads_back_equal(tmp_path: Path) -> None:
     cells = np.random.default_rng(3).choice(np.array([0, 100, 255], np.uint8), (31, 47))
     occupancy = map_of(cells, x=-1.23456789, y=2.5)
     write_map(occupancy, tmp_path)
-    again = load_nav2_map(tmp_path / "map.yaml").occupancy
+    again = load_nav2_map(tmp_path / "map.yaml")[0]
     assert (again.cells == cells).all()
     assert (again.resolution, again.origin) == (occupancy.resolution, occupancy.origin)

@@ -217,7 +217,7 @@ def test_a_map_of_2000_by_2000_cells_is_read_gridded_and_drawn_in_seconds(
 ) -> None:
     write_map(hall[0], tmp_path)
     began = time.process_time()
-    world = build_world(name="hall", occupancy=load_nav2_map(tmp_path / "map.yaml").occupancy, areas=hall[1])
+    world = build_world(name="hall", occupancy=load_nav2_map(tmp_path / "map.yaml")[0], areas=hall[1])
     pictures = [draw_plan(world, show=show) for show in (LABELLED, GRID)]
     assert all(png_bytes(picture.image) for picture in pictures)
     assert time.process_time() - began < 20.0  # far from quadratic; a busy machine takes longer

@@ -145,7 +145,7 @@ def test_the_map_drawn_from_the_objects_is_the_map_the_study_recorded() -> None:
     """The recorded map is shifted by about 0.15 m against the world, and shows only what the robot came to see."""
     assert DATA is not None
     drawn = load_world("warehouse").occupancy
-    recorded = load_nav2_map(DATA / "maps" / "study_warehouse.yaml").occupancy
+    recorded = load_nav2_map(DATA / "maps" / "study_warehouse.yaml")[0]
     shift = np.array([0.15, 0.15])
     to_obstacle = distance_transform_edt(drawn.cells != 100) * drawn.resolution
 

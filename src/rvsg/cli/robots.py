@@ -59,9 +59,9 @@ def _print_urdf(path: Path) -> None:
 
     from rvsg.core.plugins import find_format
 
-    found = find_format("robot", "urdf")(path)
-    print(yaml.safe_dump(found.values, sort_keys=False, default_flow_style=None, width=120), end="")
-    for sentence in found.missing:
+    values, missing = find_format("robot", "urdf")(path)
+    print(yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=120), end="")
+    for sentence in missing:
         print(f"# {sentence}")
         console.say(f"missing: {sentence}")
 

@@ -267,15 +267,12 @@ def read_nav2_source(
     path: Path, *, lidar_height_m: float, progress: Progress | None, free_thresh: float | None = None
 ) -> WorldSource:
     """Return the map of a Nav2 map file; one with a turned origin is laid along the axes of its frame."""
-    read = load_nav2_map(path, free_thresh=free_thresh)
-    occupancy = upright(read.occupancy)
-    notes = read.notes
-    if occupancy is not read.occupancy and read.occupancy.origin.yaw:
-        notes += (
-            f"the map was turned by its origin's yaw of {read.occupancy.origin.yaw:g} rad onto the axes of the map "
-            "frame; positions are the same.",
-        )
-    return WorldSource(occupancy=occupancy, notes=notes)
+    read, notes = load_nav2_map(path, free_thresh=free_thresh)
+    yaw = read.origin.yaw
+    if yaw:
+        turned = f"the map was turned by its origin's yaw of {yaw:g} rad onto the axes of the map frame"
+        notes += (f"{turned}; positions are the same.",)
+    return WorldSource(occupancy=upright(read), notes=notes)
 
 
 def read_objects_source(path: Path, *, lidar_height_m: float, progress: Progress | None) -> WorldSource:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,16 +33,6 @@ IMAGE_FORMATS = ("PPM", "PNG", "BMP")
 IMAGE_SUFFIXES = (".pgm", ".png", ".bmp")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Nav2Map:
-    """A map as read: the occupancy (its origin may be turned), the image it came from, and what is worth knowing."""
-
-    occupancy: OccupancyMap
-    image: Path
-    mode: str
-    notes: tuple[str, ...] = ()
-
-
 class _Header(NamedTuple):
     image: Path
     resolution: float
@@ -53,8 +43,8 @@ class _Header(NamedTuple):
     free_thresh: float
 
 
-def load_nav2_map(path: str | Path, *, free_thresh: float | None = None) -> Nav2Map:
-    """Read `map.yaml` and its image; the threshold below which a cell is free can be overridden.
+def load_nav2_map(path: str | Path, *, free_thresh: float | None = None) -> tuple[OccupancyMap, tuple[str, ...]]:
+    """Return the map of a `map.yaml`, whose origin may be turned, and notes; `free_thresh` overrides that of the file.
 
     Raises FileError with everything that is wrong in the header at once, or with what is wrong with the image.
     """
@@ -96,8 +86,8 @@ def load_nav2_map(path: str | Path, *, free_thresh: float | None = None) -> Nav2
         )
     if counts[OCCUPIED] == 0:
         notes.append("the map holds no obstacle at all: is this the right image?")
-    occupancy = OccupancyMap(cells=np.ascontiguousarray(cells), resolution=header.resolution, origin=header.origin)
-    return Nav2Map(occupancy=occupancy, image=header.image, mode=header.mode, notes=tuple(notes))
+    cells = np.ascontiguousarray(cells)
+    return OccupancyMap(cells=cells, resolution=header.resolution, origin=header.origin), tuple(notes)
 
 
 def classify(shade: NDArray[np.float64], opaque: NDArray[np.bool_], header: Any) -> NDArray[np.int16]:
@@ -128,7 +118,7 @@ def trinary(values: NDArray[np.int16]) -> NDArray[np.uint8]:
 
 def read_map(path: str | Path) -> OccupancyMap:
     """Return the map with its cells along the axes of the map frame; raises as `load_nav2_map` does."""
-    return upright(load_nav2_map(path).occupancy)
+    return upright(load_nav2_map(path)[0])
 
 
 def upright(occupancy: OccupancyMap) -> OccupancyMap:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,18 +25,8 @@ SIDES = 16
 TALLEST_M = 2.5
 
 
-@dataclass(frozen=True)
-class FromUrdf:
-    """A robot file in the making."""
-
-    values: dict[str, Any]
-    """Keys of a robot file that the URDF determines."""
-    missing: tuple[str, ...]
-    """What to add, one sentence each."""
-
-
-def read_urdf(path: Path) -> FromUrdf:
-    """Read what a URDF file says of a robot.
+def read_urdf(path: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return the keys of a robot file that a URDF file determines, and what to add, one sentence each.
 
     Shapes are boxes, cylinders and spheres; their outline in the frame of `base_footprint`, or else of `base_link` or
     the root link, becomes the footprint.
@@ -80,7 +69,7 @@ def read_urdf(path: Path) -> FromUrdf:
 
 def _robot_file(
     root: Element, path: Path, points: Floats, meshes: set[str], lidars: list[dict[str, Any]], speed: float | None
-) -> FromUrdf:
+) -> tuple[dict[str, Any], tuple[str, ...]]:
     missing: list[str] = []
     values: dict[str, Any] = {
         "name": _name(root.attributes.get("name") or path.stem),
@@ -105,7 +94,7 @@ def _robot_file(
     if not lidars:
         missing.append("lidars: no sensor of the type ray, gpu_ray, lidar or gpu_lidar; give at least one")
     missing.append("drive: differential is assumed; say so if it is omnidirectional or ackermann")
-    return FromUrdf(values=values, missing=tuple(missing))
+    return values, tuple(missing)
 
 
 def _name(text: str) -> str:
