@@ -8,18 +8,50 @@ from typing import Any
 import pytest
 
 from rvsg.cli import main
+from rvsg.core.errors import RvsgError
 
 
-def rvsg(*parts: object, code: int = 0) -> None:
-    """Run a command and check its exit code; strings among its parts are split into words, lists taken as they are."""
+def words_of(*parts: object) -> list[str]:
+    """Return the words of a command; strings among its parts are split into words, lists taken as they are."""
     words: list[str] = []
     for part in parts:
         words += part.split() if isinstance(part, str) else part if isinstance(part, list) else [str(part)]
-    assert main(words) == code, words
+    return words
 
 
-def printed(capsys: pytest.CaptureFixture[str], *parts: object) -> Any:
-    """Run a command with `--json` and return what it prints on standard output."""
-    capsys.readouterr()
-    rvsg(*parts, "--json")
-    return json.loads(capsys.readouterr().out)
+def rvsg(*parts: object, code: int = 0) -> None:
+    """Run a command and check its exit code."""
+    assert main(words_of(*parts)) == code, words_of(*parts)
+
+
+class Terminal:
+    """Runs commands in a folder of their own; holds what the last one printed."""
+
+    def __init__(self, capsys: pytest.CaptureFixture[str], errors: list[RvsgError]) -> None:
+        self._capsys, self._errors = capsys, errors
+        self.out = self.err = ""
+
+    def __call__(self, *parts: object, code: int = 0) -> str:
+        """Run a command, check its exit code, and return what it says on standard error."""
+        self._capsys.readouterr()
+        self._errors.clear()
+        ended = main(words_of(*parts))
+        self.out, self.err = self._capsys.readouterr()
+        assert ended == code, (words_of(*parts), self.err)
+        assert "Traceback" not in self.err
+        return self.err
+
+    def json(self, *parts: object) -> Any:
+        """Run a command with `--json` and return what it prints on standard output."""
+        self(*parts, "--json")
+        return json.loads(self.out)
+
+    @property
+    def error(self) -> Any:
+        """The error that the last command ended with; None where its options could not be read."""
+        return self._errors[-1] if self._errors else None
+
+    def refused(self, *parts: object) -> Any:
+        """Run a command that is refused, and return the error that it ends with."""
+        self(*parts, code=2)
+        return self.error

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import pytest
+from tests.cli.commands import Terminal
 
 from rvsg.cli import frame
 from rvsg.core.errors import RvsgError
@@ -22,3 +24,12 @@ def errors(monkeypatch: pytest.MonkeyPatch) -> list[RvsgError]:
 
     monkeypatch.setattr(frame, "_tell", noted)
     return found
+
+
+@pytest.fixture
+def terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], errors: list[RvsgError]
+) -> Terminal:
+    """A terminal in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    return Terminal(capsys, errors)

@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.cli.commands import Terminal
 
 from rvsg.app.folder import LEDGER
 from rvsg.cli import main
-from rvsg.core.errors import InvalidOptions, NewerStore, RvsgError, UnknownName
+from rvsg.core.errors import NewerStore, RvsgError, UnknownName
 from rvsg.core.outputs import check_writable
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.store.sqlite import SqliteLedger
@@ -44,45 +45,25 @@ FILES = {
 }
 
 
-class Refusal(str):
-    """The message of a refused command, with the error it stands for; None where the options could not be read."""
-
-    error: RvsgError | None = None
-
-    @property
-    def code(self) -> str | None:
-        """The code of the error."""
-        return self.error.code if self.error is not None else None
-
-
-Refused = Callable[..., Refusal]
+Refused = Callable[..., Terminal]
 
 
 @pytest.fixture
-def refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], errors: list[RvsgError]
-) -> Refused:
-    """Run a command in a folder that it must leave as it was; returns the message."""
-    monkeypatch.chdir(tmp_path)
+def refused(terminal: Terminal) -> Refused:
+    """Run a command that is refused and leaves the folder as it was; returns the terminal."""
 
-    def run(*arguments: str) -> Refusal:
-        errors.clear()
-        before = _content(tmp_path)
-        assert main(list(arguments)) == 2
-        captured = capsys.readouterr()
-        assert captured.out == ""
-        assert "Traceback" not in captured.err
-        assert captured.err.strip()
-        assert _content(tmp_path) == before
-        refusal = Refusal(captured.err)
-        refusal.error = errors[-1] if errors else None
-        return refusal
+    def run(*parts: object) -> Terminal:
+        before = _content()
+        terminal(*parts, code=2)
+        assert terminal.out == "" and terminal.err.strip()
+        assert _content() == before
+        return terminal
 
     return run
 
 
-def _content(folder: Path) -> dict[str, bytes]:
-    return {str(path): path.read_bytes() if path.is_file() else b"" for path in folder.rglob("*")}
+def _content() -> dict[str, bytes]:
+    return {str(path): path.read_bytes() if path.is_file() else b"" for path in Path().rglob("*")}
 
 
 @pytest.mark.parametrize(
@@ -127,16 +108,13 @@ def _content(folder: Path) -> dict[str, bytes]:
         ),
     ],
 )
-def test_bad_input_is_refused_with_what_and_where(
-    refused: Refused, tmp_path: Path, command: str, expected: dict[str, Any]
-) -> None:
+def test_bad_input_is_refused_with_what_and_where(refused: Refused, command: str, expected: dict[str, Any]) -> None:
     if "cluster" in command:
         pytest.importorskip("distributed")
     for name, text in FILES.items():
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text(text)
-    given = [each for word in shlex.split(command) for each in (SMALL if word == "@" else [word])]
-    error: Any = refused(*given).error
+        Path(name).parent.mkdir(exist_ok=True)
+        Path(name).write_text(text)
+    error = refused([each for word in shlex.split(command) for each in (SMALL if word == "@" else [word])]).error
     found = {key: getattr(error, key) for key in expected if key != "lines"}
     if "path" in found:
         found["path"] = str(found["path"])
@@ -169,11 +147,11 @@ def test_bad_input_is_refused_with_what_and_where(
 )
 def test_a_number_or_word_that_makes_no_sense_is_refused(refused: Refused, option: str, value: str) -> None:
     told = refused("run", *SMALL, option, value)
-    assert option in told or option.removeprefix("--").replace("-", "_") in told
+    assert option in told.err or option.removeprefix("--").replace("-", "_") in told.err
 
 
 def test_a_campaign_file_that_is_absent_is_named(refused: Refused) -> None:
-    assert "nowhere.yaml" in refused("run", "nowhere.yaml")
+    assert "nowhere.yaml" in refused("run nowhere.yaml").err
 
 
 @pytest.mark.parametrize(
@@ -181,7 +159,7 @@ def test_a_campaign_file_that_is_absent_is_named(refused: Refused) -> None:
 )
 def test_an_option_that_a_plug_in_does_not_take_is_told_without_python(refused: Refused, kind: str, name: str) -> None:
     told = refused("run", *SMALL, f"--{kind}", name, f"--{kind}-option", "foo=1")
-    assert told.code == "unknown-option" and "__init__" not in told
+    assert told.error.code == "unknown-option" and "__init__" not in told.err
 
 
 @pytest.mark.parametrize("option", [("--model", "openai-chat:x"), ("--replay", "r"), ("--conversation", "study")])
@@ -190,14 +168,14 @@ def test_an_option_of_a_model_that_nobody_asks_is_refused(
     refused: Refused, option: tuple[str, str], generator: str
 ) -> None:
     told = refused("run", *SMALL, "--generator", generator, *option)
-    assert told.code == "model-options-unused"
-    assert option[0] in told and generator in told
+    assert told.error.code == "model-options-unused"
+    assert option[0] in told.err and generator in told.err
 
 
 @pytest.mark.parametrize("option", ["stop_gap_m=abc", "stop_gap_m=-5", "robot_speed_m_s=.inf", "robot_speed_m_s=nan"])
 def test_options_of_the_kinematic_simulator_that_are_no_numbers_are_refused(refused: Refused, option: str) -> None:
     said = refused("run", *SMALL, "--simulator-option", option)
-    assert said.code == "plug-in-options" and option.split("=")[0] in said
+    assert said.error.code == "plug-in-options" and option.split("=")[0] in said.err
 
 
 @pytest.mark.parametrize("verb", ["simulate", "evaluate", "scenario shrink", "report", "run"])
@@ -207,7 +185,7 @@ def test_a_file_that_is_none_is_named_and_left_as_it_is(refused: Refused, tmp_pa
     (tmp_path / "empty").write_bytes(b"nonsense: 1" if verb == "run" else b"")
     (tmp_path / "binary").write_bytes(b"\xff\xfe\x00\x01binary")
     told = refused(*verb.split(), what)
-    assert what in told or "no run in the files" in told
+    assert what in told.err or "no run in the files" in told.err
 
 
 def test_a_store_of_a_newer_version_is_left_alone(refused: Refused, tmp_path: Path) -> None:
@@ -224,7 +202,7 @@ def test_a_store_of_a_newer_version_is_left_alone(refused: Refused, tmp_path: Pa
 def test_a_report_of_imported_results_names_the_tables(refused: Refused, tmp_path: Path) -> None:
     with SqliteLedger(tmp_path / "ledger.sqlite") as ledger:
         ledger.begin("distance/route_1/0", {"imported": "here"})
-    assert refused("report", ".").code == "imported-results"
+    assert refused("report", ".").error.code == "imported-results"
 
 
 @pytest.mark.parametrize(
@@ -235,25 +213,21 @@ def test_a_replay_folder_without_a_call_says_whether_the_file_is_missing_or_brok
 ) -> None:
     if content is not None:
         (tmp_path / "calls.jsonl").write_text(content, encoding="utf-8")
-    assert told in refused("run", *SMALL[:2], "--replay", ".", "--out", "out")
+    assert told in refused("run", SMALL[:2], "--replay . --out out").err
 
 
-def test_templates_and_recorded_calls_may_be_there_before_a_campaign(tmp_path: Path) -> None:
+def test_templates_and_recorded_calls_may_be_there_before_a_campaign(terminal: Terminal) -> None:
     for name in ("prompts", "vlm"):
-        (tmp_path / "one" / name).mkdir(parents=True)
-    (tmp_path / "one" / ".hidden").touch()
-    number = ["--simulator-option", "stop_gap_m=5e-1"]  # a word for YAML
-    assert main(["run", *SMALL, *number, "--confirmations", "0", "--out", str(tmp_path / "one")]) == 0
+        Path("one", name).mkdir(parents=True)
+    Path("one/.hidden").touch()
+    number = "--simulator-option stop_gap_m=5e-1"  # a word for YAML
+    terminal("run", SMALL, number, "--confirmations 0 --out one")
 
 
-def test_other_settings_are_listed_once_and_as_options(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, errors: list[RvsgError]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(["run", *SMALL, "--repeats", "1", "--confirmations", "0", "--out", "c"]) == 0
-    assert main(["run", *SMALL, "--out", "c", "--route", "route_2", "--seed", "3"]) == 2
-    assert isinstance(errors[-1], InvalidOptions)
-    assert (errors[-1].code, errors[-1].keys) == ("other-settings", ("route", "seed"))
+def test_other_settings_are_listed_once_and_as_options(terminal: Terminal) -> None:
+    terminal("run", SMALL, "--repeats 1 --confirmations 0 --out c")
+    error = terminal.refused("run", SMALL, "--out c --route route_2 --seed 3")
+    assert (error.code, error.keys) == ("other-settings", ("route", "seed"))
 
 
 @pytest.fixture(scope="module")
@@ -300,28 +274,23 @@ def test_a_scenario_that_cannot_be_simulated_is_refused(
     inside[place[-1]] = value(inside[place[-1]]) if callable(value) else value
     Path("s.json").write_text(json.dumps(scenario))
     told = refused("simulate", "s.json", "--out", "runs.jsonl")
-    assert told.code == code and said in told
+    assert told.error.code == code and said in told.err
     if code == "record-invalid":
-        assert told.endswith(".\n") and ".." not in told and ".;" not in told
+        assert told.err.endswith(".\n") and ".." not in told.err and ".;" not in told.err
 
 
 def test_a_scenario_of_another_world_is_refused(refused: Refused, scenario: dict[str, Any]) -> None:
-    assert refused("simulate", "s.json", "--world", "office", "--out", "runs.jsonl").code == "world-other"
+    assert refused("simulate", "s.json", "--world", "office", "--out", "runs.jsonl").error.code == "world-other"
 
 
-@pytest.mark.parametrize("verb", [["simulate"], ["scenario", "shrink"]])
+@pytest.mark.parametrize("verb", ["simulate", "scenario shrink"])
 def test_a_robot_that_the_simulator_does_not_drive_is_refused(
-    refused: Refused,
-    scenario: dict[str, Any],
-    monkeypatch: pytest.MonkeyPatch,
-    errors: list[RvsgError],
-    verb: list[str],
+    refused: Refused, scenario: dict[str, Any], monkeypatch: pytest.MonkeyPatch, errors: list[RvsgError], verb: str
 ) -> None:
     scenario["mission"]["robot"] = "nope"
     Path("s.json").write_text(json.dumps(scenario))
-    asked = [*verb, "s.json", "--simulator", "kinematic", "--out", "out"]
-    error = refused(*asked).error
-    assert isinstance(error, UnknownName)
+    asked = [*verb.split(), "s.json", "--simulator", "kinematic", "--out", "out"]
+    error = refused(asked).error
     assert (error.kind, error.name, error.known) == ("robot", "nope", ["tiago_omni"])
     monkeypatch.setattr(KinematicSimulator, "robots", ("nope",), raising=False)
     errors.clear()
@@ -334,7 +303,7 @@ def test_a_proposal_in_the_place_of_runs_is_not_called_broken_json(
     refused: Refused, _proposed: str, metric: tuple[str, ...]
 ) -> None:
     Path("p.json").write_text(_proposed)
-    assert refused("evaluate", *metric, "p.json").code == "no-runs"
+    assert refused("evaluate", *metric, "p.json").error.code == "no-runs"
 
 
 @pytest.fixture
@@ -346,18 +315,15 @@ def a_run(scenario: dict[str, Any]) -> dict[str, Any]:
 
 
 def test_runs_in_the_place_of_a_scenario_are_called_runs(refused: Refused, a_run: dict[str, Any]) -> None:
-    assert refused("simulate", "r.jsonl").code == "runs-not-scenario"
+    assert refused("simulate", "r.jsonl").error.code == "runs-not-scenario"
 
 
-def test_a_truncated_run_is_found_at_its_line(
-    refused: Refused, scenario: dict[str, Any], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_truncated_run_is_found_at_its_line(refused: Refused, terminal: Terminal, scenario: dict[str, Any]) -> None:
     runs = Path("runs.jsonl")
-    assert main(["simulate", "s.json", "--simulator", "kinematic", "--repeats", "2", "--out", str(runs)]) == 0
-    assert main(["evaluate", str(runs), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["verdict"]["runs"] == 2
+    terminal("simulate s.json --simulator kinematic --repeats 2 --out runs.jsonl")
+    assert terminal.json("evaluate runs.jsonl")["verdict"]["runs"] == 2
     runs.write_text(runs.read_text()[:-500])
-    error: Any = refused("evaluate", "runs.jsonl").error
+    error = refused("evaluate runs.jsonl").error
     assert (error.path.name, error.line) == ("runs.jsonl", 2)
 
 
@@ -393,13 +359,12 @@ def test_a_run_that_is_wrong_is_told_with_its_key_and_line(
     refusal = refused("evaluate", "wrong.jsonl")
     error: Any = refusal.error
     assert (error.code, error.line) == (code, 1)
-    assert told in refusal and "pydantic" not in refusal
+    assert told in refusal.err and "pydantic" not in refusal.err
     assert not isinstance(change, tuple) or error.reason.startswith(told)
 
 
-def test_a_run_that_is_given_twice_counts_once(a_run: dict[str, Any], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["evaluate", "r.jsonl", "r.jsonl", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+def test_a_run_that_is_given_twice_counts_once(terminal: Terminal, a_run: dict[str, Any]) -> None:
+    told = terminal.json("evaluate r.jsonl r.jsonl")
     assert told["verdict"]["runs"] == 1 and len(told["notes"]) == 1
 
 
@@ -411,7 +376,7 @@ def test_a_result_that_could_not_be_written_is_refused_before_the_work(
     Path("folder").mkdir()
     Path("file").write_text("")
     told = refused(*verb.split(), *(SMALL[:2] if "s.json" in verb else ()), "--out", out)
-    assert out.split("/")[0] in told and "seed" not in told and "valid" not in told
+    assert out.split("/")[0] in told.err and "seed" not in told.err and "valid" not in told.err
 
 
 @pytest.mark.parametrize(
@@ -428,20 +393,20 @@ def test_a_file_in_the_place_of_a_folder_for_output_is_told_with_the_option(
 ) -> None:
     (tmp_path / "file").write_text("")
     told = refused(*asked.split())
-    assert told.code == "not-writable" and asked.split()[-2] in told
+    assert told.error.code == "not-writable" and asked.split()[-2] in told.err
 
 
-def test_every_verb_makes_the_folders_of_its_output(a_run: dict[str, Any]) -> None:
+def test_every_verb_makes_the_folders_of_its_output(terminal: Terminal, a_run: dict[str, Any]) -> None:
     for asked in (
-        ["scenario", "propose", "--out", "a/b/proposal.json"],
-        ["simulate", "s.json", *SMALL[:2], "--out", "c/d/runs.jsonl"],
-        ["evaluate", "r.jsonl", "--scenario", "s.json", "--feedback", "e/f/feedback.json"],
-        ["run", *SMALL, "--confirmations", "0", "--out", "g/h", "--junit", "i/j/junit.xml"],
-        ["report", "g/h", "--html", "k/l/page.html"],
-        ["scenario", "prompt", "--copy", "compact-new", "--to", "m/n"],
+        "scenario propose --out a/b/proposal.json",
+        "simulate s.json --simulator kinematic --out c/d/runs.jsonl",
+        "evaluate r.jsonl --scenario s.json --feedback e/f/feedback.json",
+        f"run {' '.join(SMALL)} --confirmations 0 --out g/h --junit i/j/junit.xml",
+        "report g/h --html k/l/page.html",
+        "scenario prompt --copy compact-new --to m/n",
     ):
-        assert main(asked) == 0
-        assert Path(asked[-1]).exists()
+        terminal(asked)
+        assert Path(asked.split()[-1]).exists()
 
 
 def test_a_device_that_is_no_file_of_ours_may_be_written(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -451,7 +416,7 @@ def test_a_device_that_is_no_file_of_ours_may_be_written(monkeypatch: pytest.Mon
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder that takes no file, whatever its rights")
 def test_a_junit_file_that_cannot_be_made_is_told_before_the_campaign(refused: Refused) -> None:
-    assert refused("run", *SMALL, "--out", "new", "--junit", "/proc/x.xml").code == "not-writable"
+    assert refused("run", *SMALL, "--out", "new", "--junit", "/proc/x.xml").error.code == "not-writable"
 
 
 @pytest.mark.slow

@@ -6,38 +6,32 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from tests.cli.commands import printed
+from tests.cli.commands import Terminal
 from tests.recordings import CAMPAIGNS, FOLDERS
 
-from rvsg.cli import main
 from rvsg.cli.demo import recording_folder, shipped_recordings, what_it_means
-from rvsg.core.errors import RvsgError
 from rvsg.evaluation.verdict import DEFAULT, Status
 from rvsg.scenario.requirement import load_requirement
 
 
 @pytest.mark.slow
 def test_a_recorded_campaign_runs_strictly_without_a_model_and_says_what_its_verdict_means(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("RVSG_DATA_DIR", str(tmp_path / "data"))
-    out = tmp_path / "demo"
+    monkeypatch.setenv("RVSG_DATA_DIR", "data")
     few = "--repeats 1 --confirmations 1 --jobs 1"
-    result = printed(capsys, "demo warehouse-route_1-R1 --strict --out", out, few)
+    result = terminal.json("demo warehouse-route_1-R1 --strict --out demo", few)
     assert result["accounting"]["calls"] == 9
     assert len(result["ranking"]) == 3
-    assert not (out / "vlm").exists()
+    assert not Path("demo/vlm").exists()
     assert result["confirmed"][0]["verdict"]["status"] == "INCONCLUSIVE"
 
 
-def test_demos_are_listed_and_a_wrong_name_is_answered(
-    errors: list[RvsgError], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["demo", "--list"]) == 0
-    assert capsys.readouterr().out.split() == list(shipped_recordings()) == ["warehouse-route_1-R1"]
+def test_demos_are_listed_and_a_wrong_name_is_answered(terminal: Terminal) -> None:
+    terminal("demo --list")
+    assert terminal.out.split() == list(shipped_recordings()) == ["warehouse-route_1-R1"]
     assert recording_folder(str(FOLDERS["warehouse-route_3-R3"])) == FOLDERS["warehouse-route_3-R3"]
-    assert main(["demo", "warehouse-route_1-R7"]) == 2
-    assert errors[-1].code == "unknown-name"
+    assert terminal.refused("demo warehouse-route_1-R7").code == "unknown-name"
 
 
 def test_recorded_campaigns_hold_no_pictures_keys_or_paths_of_a_machine() -> None:

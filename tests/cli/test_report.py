@@ -6,20 +6,17 @@ import shutil
 from pathlib import Path
 
 import pytest
-from tests.cli.commands import printed, rvsg
+from tests.cli.commands import Terminal
 from tests.cli.test_run import SMALL, records
 
 from rvsg.app.folder import LEDGER
-from rvsg.cli import main
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
-Told = pytest.CaptureFixture[str]
 
-
-def cut_off(out: Path, before_run: int, *asked: str) -> None:
+def cut_off(terminal: Terminal, before_run: int, asked: str) -> None:
     """A campaign of 6 attempts with 2 runs each and 4 to confirm, interrupted before one of its runs."""
     original, made = KinematicSimulator.run, []
 
@@ -31,7 +28,7 @@ def cut_off(out: Path, before_run: int, *asked: str) -> None:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(KinematicSimulator, "run", interrupted)
-        assert main(["run", *SMALL, *asked, "--out", str(out)]) == 3
+        terminal("run", SMALL, asked, code=3)
 
 
 @pytest.mark.parametrize(
@@ -43,53 +40,41 @@ def cut_off(out: Path, before_run: int, *asked: str) -> None:
     ],
 )
 def test_a_campaign_that_was_cut_off_says_how_far_it_came_and_how_to_go_on(
-    tmp_path: Path, capsys: Told, before_run: int, how_far: str, ranked: bool
+    terminal: Terminal, before_run: int, how_far: str, ranked: bool
 ) -> None:
-    cut_off(tmp_path / "one", before_run)
-    capsys.readouterr()
-    for store in (tmp_path / "one", tmp_path / "one" / LEDGER):
-        assert main(["report", str(store)]) == 0
-        told = capsys.readouterr().err
-        go_on = f"rvsg run --out {tmp_path / 'one'}"
-        assert how_far in told and f"Resume with: {go_on}\n" in told
+    cut_off(terminal, before_run, "--out one")
+    for store in ("one", f"one/{LEDGER}"):
+        told = terminal("report", store)
+        assert how_far in told and "Resume with: rvsg run --out one\n" in told
         assert ("verdict" in told) is ranked
-    copy = shutil.copy(tmp_path / "one" / LEDGER, tmp_path / "copy.sqlite")
-    rvsg("report", copy)
-    told = capsys.readouterr().err
+    shutil.copy(f"one/{LEDGER}", "copy.sqlite")
+    told = terminal("report copy.sqlite")
     assert how_far in told and "Resume with" not in told
-    assert printed(capsys, go_on.removeprefix("rvsg "))["complete"]
+    assert terminal.json("run --out one")["complete"]
 
 
-def test_the_folder_of_separate_campaigns_has_an_overview_and_links_both_ways(tmp_path: Path, capsys: Told) -> None:
-    cut_off(tmp_path / "one", 7)
-    cut_off(tmp_path / "two", 7, "--route", "route_2")
-    capsys.readouterr()
-    assert main(["report", str(tmp_path)]) == 0
-    told = capsys.readouterr().err
-    assert all(f"Resume with: rvsg run --out {tmp_path / name}\n" in told for name in ("one", "two"))
-    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+def test_the_folder_of_separate_campaigns_has_an_overview_and_links_both_ways(terminal: Terminal) -> None:
+    cut_off(terminal, 7, "--out all/one")
+    cut_off(terminal, 7, "--route route_2 --out all/two")
+    told = terminal("report all")
+    text = Path("all/report.html").read_text(encoding="utf-8")
     for name in ("one", "two"):
+        assert f"Resume with: rvsg run --out all/{name}\n" in told
         assert f'href="{name}/report.html"' in text
-        assert 'href="../report.html"' in (tmp_path / name / "report.html").read_text(encoding="utf-8")
+        assert 'href="../report.html"' in Path(f"all/{name}/report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
-def test_of_several_campaigns_each_that_was_cut_off_or_never_began_is_told(tmp_path: Path, capsys: Told) -> None:
-    folder = tmp_path / "all"
-    asked = ["--route", "route_1", "--route", "route_2", "--route", "route_3"]
-    assert main(["run", *SMALL, *asked, "--out", str(folder)]) == 0
-    whole = records(folder / "route_2-R1")
+def test_of_several_campaigns_each_that_was_cut_off_or_never_began_is_told(terminal: Terminal) -> None:
+    terminal("run", SMALL, "--route route_1 --route route_2 --route route_3 --out all")
+    whole = records(Path("all/route_2-R1"))
     for name in ("route_1-R1", "route_2-R1", "route_3-R1"):
-        shutil.rmtree(folder / name)
-    cut_off(folder / "route_1-R1", 1)
-    cut_off(folder / "route_2-R1", 7, "--route", "route_2")
-    capsys.readouterr()
-    assert main(["report", str(folder)]) == 0
-    told = capsys.readouterr().err
+        shutil.rmtree(Path("all") / name)
+    cut_off(terminal, 1, "--out all/route_1-R1")
+    cut_off(terminal, 7, "--route route_2 --out all/route_2-R1")
+    told = terminal("report all")
     assert "0 of 6" in told and "3 of 6" in told
-    assert f"Resume with: rvsg run --out {folder}\n" in told
-    assert main(["run", "--out", str(folder)]) == 0
-    assert records(folder / "route_2-R1") == whole
-    capsys.readouterr()
-    assert main(["report", str(folder)]) == 0
-    assert "Resume with" not in capsys.readouterr().err
+    assert "Resume with: rvsg run --out all\n" in told
+    terminal("run --out all")
+    assert records(Path("all/route_2-R1")) == whole
+    assert "Resume with" not in terminal("report all")

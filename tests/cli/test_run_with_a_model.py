@@ -7,11 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.cli.commands import rvsg
-from tests.generation.loopback import Behaviour, drops_in_mid_reply, fails, raw, says, serving
-
-from rvsg.cli import main
-from rvsg.core.errors import RvsgError
+from tests.cli.commands import Terminal
+from tests.generation.loopback import Behaviour, LoopbackServer, drops_in_mid_reply, fails, raw, says, serving
 
 KEY = "sk-campaign-secret-key-42424242"
 
@@ -29,17 +26,19 @@ GOOD = json.dumps({"analysis": "They meet.", "description": "Restocking.", "huma
 
 
 @pytest.fixture(autouse=True)
-def _environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _environment(terminal: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RVSG_API_KEY", KEY)
-    monkeypatch.setenv("RVSG_DATA_DIR", str(tmp_path / "data"))
-    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("RVSG_DATA_DIR", "data")
 
 
-def run(url: str, *more: str, scenarios: int = 2) -> int:
-    options = ["--model", "openai-chat:vision-1", "--base-url", url, "--simulator", "kinematic", "--out", "c"]
-    counts = ["--scenarios", str(scenarios), "--refinements", "0", "--repeats", "1", "--confirmations", "0"]
-    quick = ["--jobs", "1", "--generator-option", "tries=2", "--generator-option", "call_timeout_s=5"]
-    return main(["run", *options, *counts, *quick, *more])
+def of(server: LoopbackServer) -> str:
+    return f"--model openai-chat:vision-1 --base-url {server.url}"
+
+
+COUNTS = "--refinements 0 --repeats 1 --confirmations 0 --jobs 1 --simulator kinematic --out c"
+RUN = f"run {COUNTS} --scenarios 2 --generator-option tries=2 --generator-option call_timeout_s=5"
+ONE = f"{RUN} --scenarios 1"
+SOON = "--generator-option first_wait_s=0.01"
 
 
 def nothing_leaks(*texts: str) -> None:
@@ -49,27 +48,21 @@ def nothing_leaks(*texts: str) -> None:
         assert not path.is_file() or KEY.encode() not in path.read_bytes(), path
 
 
-def test_refusals_and_rubbish_become_attempts_with_problems_and_the_campaign_goes_on(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_refusals_and_rubbish_become_attempts_with_problems_and_the_campaign_goes_on(terminal: Terminal) -> None:
     refuses: Behaviour = says(None, refusal=f"I cannot, and {KEY} is my key.")  # type: ignore[arg-type]
     with serving(refuses, says(""), says("x" * 200_000), says(GOOD)) as server:
-        code = run(server.url, "--json")
-    printed = capsys.readouterr()
-    assert code == 0, printed.err
-    result = json.loads(printed.out)
+        result = terminal.json(RUN, of(server))
     assert result["accounting"]["calls"] == 4
     assert len(result["ranking"]) == 1
-    nothing_leaks(printed.out, printed.err)
+    nothing_leaks(terminal.out, terminal.err)
     assert result["accounting"]["invalid_proposals"] == 1
-    assert "1 was refused (by the model or a safety filter): try another model" in printed.err
-    assert "1 was empty" in printed.err
+    assert "1 was refused (by the model or a safety filter): try another model" in terminal.err
+    assert "1 was empty" in terminal.err
 
 
-def test_a_service_that_drops_and_stumbles_is_asked_again(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_service_that_drops_and_stumbles_is_asked_again(terminal: Terminal) -> None:
     with serving(drops_in_mid_reply, says(GOOD)) as server:
-        assert run(server.url, "--generator-option", "first_wait_s=0.01", scenarios=1) == 0
-    nothing_leaks(capsys.readouterr().err)
+        nothing_leaks(terminal(ONE, of(server), SOON))
 
 
 @pytest.mark.parametrize(
@@ -83,67 +76,50 @@ def test_a_service_that_drops_and_stumbles_is_asked_again(capsys: pytest.Capture
     ],
 )
 def test_a_service_that_cannot_answer_stops_the_campaign_with_one_message_and_it_resumes(
-    behaviour: Behaviour, code: str, capsys: pytest.CaptureFixture[str], errors: list[RvsgError]
+    terminal: Terminal, behaviour: Behaviour, code: str
 ) -> None:
     with serving(says(GOOD), behaviour) as server:
-        ended = run(server.url, "--generator-option", "first_wait_s=0.01")
-        stopped = capsys.readouterr().err
-        assert (ended, errors[-1].code) == (2, code)
-        assert "Traceback" not in stopped
-        nothing_leaks(stopped)
+        assert terminal.refused(RUN, of(server), SOON).code == code
+        nothing_leaks(terminal.err)
         asked = len(server.requests)
         server.script[:] = [says(GOOD)]
-        assert main(["run", "--out", "c", "--jobs", "1"]) == 0
+        terminal("run --out c --jobs 1")
         assert len(server.requests) == asked + 1
 
 
-def test_a_spent_budget_ends_with_code_3_and_a_larger_one_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_spent_budget_ends_with_code_3_and_a_larger_one_goes_on(terminal: Terminal) -> None:
     with serving(says(GOOD)) as server:
-        assert run(server.url, "--budget-calls", "1") == 3
-        told = capsys.readouterr().err
+        told = terminal(RUN, of(server), "--budget-calls 1", code=3)
         assert "1 of 1 calls" in told and "Resume with: rvsg run --out c --jobs 1 --budget-...\n" in told
-        assert main(["run", "--out", "c", "--budget-calls", "5", "--jobs", "1"]) == 0
-        assert len(server.requests) == 2
-        counts = "--scenarios 2 --refinements 0 --repeats 1 --confirmations 0 --jobs 1"
-        rvsg("run --out again --replay c/vlm --simulator kinematic", counts)
+        terminal("run --out c --budget-calls 5 --jobs 1")
+        terminal("run", COUNTS, "--scenarios 2 --replay c/vlm --out again")
         assert len(server.requests) == 2
 
 
-def test_a_wrong_model_is_mended_in_the_same_folder_while_nothing_is_kept(
-    errors: list[RvsgError], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_wrong_model_is_mended_in_the_same_folder_while_nothing_is_kept(terminal: Terminal) -> None:
     with serving(fails(404, "no such model"), says(GOOD)) as server:
-        assert run(server.url, scenarios=1) == 2
-        assert '"vision-1"' in capsys.readouterr().err
-        assert run(server.url, "--model", "openai-chat:vision-2", scenarios=1) == 0, capsys.readouterr().err
-        capsys.readouterr()
-        assert run(server.url, "--model", "openai-chat:vision-3", scenarios=1) == 2
-    assert errors[-1].code == "other-settings"
+        assert '"vision-1"' in terminal(ONE, of(server), code=2)
+        terminal(ONE, of(server), "--model openai-chat:vision-2")
+        assert terminal.refused(ONE, of(server), "--model openai-chat:vision-3").code == "other-settings"
 
 
-@pytest.mark.parametrize("verb", [["run"], ["scenario", "propose"], ["world", "describe", "warehouse"]])
+@pytest.mark.parametrize("verb", ["run", "scenario propose", "world describe warehouse"])
 @pytest.mark.parametrize("option", ["--budget-usd", "--budget-calls", "--budget-tokens"])
-def test_a_budget_of_nothing_is_refused_before_anything_is_asked(
-    verb: list[str], option: str, errors: list[RvsgError]
-) -> None:
+def test_a_budget_of_nothing_is_refused_before_anything_is_asked(terminal: Terminal, verb: str, option: str) -> None:
     with serving(says(GOOD)) as server:
-        asked = [*verb, "--model", "openai-chat:vision-1", "--base-url", server.url, option, "0"]
-        assert main(asked) == 2
+        assert terminal.refused(verb, of(server), option, "0").code in ("input", "options")
         assert server.requests == []
-    assert errors[-1].code in ("input", "options")
 
 
-def test_a_description_that_fails_half_way_keeps_what_was_paid_for_and_goes_on_from_it(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+DESCRIBE = "world describe warehouse --out d.yaml"
+
+
+def test_a_description_that_fails_half_way_keeps_what_was_paid_for_and_goes_on_from_it(terminal: Terminal) -> None:
     texts = json.dumps({"layout": "Shelves above.", "grid": "Row E."})
-    describe = ["world", "describe", "warehouse", "--model", "openai-chat:vision-1", "--out", "d.yaml"]
     with serving(says("the layout"), says("the grid"), fails(401, f"bad key {KEY}"), says(texts)) as server:
-        assert main([*describe, "--base-url", server.url]) == 2
-        stopped = capsys.readouterr().err
+        stopped = terminal(DESCRIBE, of(server), code=2)
         assert "layout: answered after" in stopped
-        assert main([*describe, "--base-url", server.url]) == 0
-        told = capsys.readouterr().err
+        told = terminal(DESCRIBE, of(server))
         assert "2 calls were answered at no cost from runs/describe-warehouse" in told
         assert len(server.requests) == 4
     assert "Shelves above." in Path("d.yaml").read_text()
@@ -160,44 +136,31 @@ def test_a_description_that_fails_half_way_keeps_what_was_paid_for_and_goes_on_f
         (says('{"layout": "x', finish_reason="length"), "cut off by the limit of tokens"),
     ],
 )
-def test_an_answer_that_describes_nothing_is_told_and_kept(
-    behaviour: Behaviour, told: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_answer_that_describes_nothing_is_told_and_kept(terminal: Terminal, behaviour: Behaviour, told: str) -> None:
     with serving(says("the layout"), behaviour) as server:
-        describe = ["world", "describe", "warehouse", "--model", "openai-chat:vision-1", "--base-url", server.url]
-        assert main([*describe, "--out", "d.yaml"]) == 2
-    said = capsys.readouterr().err
+        said = terminal(DESCRIBE, of(server), code=2)
     assert told in said
     assert "The answers so far are in runs/describe-warehouse." in said
     assert not Path("d.yaml").exists()
 
 
-def test_a_proposal_says_what_it_spends_and_that_nothing_came_of_it(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_proposal_says_what_it_spends_and_that_nothing_came_of_it(terminal: Terminal) -> None:
+    options = "--generator-option prices=2.0,0.5,8.0 --generator-option corrections=1 --budget-calls 2"
     with serving(says('{"humans": [', finish_reason="length")) as server:
-        priced = ["--generator-option", "prices=2.0,0.5,8.0"]
-        model = ["--model", "openai-chat:vision-1", "--base-url", server.url]
-        rvsg("scenario propose", *model, *priced, "--budget-calls 2 --generator-option corrections=1")
-    printed = capsys.readouterr()
-    said = printed.err
+        said = terminal("scenario propose", of(server), options)
     assert "Asking openai-chat:vision-1: new" in said
     assert "correct: answered after 0 s; 0.0023 USD so far" in said
     assert "2 were cut off by the limit of tokens: raise max_output_tokens" in said
-    assert json.loads(printed.out)["scenario"] is None
+    assert json.loads(terminal.out)["scenario"] is None
 
 
-def test_progress_shows_the_call_under_way_why_it_waits_and_what_was_spent(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_progress_shows_the_call_under_way_why_it_waits_and_what_was_spent(terminal: Terminal) -> None:
     with serving(fails(500, "busy"), says(GOOD)) as server:
-        options = ["--generator-option", "first_wait_s=0.01", "--generator-option", "prices=2,0.5,8"]
-        code = run(server.url, *options, scenarios=1)
-    told = capsys.readouterr().err
-    assert code == 0, told
+        told = terminal(ONE, of(server), SOON, "--generator-option prices=2,0.5,8")
     assert "new: the service failed. It said: HTTP 500, busy. Waits 0 s, then try 2 of 2." in told
     assert "left; model 0.0012 USD" in told
 
 
-def test_a_budget_is_for_all_the_campaigns_of_a_command_together(errors: list[RvsgError]) -> None:
-    two = ["--route", "route_1", "--route", "route_3"]
-    assert run("http://127.0.0.1:9/v1", *two, "--budget-calls", "1") == 2
-    assert errors[-1].code == "budget-too-small"
+def test_a_budget_is_for_all_the_campaigns_of_a_command_together(terminal: Terminal) -> None:
+    two = "--route route_1 --route route_3 --budget-calls 1 --model openai-chat:vision-1"
+    assert terminal.refused(RUN, two, "--base-url http://127.0.0.1:9/v1").code == "budget-too-small"

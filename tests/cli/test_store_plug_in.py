@@ -6,16 +6,14 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
-from tests.cli.commands import rvsg
+from tests.cli.commands import Terminal
 from tests.cli.json_store import JsonLedger
 from tests.cli.test_run import ONE, SMALL, records
 from tests.conformance.test_campaign_parts import answered, warehouse
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.strategies import check_ledger
-from rvsg.cli import main
 from rvsg.core import plugins
-from rvsg.core.errors import RvsgError
 from rvsg.simulation.kinematic import KinematicSimulator
 
 found = plugins._registered
@@ -27,8 +25,8 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plugins, "_registered", lambda kind: found(kind) | ({"json": point} if kind == "store" else {}))
 
 
-def kept(folder: Path, **options: str) -> list[str]:
-    ledger = JsonLedger(folder / "ledger.json", **options)
+def kept(folder: str, ending: str) -> list[str]:
+    ledger = JsonLedger(Path(folder) / "ledger.json", ending=ending)
     attempts = list(ledger.attempts(ledger.campaigns()[0]))
     runs = [ledger.run(m.run_id).trajectory.x.tobytes().hex() for a in attempts for m in a.measurements]
     return [attempt.to_json() for attempt in attempts] + runs
@@ -41,38 +39,33 @@ def test_the_store_of_the_tests_keeps_the_promises_of_a_ledger(tmp_path: Path) -
     check_ledger(lambda: JsonLedger(tmp_path / "store"), attempt, run)
 
 
-def test_another_store_keeps_the_same_campaign_and_is_registered_again(tmp_path: Path) -> None:
-    out = tmp_path / "two"
-    rvsg("run", SMALL, "--out", tmp_path / "one")
-    rvsg("run", SMALL, "--store json --store-option ending=txt --out", out)
-    assert kept(out, ending="txt") == records(tmp_path / "one")
-    assert not (out / "ledger.sqlite").exists()
-    (out / "report.html").unlink()
-    rvsg("report", out)
-    assert (out / "report.html").exists()
-    for file in sorted((out / "ledger.json").glob("*/0*.txt"))[3:]:
+def test_another_store_keeps_the_same_campaign_and_is_registered_again(terminal: Terminal) -> None:
+    terminal("run", SMALL, "--out one")
+    terminal("run", SMALL, "--store json --store-option ending=txt --out two")
+    assert kept("two", "txt") == records(Path("one"))
+    assert not Path("two/ledger.sqlite").exists()
+    Path("two/report.html").unlink()
+    terminal("report two")
+    assert Path("two/report.html").exists()
+    for file in sorted(Path("two/ledger.json").glob("*/0*.txt"))[3:]:
         file.unlink()
-    assert main(["run", "--out", str(out)]) == 0
-    assert kept(out, ending="txt") == records(tmp_path / "one")
+    terminal("run --out two")
+    assert kept("two", "txt") == records(Path("one"))
 
 
-def test_the_next_prompt_of_a_campaign_is_of_what_its_store_keeps(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    small, out = [*SMALL, "--strategy", "study", "--store", "json"], tmp_path / "one"
-    assert main(["run", *small, "--out", str(out)]) == 0
-    assert main(["scenario", "prompt", str(out)]) == 2
-    for file in sorted((out / "ledger.json").glob("*/0*.json"))[1:]:
+def test_the_next_prompt_of_a_campaign_is_of_what_its_store_keeps(terminal: Terminal) -> None:
+    terminal("run", SMALL, "--strategy study --store json --out one")
+    terminal("scenario prompt one", code=2)
+    for file in sorted(Path("one/ledger.json").glob("*/0*.json"))[1:]:
         file.unlink()
-    assert main(["scenario", "prompt", str(out)]) == 0
-    assert capsys.readouterr().out
+    terminal("scenario prompt one")
+    assert terminal.out
 
 
-def test_a_campaign_file_chooses_the_store(tmp_path: Path) -> None:
-    file = tmp_path / "c.yaml"
-    file.write_text("store: json\nstore_options: {ending: text}\nscenarios: 1\nout: here\nconfirmations: 0\n")
-    assert main(["run", str(file), "--simulator", "kinematic", "--refinements", "0"]) == 0
-    assert kept(tmp_path / "here", ending="text")
+def test_a_campaign_file_chooses_the_store(terminal: Terminal) -> None:
+    Path("c.yaml").write_text("store: json\nstore_options: {ending: text}\nout: here\n")
+    terminal("run c.yaml", ONE)
+    assert kept("here", "text")
 
 
 @pytest.mark.parametrize(
@@ -85,30 +78,21 @@ def test_a_campaign_file_chooses_the_store(tmp_path: Path) -> None:
     ],
 )
 def test_a_store_that_cannot_be_made_is_told_before_anything_is_written(
-    tmp_path: Path, errors: list[RvsgError], asked: str, code: str
+    terminal: Terminal, asked: str, code: str
 ) -> None:
-    rvsg("run", SMALL, asked, "--out", tmp_path / "out", code=2)
-    assert errors[-1].code == code
-    assert not (tmp_path / "out").exists()
+    assert terminal.refused("run", SMALL, asked, "--out one").code == code
+    assert not Path("one").exists()
 
 
 def test_a_store_that_fails_when_it_is_made_is_not_taken_for_that_of_the_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, errors: list[RvsgError]
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(self: JsonLedger, path: Path, *, ending: str = "json") -> None:
         raise ValueError("the disk of it is away")
 
-    out = tmp_path / "one"
     with monkeypatch.context() as broken:
         broken.setattr(JsonLedger, "__init__", refuse)
-        assert main(["run", *ONE, "--store", "json", "--out", str(out)]) == 2
-    assert errors[-1].code == "plug-in-options"
-    assert main(["run", *ONE, "--out", str(out)]) == 0  # SQLite keeps it now
-    assert not (out / "store.json").exists()
-
-
-def test_a_campaign_stays_in_its_store(tmp_path: Path, errors: list[RvsgError]) -> None:
-    out = str(tmp_path / "one")
-    main(["run", *ONE, "--out", out])
-    assert main(["run", "--out", out, "--store", "json"]) == 2
-    assert errors[-1].code == "other-store"
+        assert terminal.refused("run", ONE, "--store json --out one").code == "plug-in-options"
+    terminal("run", ONE, "--out one")  # SQLite keeps it now
+    assert not Path("one/store.json").exists()
+    assert terminal.refused("run --out one --store json").code == "other-store"
