@@ -150,7 +150,8 @@ def searched(
         changes: Of the parts, whose other arguments are `how`.
     """
     the_plan = plan() if the_plan is None else the_plan
-    made = dataclasses.replace(parts(MemoryLedger() if ledger is None else ledger, **how), **(changes or {}))
+    changes = {"judge": Evaluator(the_plan.requirement).judge, **(changes or {})}
+    made = dataclasses.replace(parts(MemoryLedger() if ledger is None else ledger, **how), **changes)
     feedback = StoredFeedback(made.ledger, the_plan, warehouse())
     with made.runner:
         return run_campaign(the_plan, strategy(the_plan, feedback, warehouse(), **(options or {})), made)
@@ -166,13 +167,17 @@ def a_scenario() -> Scenario:
 class Stops(WalkGenerator):
     """A service that fails from some proposal on, or another generator that does."""
 
-    def __init__(self, after: int, generator: WalkGenerator | None = None) -> None:
+    def __init__(self, after: int, generator: WalkGenerator | None = None, error: type = GenerationError) -> None:
         super().__init__()
-        self.after, self.inner = after, generator or WalkGenerator()
+        self.after, self.inner, self.error = after, generator or WalkGenerator(), error
+
+    @property
+    def asks_a_model(self) -> bool:
+        return self.inner.asks_a_model
 
     def propose(self, brief: Brief, world: World) -> Proposal:
         if len(self.inner.briefs) >= self.after:
-            raise GenerationError("the service does not answer")
+            raise self.error("the service does not answer")
         return self.inner.propose(brief, world)
 
 

@@ -11,6 +11,7 @@ from tests.campaign.parts import (
     Distance,
     MemoryLedger,
     Noted,
+    Stops,
     WalkGenerator,
     measure,
     parts,
@@ -56,15 +57,15 @@ def test_it_spends_its_runs_and_tells_what_the_people_should_bring_about(whole: 
     runs = {m.run_id for a in whole for m in a.measurements}
     assert 55 <= len(runs) <= 60
     assert {a.brief.aim for a in whole} == {Aim.SHARE}
+    assert {a.brief.kind for a in whole} == {"new", "refine", "tune"}
+    tuned = [a.proposal for a in whole if a.brief.kind == "tune"]
+    assert all(proposal.generator == "hybrid" and proposal.scenario is not None for proposal in tuned)
 
 
-def test_configurations_share_the_seeds_of_the_race(whole: list[Attempt]) -> None:
+def test_configurations_share_the_seeds_of_the_race_and_changed_ones_begin_with_another(whole: list[Attempt]) -> None:
     pool = {m.seed for a in whole for m in a.measurements}
     assert len(pool) <= 12
     assert max(len(seeds_of(a)) for a in whole) >= len(pool) / 2
-
-
-def test_the_first_run_of_a_changed_configuration_takes_another_seed_in_every_batch(whole: list[Attempt]) -> None:
     first = {a.proposal.scenario.id: a for a in reversed(whole) if a.proposal.scenario}.values()
     drafts = {a.measurements[0].seed for a in first if a.brief.kind == "new"}
     changes = {a.measurements[0].seed for a in first if a.brief.kind != "new"}
@@ -73,12 +74,10 @@ def test_the_first_run_of_a_changed_configuration_takes_another_seed_in_every_ba
 
 @pytest.mark.exhaustive
 def test_the_kinds_of_encounter_lend_configurations_to_change(whole: list[Attempt]) -> None:
-    the_plan = plan(**PLAN)
-    ledger = MemoryLedger()
-    strategy = HybridStrategy(
-        the_plan, StoredFeedback(CachedLedger(ledger), the_plan, warehouse()), warehouse(), explore=1.0
-    )
-    with (made := parts(ledger)).runner:
+    the_plan, made = plan(**PLAN), parts(MemoryLedger())
+    feedback = StoredFeedback(made.ledger, the_plan, warehouse())
+    strategy = HybridStrategy(the_plan, feedback, warehouse(), explore=1.0)
+    with made.runner:
         run_campaign(the_plan, strategy, made)
     assert len(strategy.elites()) > 1
     changed = {c.parent.index for c in strategy.candidates if c.parent is not None}
@@ -86,21 +85,12 @@ def test_the_kinds_of_encounter_lend_configurations_to_change(whole: list[Attemp
     assert len(changed - {c.index for c in ranked[:3]}) > 1
 
 
-def test_a_configuration_that_has_lost_gets_no_further_run(whole: list[Attempt]) -> None:
+def test_what_has_lost_gets_no_further_run_and_the_best_is_worse_than_the_drafts(whole: list[Attempt]) -> None:
     runs = sorted(len(seeds_of(a)) for a in measured(whole))
     assert runs[0] == 1 and runs[-1] >= 4
     assert sum(count >= 4 for count in runs) <= 8
-    best = best_attempt(whole, plan().requirement)
-    assert best is not None
-    assert len(seeds_of(best)) >= runs[-1] / 2
-
-
-def test_it_tunes_and_refines_to_a_worse_configuration_than_its_drafts(whole: list[Attempt]) -> None:
-    assert {a.brief.kind for a in whole} == {"new", "refine", "tune"}
-    tuned = [a.proposal for a in whole if a.brief.kind == "tune"]
-    assert all(proposal.generator == "hybrid" and proposal.scenario is not None for proposal in tuned)
     best, drafts = best_attempt(whole, plan().requirement), [a for a in whole if a.brief.kind == "new"]
-    assert best is not None and best.mean is not None
+    assert best is not None and best.mean is not None and len(seeds_of(best)) >= runs[-1] / 2
     assert best.mean < min(a.mean for a in measured(drafts) if a.mean is not None)
 
 
@@ -119,7 +109,7 @@ def candidate(index: int, *badness: float, parent: Candidate | None = None) -> C
     return made
 
 
-def test_one_lucky_run_of_a_noisy_objective_is_no_favourite() -> None:
+def test_neither_one_lucky_run_of_a_noisy_objective_nor_an_easy_seed_makes_a_favourite() -> None:
     steady = candidate(0, 3.0, 5.0, 4.0, 4.0, 3.5, 4.5)
     lucky = candidate(1, 5.2)
     spread = [1.0 - 0.1 * k if k % 2 else 0.1 * k - 1.0 for k in range(2, 8)]
@@ -128,9 +118,7 @@ def test_one_lucky_run_of_a_noisy_objective_is_no_favourite() -> None:
     assert lucky.estimate < steady.mean + 0.3
     assert lucky.deviation > steady.deviation
 
-
-def test_an_easy_seed_does_not_make_a_favourite() -> None:
-    """All configurations are 2 worse for the robot under seed 0, and one of them met no other."""
+    # All configurations are 2 worse for the robot under seed 0, and one of them met no other.
     known = [candidate(k, 5.0 + 0.1 * k, 3.0 + 0.1 * k, 3.1 + 0.1 * k) for k in range(6)]
     lucky = candidate(6, 5.1)
     estimate([*known, lucky])
@@ -138,7 +126,7 @@ def test_an_easy_seed_does_not_make_a_favourite() -> None:
     assert lucky.estimate < known[-1].estimate
 
 
-def test_estimates_of_a_long_line_of_changes_stay_near_what_was_measured() -> None:
+def test_estimates_of_a_long_line_of_changes_and_of_a_quiet_objective_stay_near_what_was_measured() -> None:
     line = [candidate(0, 1.0)]
     for k in range(1, 12):
         line.append(candidate(k, 1.0 - 0.01 * (k % 3), parent=line[-1]))
@@ -146,27 +134,21 @@ def test_estimates_of_a_long_line_of_changes_stay_near_what_was_measured() -> No
         estimate(line)
         assert all(abs(each.estimate - 1.0) < 0.05 for each in line)
 
-
-def test_a_quiet_objective_needs_few_runs() -> None:
     quiet = [candidate(k, 1.0 + k, 1.001 + k) for k in range(5)]
     estimate(quiet)
     assert in_the_race(quiet) == [quiet[-1]]
 
 
 class Dear(WalkGenerator):
-    """A generator whose every proposal costs a call of a model; its answers may be invalid, alike or end."""
+    """A generator whose every proposal costs a call of a model; its answers may be invalid or alike."""
 
     asks_a_model = True
-    fails = repeats = False
-    ends = 99
 
-    def __init__(self) -> None:
+    def __init__(self, *, fails: bool = False, repeats: bool = False) -> None:
         super().__init__()
-        self.answers: list[Scenario] = []
+        self.fails, self.repeats, self.answers = fails, repeats, list[Scenario]()
 
     def propose(self, brief: Brief, world: object) -> Proposal:
-        if len(self.briefs) == self.ends:
-            raise NotRecorded("the record ends")
         asked = brief.replace(seed=3, scenario_index=0) if self.repeats else brief
         proposal = super().propose(asked, world)  # type: ignore[arg-type]
         assert proposal.scenario is not None
@@ -210,7 +192,7 @@ def test_the_generator_is_told_its_ideas_at_their_best(turns: tuple[list[Attempt
 
 
 @pytest.mark.parametrize("calls", [1, pytest.param(3, marks=pytest.mark.slow)])
-def test_a_spent_budget_of_calls_leaves_the_rest_of_the_runs_to_the_optimiser(calls: int) -> None:
+def test_a_spent_budget_of_calls_leaves_the_rest_of_the_runs_to_the_optimiser_but_needs_one(calls: int) -> None:
     generator = Dear()
     attempts = hybrid(generator=generator, **TURNS, changes={"limits": Limits(calls=calls)})
     assert len(generator.briefs) == calls
@@ -221,9 +203,6 @@ def test_a_spent_budget_of_calls_leaves_the_rest_of_the_runs_to_the_optimiser(ca
         own = sorted(configuration for at, configuration in numbers if at == scenario)
         assert own == list(range(len(own)))
     assert account(attempts).calls == calls
-
-
-def test_a_budget_without_a_single_call_ends_the_search() -> None:
     with pytest.raises(BudgetSpent):
         hybrid(generator=Dear(), **TURNS, changes={"limits": Limits(calls=0)})
 
@@ -243,16 +222,10 @@ def test_turns_resume_to_the_same_records_after_the_budget_was_spent(cut: int) -
     assert hybrid(ledger, generator=Dear(), **TURNS, changes=limits) == whole
 
 
-def test_a_model_that_never_answers_well_costs_its_proposals_and_no_more() -> None:
-    generator = Dear()
-    generator.fails = True
-    attempts = hybrid(generator=generator, **TURNS)
-    assert len(generator.briefs) == len(attempts) == 4
-
-
-def test_a_model_that_repeats_itself_is_tuned_all_the_same() -> None:
-    generator = Dear()
-    generator.repeats = True
+def test_a_model_that_never_answers_well_costs_its_proposals_and_one_that_repeats_itself_is_tuned() -> None:
+    generator = Dear(fails=True)
+    assert len(hybrid(generator=generator, **TURNS)) == len(generator.briefs) == 4
+    generator = Dear(repeats=True)
     attempts = hybrid(generator=generator, **TURNS)
     assert len(generator.briefs) == 4
     assert len({m.run_id for a in attempts for m in a.measurements}) >= 28
@@ -260,9 +233,7 @@ def test_a_model_that_repeats_itself_is_tuned_all_the_same() -> None:
 
 def test_a_record_that_ends_leaves_the_rest_to_the_optimiser_as_the_budget_did() -> None:
     told = hybrid(generator=Dear(), **TURNS, changes={"limits": Limits(calls=2)})
-    generator = Dear()
-    generator.ends = 2
-    assert hybrid(generator=generator, **TURNS) == told
+    assert hybrid(generator=Stops(2, Dear(), NotRecorded), **TURNS) == told
 
 
 def test_a_refinement_is_told_what_the_optimiser_changed(turns: tuple[list[Attempt], Dear]) -> None:

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import dataclasses
 import gc
 import subprocess
 import sys
@@ -20,6 +19,7 @@ from tests.campaign.parts import (
     Counted,
     Distance,
     MemoryLedger,
+    Stops,
     WalkGenerator,
     measure,
     parts,
@@ -38,7 +38,7 @@ from rvsg.campaign.hybrid import HybridStrategy, MapElitesStrategy
 from rvsg.campaign.ledger import CachedLedger, Ledger
 from rvsg.campaign.loop import stream_campaign
 from rvsg.campaign.ranking import best_attempt, confirmations, ranking, rule
-from rvsg.campaign.runner import Evaluator, Runner
+from rvsg.campaign.runner import Runner
 from rvsg.campaign.strategies import Ask, RandomStrategy, StudyStrategy, UnguidedStrategy
 from rvsg.core.errors import BudgetSpent, SimulationError, StoreError
 from rvsg.core.seeds import fresh_seeds, seed_for
@@ -69,9 +69,8 @@ def measuring(value_of: Callable[[Run], float]) -> Callable[[Run, object], Measu
 
 
 def confirming(value_of: Callable[[Run], float], the_plan: Plan, strategy: type = StudyStrategy, ledger=None, **how):
-    """Run a campaign whose runs measure these values and whose verdicts are ours; return its attempts."""
-    changes = {"judge": Evaluator(the_plan.requirement).judge}
-    return searched(strategy, the_plan, ledger, measure=measuring(value_of), changes=changes, **how)
+    """Run a campaign whose runs measure these values; return its attempts."""
+    return searched(strategy, the_plan, ledger, measure=measuring(value_of), **how)
 
 
 def fresh(the_plan: Plan, strategy: type = StudyStrategy) -> tuple[list[Attempt], tuple[int, ...]]:
@@ -147,15 +146,21 @@ LATE = [2.0] * 5 + [0.5] + [2.0] * 24
         ([0.5] * 30, Status.FAIL, 15),
         ([0.5, 2.0] * 15, Status.FLAKY, 4),
         (LATE, Status.PASS, 28),
+        ([2.0] * 10, Status.INCONCLUSIVE, 10),
+        ([0.5, 2.0] * 5, Status.UNJUDGED, 10),
     ],
 )
-def test_a_confirmation_ends_when_the_verdict_is_sure(values: list[float], status: Status, runs: int) -> None:
-    confirmation = confirmed_with(values)
+def test_a_confirmation_ends_when_the_verdict_is_sure_or_with_its_budget(
+    values: list[float], status: Status, runs: int
+) -> None:
+    limit = None if status is Status.UNJUDGED else 1.0
+    confirmation = confirmed_with(values, limit=limit, confirmations=len(values))
     assert confirmation.verdict is not None
     assert (confirmation.verdict.status, len(confirmation.measurements)) == (status, runs)
+    spent = "the budget of 10 runs is spent" in confirmation.verdict.reason
+    assert spent == (status is Status.INCONCLUSIVE)
     # Not one run earlier: the status is that of the counts, and the counts before were not enough.
-    earlier = judge(REQUIREMENT, values[: runs - 1])
-    assert earlier.status is Status.INCONCLUSIVE
+    assert judge(REQUIREMENT, values[: runs - 1]).status is Status.INCONCLUSIVE or limit is None
 
 
 def test_a_candidate_that_does_not_always_violate_leaves_runs_for_one_that_does() -> None:
@@ -191,8 +196,7 @@ def test_a_further_configuration_that_cannot_always_violate_is_dropped_early() -
     first, seeds = fresh(the_plan, RandomStrategy)
 
     measured = measuring(lambda made: 2.0 if made.seed in (seeds[10], seeds[12]) else 0.5)
-    made = dataclasses.replace(parts(MemoryLedger(), measure=measured), judge=Evaluator(REQUIREMENT).judge)
-    with made.runner:
+    with (made := parts(MemoryLedger(), measure=measured)).runner:
         confirming = Confirmations(the_plan, [made.ledger.summary(a) for a in first], made)
         *_, last = confirming.confirm(first[1], budget=30, only_fail=True)
     assert isinstance(last, AttemptFinished) and last.attempt.verdict is not None
@@ -228,19 +232,6 @@ def test_a_confirmation_ends_at_the_same_run_in_any_number_of_processes() -> Non
     assert confirmed_with(LATE, jobs=2) == confirmed_with(LATE)
 
 
-@pytest.mark.parametrize(
-    ("values", "limit", "status", "runs"),
-    [([2.0] * 30, 1.0, Status.INCONCLUSIVE, 10), ([0.5, 2.0] * 5, None, Status.UNJUDGED, 10)],
-)
-def test_a_confirmation_that_is_not_sure_or_has_no_limit_ends_with_its_budget(
-    values: list[float], limit: float | None, status: Status, runs: int
-) -> None:
-    confirmation = confirmed_with(values, limit=limit, confirmations=10)
-    assert confirmation.verdict is not None
-    assert (confirmation.verdict.status, len(confirmation.measurements)) == (status, runs)
-    assert ("the budget of 10 runs is spent" in confirmation.verdict.reason) == (limit is not None)
-
-
 def of_values(index: int, values: list[float], requirement: Requirement) -> Attempt:
     """A scenario whose runs measured these values."""
     brief = Brief(mission=plan().mission, requirement=requirement, seed=0, scenario_index=index)
@@ -249,7 +240,7 @@ def of_values(index: int, values: list[float], requirement: Requirement) -> Atte
     return Attempt(campaign="test", index=index, strategy="study", brief=brief, proposal=proposal, verdict=verdict)
 
 
-def test_what_violates_the_limit_more_often_ranks_first_whatever_the_means_are() -> None:
+def test_what_violates_the_limit_more_often_ranks_first_and_without_one_the_mean_alone() -> None:
     never, often = [1.01, 1.01, 1.01], [0.9, 0.9, 3.0]
     tied = [0.8, 0.8, 3.0]
     attempts = [of_values(k, values, REQUIREMENT) for k, values in enumerate((never, often, tied, often))]
@@ -258,8 +249,6 @@ def test_what_violates_the_limit_more_often_ranks_first_whatever_the_means_are()
     assert best is not None and best.index == 2
     assert "share of runs" in rule(REQUIREMENT)
 
-
-def test_without_a_limit_the_mean_alone_ranks() -> None:
     unlimited = REQUIREMENT.replace(limit=None)
     attempts = [of_values(k, values, unlimited) for k, values in enumerate(([0.9, 3.0], [1.5, 1.5], [1.5, 1.5]))]
     assert [a.index for a in ranking(attempts, unlimited)] == [1, 2, 0]
@@ -350,9 +339,7 @@ STOPS = [
 )
 def test_a_stopped_campaign_resumes_to_the_same_records(strategy: type, stop_after: int, max_in_flight: int) -> None:
     the_plan = plan(max_in_flight=max_in_flight)
-    whole = whole_campaign(strategy, max_in_flight)
-
-    ledger = MemoryLedger()
+    whole, ledger = whole_campaign(strategy, max_in_flight), MemoryLedger()
     with pytest.raises(KeyboardInterrupt):
         run(ledger, the_plan, strategy, simulator=Fails(KeyboardInterrupt(), lambda number: number > stop_after))
     rest = Counted()
@@ -365,15 +352,9 @@ def test_a_stopped_campaign_resumes_to_the_same_records(strategy: type, stop_aft
 
 @pytest.mark.slow
 def test_a_spent_budget_stops_the_campaign_and_what_was_proposed_is_kept() -> None:
-    class Poor(WalkGenerator):
-        def propose(self, brief: Brief, world: World) -> Proposal:
-            if len(self.briefs) == 3:
-                raise BudgetSpent("no money left")
-            return super().propose(brief, world)
-
     ledger = MemoryLedger()
     with pytest.raises(BudgetSpent):
-        run(ledger, strategy=RandomStrategy, generator=Poor(), jobs=2)
+        run(ledger, strategy=RandomStrategy, generator=Stops(3, error=BudgetSpent), jobs=2)
     assert [a.index for a in ledger.kept] == [0, 1, 2]
 
 
@@ -403,13 +384,10 @@ class Fails(Counted):
         return made
 
 
-def test_a_run_that_fails_is_recorded_and_the_others_count() -> None:
+def test_a_run_that_fails_is_recorded_and_the_others_count_if_there_are_any() -> None:
     attempts = run(MemoryLedger(), simulator=Fails(SimulationError("no luck"), lambda number: number == 2))
     assert [f.reason for f in attempts[0].failures] == ["no luck"]
     assert len(attempts[0].measurements) == 1
-
-
-def test_a_simulator_that_makes_no_run_at_all_stops_the_campaign() -> None:
     ledger = MemoryLedger()
     with pytest.raises(SimulationError, check=coded("no-run")):
         run(ledger, simulator=Fails(SimulationError("no luck"), lambda _: True))

@@ -158,8 +158,7 @@ def the_plan(requirement: Requirement = EASY) -> Plan:
 
 
 def campaign(ledger: MemoryLedger, requirement: Requirement = EASY, **changes: object) -> list[Attempt]:
-    given = {"shrink_runs": 300, "judge": Evaluator(requirement).judge, **changes}
-    return searched(RandomStrategy, the_plan(requirement), ledger, changes=given)
+    return searched(RandomStrategy, the_plan(requirement), ledger, changes={"shrink_runs": 300, **changes})
 
 
 @pytest.fixture(scope="module")
