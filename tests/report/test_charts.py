@@ -45,50 +45,35 @@ def lines(svg: str, kind: str) -> list[dict[str, float]]:
 
 
 @pytest.mark.parametrize("interval", WIDE)
-@pytest.mark.parametrize("which", ["old", "new"])
-def test_the_bars_of_the_confirmation_stay_right_of_their_names_and_left_of_the_edge(
-    found: tuple[Plan, list[Attempt]], interval: tuple[float, float], which: str
-) -> None:
-    plan, attempts = found
-    old, new = attempts[0], attempts[-1]
-    both = (spread(old, interval), new) if which == "old" else (old, spread(new, interval))
-    bars = lines(confirmation_chart(plan, *both), "bar")
-    assert len(bars) == 2
-    assert all(116 <= bar["x1"] <= bar["x2"] <= 640 - 16 for bar in bars)
-
-
-def test_a_limit_far_from_all_values_is_on_the_canvas(found: tuple[Plan, list[Attempt]]) -> None:
-    plan, attempts = found
-    far = plan.replace(requirement=REQUIREMENT.replace(limit=500.0))
-    assert 116 <= lines(confirmation_chart(far, attempts[0], attempts[-1]), "limit")[0]["x1"] <= 640 - 16
-    assert 14 <= lines(search_chart(far, attempts), "limit")[0]["y1"] <= 280 - 44
-
-
-@pytest.mark.parametrize("interval", WIDE)
-def test_the_intervals_of_the_search_stay_on_the_canvas(
+def test_whatever_a_chart_draws_stands_on_its_canvas(
     found: tuple[Plan, list[Attempt]], interval: tuple[float, float]
 ) -> None:
     plan, attempts = found
-    svg = search_chart(plan, [spread(attempts[0], interval), *attempts[1:]])
+    old, new = attempts[0], attempts[-1]
+    for both in ((spread(old, interval), new), (old, spread(new, interval))):
+        bars = lines(confirmation_chart(plan, *both), "bar")
+        assert len(bars) == 2
+        assert all(116 <= bar["x1"] <= bar["x2"] <= 640 - 16 for bar in bars), "beside their names"
+    svg = search_chart(plan, [spread(old, interval), *attempts[1:]])
     assert all(14 <= line["y2"] <= line["y1"] <= 280 - 44 for line in lines(svg, "spread"))
+    far = plan.replace(requirement=REQUIREMENT.replace(limit=500.0))
+    assert 116 <= lines(confirmation_chart(far, old, new), "limit")[0]["x1"] <= 640 - 16
+    assert 14 <= lines(search_chart(far, attempts), "limit")[0]["y1"] <= 280 - 44
 
 
-def test_the_words_of_the_limit_stand_beside_the_search_and_not_on_it(found: tuple[Plan, list[Attempt]]) -> None:
+def test_the_words_of_the_limit_stand_beside_the_search_and_a_unit_is_no_markup(
+    found: tuple[Plan, list[Attempt]],
+) -> None:
     plan, attempts = found
-    long = plan.replace(requirement=REQUIREMENT.replace(unit="contacts per minute"))
+    long, sly = (plan.replace(requirement=REQUIREMENT.replace(unit=unit)) for unit in ("contacts per minute", "<b>&m"))
     svg = ET.fromstring(search_chart(long, attempts))
     words = next(node for node in svg.iter("text") if node.attrib["class"] == "limit")
     assert words.text == "limit 1 contacts per minute"
     start = float(words.attrib["x"])
     assert start > max(float(dot.attrib["cx"]) + 3.5 for dot in svg.iter("circle"))
     assert start + LETTER * len(words.text) <= 960
-
-
-def test_a_unit_is_text_and_never_markup(found: tuple[Plan, list[Attempt]]) -> None:
-    plan, attempts = found
-    sly = plan.replace(requirement=REQUIREMENT.replace(unit="<b>&m"))
-    for svg in (confirmation_chart(sly, attempts[0], attempts[-1]), search_chart(sly, attempts)):
-        assert not list(ET.fromstring(svg).iter("b"))
+    for drawn in (confirmation_chart(sly, attempts[0], attempts[-1]), search_chart(sly, attempts)):
+        assert not list(ET.fromstring(drawn).iter("b"))
 
 
 def test_two_runs_have_no_interval_that_would_flatten_the_search_chart(found: tuple[Plan, list[Attempt]]) -> None:

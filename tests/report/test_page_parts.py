@@ -158,8 +158,10 @@ def test_no_marker_covers_another_one_or_leaves_the_map(points: list[tuple[float
         assert placed[0] == points[0]
 
 
-def test_markers_on_one_point_all_find_a_place() -> None:
+def test_markers_on_one_point_all_find_a_place_and_have_a_line_to_their_point() -> None:
     assert len({(round(x, 3), round(y, 3)) for x, y in spread([(15.0, 10.0)] * 8, 0.5, INSIDE)}) == 8
+    assert "leader" not in "".join(pins([(5.0, 5.0), (20.0, 5.0)], ["1", "2"], "0 0 30 20"))
+    assert "".join(pins([(5.0, 5.0), (5.1, 5.0)], ["1", "2"], "0 0 30 20")).count("leader") == 1
 
 
 def test_a_name_stands_above_its_body_unless_that_is_taken() -> None:
@@ -168,8 +170,3 @@ def test_a_name_stands_above_its_body_unless_that_is_taken() -> None:
     assert above == (10.0, 9.4)
     below = free_place(beside(10.0, 10.0, 0.4, half), half, [box_around(*above, *half)], INSIDE)
     assert below == (10.0, 10.6)
-
-
-def test_a_pin_that_moved_has_a_line_to_its_point() -> None:
-    assert "leader" not in "".join(pins([(5.0, 5.0), (20.0, 5.0)], ["1", "2"], "0 0 30 20"))
-    assert "".join(pins([(5.0, 5.0), (5.1, 5.0)], ["1", "2"], "0 0 30 20")).count("leader") == 1
