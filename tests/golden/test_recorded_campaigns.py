@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -40,9 +41,13 @@ def warehouse() -> World:
     return load_world("warehouse")
 
 
+def settings_of(name: str) -> dict[str, Any]:
+    return dict(yaml.safe_load((FOLDERS[name] / "campaign.yaml").read_text()))
+
+
 def configurations(name: str, world: World) -> list[dict[str, object]]:
     """What is read from every answer that should hold a configuration, and what the checker says of it."""
-    config = yaml.safe_load((FOLDERS[name] / "campaign.yaml").read_text())
+    config = settings_of(name)
     mission = Mission(world="warehouse", world_id=world.id, route=world.route(config["route"]))
     read = []
     for call in Recording(FOLDERS[name]):
@@ -51,15 +56,11 @@ def configurations(name: str, world: World) -> list[dict[str, object]]:
         reply = read_configuration(call.answer.text, human_names(config.get("humans", 2)))
         assert reply.people is not None
         found = [*reply.findings, *check(read_ends(reply.people, world), mission, world)]
-        read.append(
-            {
-                "place": call.key.split("-")[0] + "-" + call.key.split("-")[1],
-                "purpose": call.purpose,
-                "paths": [[" ".join(task.path) for task in human.tasks] for human in reply.people.humans],
-                "findings": [finding.rule for finding in found],
-                "repaired": reply.repaired_json,
-            }
-        )
+        read.append({
+            "place": "-".join(call.key.split("-")[:2]), "purpose": call.purpose, "repaired": reply.repaired_json,
+            "paths": [[" ".join(task.path) for task in human.tasks] for human in reply.people.humans],
+            "findings": [finding.rule for finding in found],
+        })  # fmt: skip
     return read
 
 
@@ -71,7 +72,7 @@ def test_every_recorded_answer_is_read_as_it_was_when_it_was_recorded(warehouse:
 
 def briefs(name: str, world: World) -> list[Brief]:
     """Every brief of a recorded campaign, with what was measured then: no simulator is needed."""
-    config = yaml.safe_load((FOLDERS[name] / "campaign.yaml").read_text())
+    config = settings_of(name)
     route = world.route(config["route"])
     requirement = load_requirement(config["requirement"]).for_time_limit(route.time_limit_s)
     recording = Recording(FOLDERS[name])
@@ -80,28 +81,19 @@ def briefs(name: str, world: World) -> list[Brief]:
         place = re.fullmatch(r"s(\d+)-c(\d+)-([0-9a-f]{8})", session)
         assert place is not None
         told = {k: v for k, v in (recording.measured(session) or {}).items() if k != DRIVE}
-        found.append(
-            Brief.model_validate(
-                {
-                    "mission": Mission(world="warehouse", world_id=world.id, route=route),
-                    "requirement": requirement,
-                    "aim": aim_of(requirement),
-                    "moved_by": moved_by(requirement),
-                    "kind": "refine" if told.get("feedback") else "new",
-                    "humans": config.get("humans", 2),
-                    "seed": int(place[3], 16),
-                    "scenario_index": int(place[1]),
-                    "configuration_index": int(place[2]),
-                    **told,
-                }
-            )
-        )
+        given = {
+            "mission": Mission(world="warehouse", world_id=world.id, route=route), "requirement": requirement,
+            "aim": aim_of(requirement), "moved_by": moved_by(requirement),
+            "kind": "refine" if told.get("feedback") else "new", "humans": config.get("humans", 2),
+            "seed": int(place[3], 16), "scenario_index": int(place[1]), "configuration_index": int(place[2]),
+        }  # fmt: skip
+        found.append(Brief.model_validate(given | told))
     return found
 
 
 @pytest.mark.parametrize("name", CAMPAIGNS)
 def test_every_recorded_call_is_asked_today_as_it_was_then(name: str, warehouse: World) -> None:
-    config = yaml.safe_load((FOLDERS[name] / "campaign.yaml").read_text())
+    config = settings_of(name)
     generator = VlmGenerator(replay=FOLDERS[name], strict=True, conversation=config["conversation"])
     before: dict[int, Scenario] = {}
     asked = briefs(name, warehouse)

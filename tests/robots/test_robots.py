@@ -1,7 +1,8 @@
-"""Robot files: what ships, what is refused, and what a robot's content means for ids."""
+"""Robot files: what ships, what is refused, what content means for ids, and what takes the robot of a mission."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -10,9 +11,14 @@ import yaml
 
 from rvsg.core.documents import DocumentError, read_yaml
 from rvsg.core.errors import FileError, UnknownName
+from rvsg.core.records import Pose
+from rvsg.generation.forecast import forecaster_of
 from rvsg.robots.polygons import crosses_itself, inside
 from rvsg.robots.robot import draw_robot, load_robot, shipped_robots
+from rvsg.scenario.placement import robot_reach_m, start_gap_m
 from rvsg.scenario.scenario import Mission
+from rvsg.world.routes import robot_stands
+from rvsg.world.space import robot_space
 from rvsg.world.world_folder import load_world
 
 PLAIN = {
@@ -56,8 +62,6 @@ def test_a_robot_file_is_read(tmp_path: Path) -> None:
 
 LIDAR = PLAIN["lidars"][0]  # type: ignore[index]
 LIMITS: dict[str, float] = PLAIN["limits"]  # type: ignore[assignment]
-
-
 BOWTIE = [[0.3, 0.2], [-0.3, -0.2], [-0.3, 0.2], [0.3, -0.2]]
 ASIDE = [[0.3, 0.2], [0.1, 0.2], [0.1, -0.2], [0.3, -0.2]]
 
@@ -102,8 +106,7 @@ def test_an_unknown_robot_and_a_missing_file_are_told(tmp_path: Path) -> None:
 
 
 def test_a_missions_id_holds_the_content_of_its_robot() -> None:
-    world = load_world("warehouse")
-    default = Mission(world=world.name, world_id=world.id, route=world.route("route_1"))
+    default = MISSION
     assert default.robot == "tiago_omni"
     assert default.robot_record == load_robot("tiago_omni")
     waffle = default.replace(robot="turtlebot3_waffle")
@@ -132,3 +135,40 @@ def test_polygons() -> None:
     assert crosses_itself([(0.0, 0.0), (2.0, 0.0), (1.0, 0.0), (1.0, 1.0)])
     assert inside(square, 0.9, -0.9)
     assert not inside(square, 1.1, 0.0)
+
+
+WORLD = load_world("warehouse")
+MISSION = Mission(world=WORLD.name, world_id=WORLD.id, route=WORLD.route("route_1"))
+TUGGER = MISSION.replace(robot="tugger")
+
+
+def at(mission: Mission, ahead: float, left: float) -> tuple[float, float]:
+    start = mission.route.start
+    cos, sin = math.cos(start.yaw), math.sin(start.yaw)
+    return start.x + ahead * cos - left * sin, start.y + ahead * sin + left * cos
+
+
+def test_the_checker_measures_from_the_body_of_another_robot() -> None:
+    assert start_gap_m(0.4, at(MISSION, 1.0, 0.0), MISSION) == pytest.approx(1.0 - 0.3585 - 0.4)
+    assert start_gap_m(0.4, at(TUGGER, 1.65, 0.0), TUGGER) == pytest.approx(0.1)
+    assert start_gap_m(0.4, at(TUGGER, 0.4, 1.0), TUGGER) == pytest.approx(1.0 - 0.325 - 0.4)
+    assert start_gap_m(0.4, at(TUGGER, 1.0, 0.0), TUGGER) < 0.0
+    assert robot_reach_m(MISSION) == 0.35
+    assert robot_reach_m(TUGGER) == pytest.approx(math.hypot(1.15, 0.325))
+
+
+def test_the_forecast_takes_speed_and_size_of_another_robot() -> None:
+    usual = forecaster_of(MISSION, WORLD)
+    waffle = forecaster_of(MISSION.replace(robot="turtlebot3_waffle"), WORLD)
+    assert waffle.robot_speed == pytest.approx(0.98 * 0.22)
+    assert waffle.robot_radius == 0.22
+    assert (usual.robot_speed, usual.robot_radius) != (waffle.robot_speed, waffle.robot_radius)
+
+
+def test_a_route_proposal_asks_for_the_room_the_robot_takes() -> None:
+    space = robot_space(WORLD)
+    start = WORLD.route("route_1").start
+    tugger = load_robot("tugger")
+    huge = tugger.replace(footprint=((9.0, 4.0), (-9.0, 4.0), (-9.0, -4.0), (9.0, -4.0)), body=tugger.footprint)
+    assert robot_stands(space, start, load_robot("turtlebot3_waffle"))
+    assert not robot_stands(space, Pose(x=start.x, y=start.y), huge)
