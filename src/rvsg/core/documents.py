@@ -195,10 +195,13 @@ def validated(document: Document, model: type[Model]) -> Model:
         raise DocumentError(problems_of(error, document, model)) from None
 
 
-def problems_of(error: ValidationError, document: Document, model: type[BaseModel]) -> list[Problem]:
-    """Return each error of a validation as a problem with its line, in the order of the file."""
+def problems_of(error: ValidationError, document: Document, model: type[BaseModel], at: Key = ()) -> list[Problem]:
+    """Return each error of a validation as a problem with its line, in the order of the file.
+
+    `at`: the path of keys to the value that was validated.
+    """
     details = _details(error)
-    keys = [_file_key(detail["loc"], document) for detail in details]
+    keys = [_file_key((*at, *detail["loc"]), document) for detail in details]
     within = Counter(key[:length] for key in keys for length in range(len(key) + 1))
     mapping_wanted = {key for key, detail in zip(keys, details, strict=True) if detail["type"] in _NO_MAPPING}
     text_wanted = {key for key, detail in zip(keys, details, strict=True) if detail["type"] == "string_type"}

@@ -24,7 +24,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
-from rvsg.core.documents import DocumentError, Problem, read_yaml
+from rvsg.core.documents import DocumentError, Problem, problems_of, read_yaml
 from rvsg.core.errors import FileError, InputError, Unfit, UnknownName
 from rvsg.core.records import Record
 
@@ -197,13 +197,5 @@ def _read(path: Path, check: Check | None) -> tuple[dict[str, Requirement], dict
             measured = "formula" if "formula" in fields else "metric"
             blocked[name] = document.problem(f"{name}.{measured}: {error}", name, measured)
         except ValidationError as error:
-            for detail in error.errors():
-                where = ".".join([name, *map(str, detail["loc"])])
-                said = f"{detail['msg'].removeprefix('Value error, ')}"
-                said += f", got {detail['input']!r}" if detail["loc"] else ""
-                said = {
-                    "extra_forbidden": f"there is no such key; known: {', '.join(_FIELDS)}",
-                    "missing": "is missing",
-                }.get(detail["type"], said)
-                mistakes.append(document.problem(f"{where}: {said}", name, *detail["loc"]))
+            mistakes += problems_of(error, document, Requirement, (name,))
     return found, blocked, mistakes
