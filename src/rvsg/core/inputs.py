@@ -150,9 +150,9 @@ def parse_json(text: str, path: Path, *, line: int | None = None) -> Any:
         refuse(f"{what}, at character {error.colno}", error.lineno)
     except RecursionError:
         refuse(f"it is nested more than {DEEPEST} levels deep")
-    if _SURROGATE.search(text) or not _is_encodable(text):
+    if _SURROGATE.search(text) or not is_text(text):
         _refuse_surrogates(value, refuse)
-    if _is_deeper(value, DEEPEST):
+    if is_too_deep(value):
         refuse(f"it is nested more than {DEEPEST} levels deep")
     return value
 
@@ -168,7 +168,13 @@ def is_too_large(digits: str) -> bool:
 
 def is_too_deep(value: Any) -> bool:
     """Return whether lists and mappings are nested deeper than any reader needs; never exhausts the stack."""
-    return _is_deeper(value, DEEPEST)
+    level = [value]
+    for _ in range(DEEPEST):
+        inner = (each.values() if isinstance(each, dict) else each for each in level if isinstance(each, dict | list))
+        level = [value for values in inner for value in values]
+        if not level:
+            return False
+    return any(isinstance(each, dict | list) for each in level)
 
 
 def exists(path: Path) -> bool:
@@ -189,12 +195,16 @@ def is_dir(path: Path) -> bool:
 
 def whole_text(text: str) -> str:
     """Return a text whose lone surrogates (halves of a character) are replaced, so that it can be written as UTF-8."""
-    return text if _is_encodable(text) else text.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
+    return text if is_text(text) else text.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
 
 
 def is_text(text: str) -> bool:
     """Return whether a text can be written as UTF-8: it holds no lone surrogate."""
-    return _is_encodable(text)
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def open_standard_streams() -> None:
@@ -232,35 +242,13 @@ def _shortened(path: Path) -> Path:
     return path if len(text) <= 200 else Path(f"{text[:80]}...{text[-40:]}")
 
 
-def _is_encodable(text: str) -> bool:
-    try:
-        text.encode()
-    except UnicodeEncodeError:
-        return False
-    return True
-
-
 def _refuse_surrogates(value: Any, refuse: Any) -> None:
     stack = [value]
     while stack:
         each = stack.pop()
-        if isinstance(each, str) and not _is_encodable(each):
+        if isinstance(each, str) and not is_text(each):
             refuse(f"a text holds half a character (a lone surrogate): {ascii(each)[:60]}")
         if isinstance(each, dict):
             stack.extend([*each, *each.values()])
         elif isinstance(each, list):
             stack.extend(each)
-
-
-def _is_deeper(value: Any, limit: int) -> bool:
-    level = [value]
-    for _ in range(limit):
-        level = [
-            inner
-            for each in level
-            if isinstance(each, dict | list)
-            for inner in (each.values() if isinstance(each, dict) else each)
-        ]
-        if not level:
-            return False
-    return any(isinstance(each, dict | list) for each in level)
