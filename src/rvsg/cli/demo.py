@@ -46,7 +46,8 @@ def demo(
     from rvsg.cli.run import run_campaign_of
 
     if listed:
-        _list(shipped_recordings(), as_json=json)
+        found = list(shipped_recordings())
+        print_json(found) if json else typer.echo("\n".join(found))
         return
     folder = recording_folder(name)
     given: dict[str, Any] = {"replay": str(folder), "out": out or str(Path("runs") / f"demo-{folder.name}")}
@@ -113,11 +114,3 @@ def what_it_means(plan: Plan, summary: Summary) -> str:
         f"{between}. More --confirmations can"
     )
     return f"What {verdict.status.value} means: {said.get(verdict.status, unsure)}."
-
-
-def _list(found: tuple[str, ...], *, as_json: bool) -> None:
-    if as_json:
-        print_json(list(found))
-    else:
-        for name in found:
-            typer.echo(name)

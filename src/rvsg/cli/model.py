@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from rvsg.generation.environment import EnvironmentSession
     from rvsg.generation.generator import Proposal
     from rvsg.generation.vlm.access import CallNews, ModelAccess
-    from rvsg.generation.vlm.model import Message
     from rvsg.world.world import Description
 
 
@@ -262,15 +261,11 @@ def prompt(
     if json:
         print_json([message.model_dump(mode="json") for message in asked.messages])
     else:
-        _show_messages(asked.messages)
+        for message in asked.messages:
+            names = f" [{', '.join(p.name for p in message.pictures)}]" if message.pictures else ""
+            typer.echo(f"----- {message.role}{names}\n{message.text}")
     own = f" Own templates: {', '.join(asked.own_templates)}." if asked.own_templates else ""
     say(f"About {asked.tokens} input tokens, {asked.pictures} pictures.{own}")
-
-
-def _show_messages(messages: tuple[Message, ...]) -> None:
-    for message in messages:
-        names = f" [{', '.join(p.name for p in message.pictures)}]" if message.pictures else ""
-        typer.echo(f"----- {message.role}{names}\n{message.text}")
 
 
 def _list(*, as_json: bool) -> None:

@@ -211,7 +211,13 @@ def run_matrix(matrix: Matrix, *, as_json: bool) -> int:
     if junit := matrix.settings.get("junit"):
         check_writable(Path(junit))
     campaigns = matrix.create(say)
-    _announce(matrix, campaigns, resume)
+    count = len(campaigns)
+    say(f"Campaigns in {matrix.folder}: {count}; {min(matrix.jobs, count)} run at a time.")
+    if others := len(matrix.all_pairs) - count:
+        say(f"{others} more in this folder are not part of this command; resume them with: {resume}")
+    if share := matrix.budget:
+        listed = ", ".join(f"{option_of(key)} {value:g}" for key, value in share.items())
+        say(f"The campaigns share the budget equally; each may spend: {listed}.")
     try:
         with interruptible() as interruption:
             with interruption.at_once(f"Interrupted. Resume with: {resume}"):
@@ -231,16 +237,6 @@ def run_matrix(matrix: Matrix, *, as_json: bool) -> int:
         campaign.check_judged()
     violated = any(each.summary().violated for each in done)
     return 1 if matrix.settings.get("fail_on_violation") and violated else 0
-
-
-def _announce(matrix: Matrix, campaigns: Sequence[Campaign], resume: str) -> None:
-    count = len(campaigns)
-    say(f"Campaigns in {matrix.folder}: {count}; {min(matrix.jobs, count)} run at a time.")
-    if others := len(matrix.all_pairs) - count:
-        say(f"{others} more in this folder are not part of this command; resume them with: {resume}")
-    if share := matrix.budget:
-        listed = ", ".join(f"{option_of(key)} {value:g}" for key, value in share.items())
-        say(f"The campaigns share the budget equally; each may spend: {listed}.")
 
 
 def _run_all(matrix: Matrix, campaigns: Sequence[Campaign], check: Callable[[], None]) -> dict[str, tuple[str, int]]:
@@ -283,14 +279,12 @@ def _show_all(
         write_junit(Path(junit), done)
     if as_json:
         overview = {"out": str(matrix.folder), "report": str(matrix.folder / REPORT), "command": matrix.commands()}
-        print_json({"campaigns": [result_in_matrix(each) for each in done], **overview})
+        found = [
+            each.result() | {"route": each.plan.mission.route.name, "requirement": each.requirement.name}
+            for each in done
+        ]
+        print_json({"campaigns": found, **overview})
     say(matrix_table([(each.plan, each.summary()) for each in done]))
     say(f"{len(done)} of {len(campaigns)} campaigns done in {spent_s:.0f} s; stored in {matrix.folder}")
     say(f"Reports: {matrix.folder / REPORT}")
     say(f"Repeat it with: {matrix.commands(as_started)}")
-
-
-def result_in_matrix(campaign: Campaign) -> dict[str, object]:
-    """Return what a campaign found, with its route and its requirement."""
-    pair = {"route": campaign.plan.mission.route.name, "requirement": campaign.requirement.name}
-    return campaign.result() | pair

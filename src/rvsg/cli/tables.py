@@ -75,7 +75,7 @@ def ranked_table(plan: Plan, summary: Summary, *, width: int = 80, rows: int = 1
     table = Table(
         title=title,
         title_justify="left",
-        caption=_left_out(summary, rows) + _legend(summary, rows),
+        caption=_legend(summary, rows),
         caption_justify="left",
         box=SIMPLE_HEAD,
         pad_edge=False,
@@ -102,17 +102,11 @@ def ranked_table(plan: Plan, summary: Summary, *, width: int = 80, rows: int = 1
     return table
 
 
-def _left_out(summary: Summary, rows: int) -> str:
-    """Return how many scenarios the table leaves out."""
-    more = len(summary.ranking) - rows
-    return f"{more} more {'scenario' if more == 1 else 'scenarios'} in the report. " if more > 0 else ""
-
-
 def _legend(summary: Summary, rows: int) -> str:
-    """Return the legend of the words and marks that occur in the rows."""
-    shown = summary.ranking[:rows]
+    """Return how many scenarios the table leaves out, and what the words and marks in the rows mean."""
+    shown, more = summary.ranking[:rows], len(summary.ranking) - rows
     confirmed = [entry.verdict for entry in shown if entry.state == "confirmed"]
-    said = []
+    said = [f"{counted(more, 'more scenario')} in the report."] if more > 0 else []
     if confirmed:
         said.append("Verdicts are those of the confirmation runs.")
     if any(entry.state == CANDIDATE for entry in shown):

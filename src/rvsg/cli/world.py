@@ -192,7 +192,19 @@ def check(
     remarks = check_world(folder_named(folder), trial=trial, robot=driver)
     _show_remarks(remarks)
     if json:
-        print_json([_remark_json(remark) for remark in remarks])
+        found = [(each, each.problem) for each in remarks]
+        print_json(
+            [
+                {
+                    "path": str(at.path),
+                    "line": at.line,
+                    "serious": each.serious,
+                    "code": each.code,
+                    "message": at.message,
+                }
+                for each, at in found
+            ]
+        )
     raise typer.Exit(2 if any(remark.serious for remark in remarks) else 0)
 
 
@@ -418,14 +430,3 @@ def _show_remarks(remarks: tuple[Remark, ...]) -> None:
         say("No errors and no warnings.")
     else:
         say(f"{serious} errors, {len(remarks) - serious} warnings.")
-
-
-def _remark_json(remark: Remark) -> dict[str, Any]:
-    problem = remark.problem
-    return {
-        "path": str(problem.path),
-        "line": problem.line,
-        "serious": remark.serious,
-        "code": remark.code,
-        "message": problem.message,
-    }

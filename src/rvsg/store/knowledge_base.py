@@ -57,6 +57,8 @@ _embeddings = sa.Table(
     sa.Column("text_id", sa.String(80), primary_key=True),
     sa.Column("vector", sa.LargeBinary, nullable=False),
 )
+_SEARCHED = ("id", "kind", "world", "place", "route", "requirement", "violates")
+"""Columns that hold a field of an entry besides its whole record."""
 _INSERT: dict[str, Any] = {"sqlite": sqlite_insert, "postgresql": postgresql_insert}
 PATIENCE_S = 60.0
 _ALONE = {"sqlite": "BEGIN IMMEDIATE", "postgresql": f"SELECT pg_advisory_xact_lock({0x52565347})"}
@@ -105,7 +107,10 @@ class KnowledgeBase:
             origin: where they are from, e.g. the name of a campaign; an entry may have several origins.
         """
         now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-        rows = {row["id"]: row for row in (_row(entry, now) for entry in entries)}
+        rows: dict[str, dict[str, Any]] = {}
+        for entry in entries:
+            rows[entry.id] = {name: getattr(entry, name) for name in _SEARCHED}
+            rows[entry.id] |= {"added": now, "record": canonical_json(entry.model_dump(mode="json"))}
         if not rows:
             return 0
         ordered = [rows[key] for key in sorted(rows)]  # writers that lock rows in one order do not deadlock
@@ -179,20 +184,6 @@ class KnowledgeBase:
         except DatabaseError as error:
             first = str(error.orig).strip().splitlines()
             raise StoreError(f"{self.name}: {first[0] if first else error.__class__.__name__}") from None
-
-
-def _row(entry: Entry, now: str) -> dict[str, Any]:
-    return {
-        "id": entry.id,
-        "kind": entry.kind,
-        "world": entry.world,
-        "place": entry.place,
-        "route": entry.route,
-        "requirement": entry.requirement,
-        "violates": entry.violates,
-        "added": now,
-        "record": canonical_json(entry.model_dump(mode="json")),
-    }
 
 
 def _engine(where: str) -> sa.Engine:

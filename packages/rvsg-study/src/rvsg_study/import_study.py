@@ -134,6 +134,7 @@ class _Importer:
         logged, completed, wrong = read_logged(batch.folder)
         for message in wrong:
             self._find(batch.folder / "log.csv", "metrics", message)
+        requirement = REQUIREMENTS[batch.requirement] if batch.requirement else None
         files = numbered(batch.folder, "configuration")
         logs = numbered(batch.folder, "log")
         if batch.repeats:
@@ -153,47 +154,33 @@ class _Importer:
                     failures.append(run)
             if not own_logs:
                 self._find(batch.folder, "log", f"there is no log_{number}.csv: configuration {number} was not run")
-            yield self._attempt(name, batch, number, index + offset, route, proposal, runs, failures), runs
-
-    def _attempt(
-        self,
-        name: str,
-        batch: Batch,
-        number: int,
-        index: int,
-        route: Route,
-        proposal: Proposal,
-        runs: list[Run],
-        failures: list[Failure],
-    ) -> Attempt:
-        requirement = REQUIREMENTS[batch.requirement] if batch.requirement else None
-        measurements = tuple(_measurement(run, requirement.metric if requirement else None) for run in runs)
-        if batch.repeats:
-            chosen = [run.id for run in runs if str(run.details["sha256"]) in self.searched]
-            proposal = proposal.model_copy(
-                update={"extra": proposal.extra | {"selection": batch.method, "selected_by": chosen}}
+            if batch.repeats:
+                chosen = [run.id for run in runs if str(run.details["sha256"]) in self.searched]
+                extra = proposal.extra | {"selection": batch.method, "selected_by": chosen}
+                proposal = proposal.model_copy(update={"extra": extra})
+            else:
+                self.searched.update({str(run.details["sha256"]): run.id for run in runs})
+            brief = Brief(
+                mission=Mission.of(self.world, route),
+                requirement=requirement,
+                kind="new" if number == 0 or batch.repeats else "refine",
+                seed=0,
+                scenario_index=batch.scenario,
+                configuration_index=number,
             )
-        else:
-            self.searched.update({str(run.details["sha256"]): run.id for run in runs})
-        brief = Brief(
-            mission=Mission.of(self.world, route),
-            requirement=requirement,
-            kind="new" if number == 0 or batch.repeats else "refine",
-            seed=0,
-            scenario_index=batch.scenario,
-            configuration_index=number,
-        )
-        return Attempt(
-            campaign=name,
-            index=index,
-            purpose="confirmation" if batch.repeats else "search",
-            strategy=STRATEGY[batch.method],
-            brief=brief,
-            proposal=proposal,
-            measurements=measurements,
-            failures=tuple(failures),
-            verdict=judge(requirement, [m.objective for m in measurements]) if requirement and measurements else None,
-        )
+            measured = tuple(_measurement(run, requirement.metric if requirement else None) for run in runs)
+            attempt = Attempt(
+                campaign=name,
+                index=index + offset,
+                purpose="confirmation" if batch.repeats else "search",
+                strategy=STRATEGY[batch.method],
+                brief=brief,
+                proposal=proposal,
+                measurements=measured,
+                failures=tuple(failures),
+                verdict=judge(requirement, [m.objective for m in measured]) if requirement and measured else None,
+            )
+            yield attempt, runs
 
     def _proposal(self, batch: Batch, file: Path | None, number: int, description: str, route: Route) -> Proposal:
         model = "unknown"
@@ -297,21 +284,16 @@ def write_findings(findings: Iterable[ImportFinding], path: Path, *, keep: bool 
     """
     rows: list[tuple[str, ...]] = [(finding.file, finding.kind, finding.message) for finding in findings]
     if keep and path.is_file():
-        rows = list(dict.fromkeys([*_earlier(path), *rows]))
+        try:
+            header, earlier = read_table(path)
+        except Unreadable as error:
+            raise FileError(path, f"{error}. Move the file away to write a new one.") from None
+        if tuple(header) != COLUMNS or any(len(row) != len(COLUMNS) for row in earlier):
+            raise FileError(path, "this is not a list of findings. Move the file away to write a new one.")
+        rows = list(dict.fromkeys([*map(tuple, earlier), *rows]))
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\r\n")
     writer.writerow(COLUMNS)
     writer.writerows(rows)
     write_whole(path, text.getvalue())
     return len(rows)
-
-
-def _earlier(path: Path) -> list[tuple[str, ...]]:
-    """Return the findings that a file holds."""
-    try:
-        header, rows = read_table(path)
-    except Unreadable as error:
-        raise FileError(path, f"{error}. Move the file away to write a new one.") from None
-    if tuple(header) != COLUMNS or any(len(row) != len(COLUMNS) for row in rows):
-        raise FileError(path, "this is not a list of findings. Move the file away to write a new one.")
-    return [tuple(row) for row in rows]

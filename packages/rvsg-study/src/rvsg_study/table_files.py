@@ -103,12 +103,9 @@ def _box(axes: Any, x: float, values: Sequence[float], colour: str, name: str) -
         boxprops=line, whiskerprops=line, capprops=line, medianprops={"color": INK, "linewidth": 1.6},
     )  # fmt: skip
     dots = {"color": colour, "alpha": 0.55, "markersize": 4, "markeredgewidth": 0}
-    axes.plot(list(_beside(x, len(values))), values, ".", gid=name, **dots)
-
-
-def _beside(x: float, count: int) -> Iterable[float]:
-    """Places around x that keep dots apart, the same at every drawing (the golden ratio's sequence)."""
-    return (x + 0.24 * ((k * 0.618034) % 1.0 - 0.5) for k in range(count))
+    # The golden ratio's sequence keeps dots apart, and is the same at every drawing.
+    beside = [x + 0.24 * ((k * 0.618034) % 1.0 - 0.5) for k in range(len(values))]
+    axes.plot(beside, values, ".", gid=name, **dots)
 
 
 DIVERSITY = ("sdd", "htd", "ssd")
