@@ -11,9 +11,8 @@ from tests.app.parts import crossing
 
 import rvsg
 from rvsg.app.comparison import compare_versions
-from rvsg.campaign.suite import Change, State
+from rvsg.campaign.suite import State
 from rvsg.core.errors import FileError, InputError, UnknownName
-from rvsg.report.comparison_page import changes_markdown
 from rvsg.report.summary import suite_junit
 
 FAST = "kinematic"
@@ -72,12 +71,6 @@ def test_junit_has_a_case_with_a_stable_name_for_each_requirement(suite: rvsg.Su
     assert [made.get(key) for key in ("tests", "failures", "skipped")] == ["2", "0", "1"]
     assert [case.get("name") for case in made] == ["aisle", "aisle"]
     assert all(float(case.get("time", "0")) > 0 for case in made)
-
-
-def test_identical_versions_are_unchanged(suite: rvsg.Suite) -> None:
-    comparison = compare_versions(FAST, FAST, suite=suite.folder, runs=5).found
-    assert {each.change for each in comparison.changes} == {Change.UNCHANGED}
-    assert changes_markdown(comparison).count("**unchanged**") == 2
 
 
 def test_results_without_a_common_case_are_refused(suite: rvsg.Suite) -> None:

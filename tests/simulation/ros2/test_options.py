@@ -15,7 +15,7 @@ from rvsg.robots.robot import load_robot
 from rvsg.simulation.simulators import described
 from rvsg.simulation.stacks.registry import StackChoice
 from rvsg_ros2.launch import Launched, ros_environment
-from rvsg_ros2.options import domain_of, read_options, scan_topic
+from rvsg_ros2.options import read_options, scan_topic
 from rvsg_ros2.stack import Ros2Stack
 
 
@@ -48,7 +48,7 @@ def test_wrong_options_are_one_error_each(wrong: dict[str, object], keys: tuple[
     ("made", "code"),
     [
         (lambda: read_options({"launch": "ros2 {params}", "params": "/nowhere.yaml"}), "params-missing"),
-        (lambda: domain_of(None), "ros2-domain"),
+        (lambda: read_options({}).first_domain, "ros2-domain"),
         (lambda: ros_environment(0), "ros2-middleware"),
         (lambda: Launched("no-such-command-here --x", {}), "ros2-launch"),
         (lambda: Launched("ros2 'open", {}), "ros2-launch-words"),
@@ -65,7 +65,7 @@ def test_what_cannot_be_used_is_one_error(
 
 def test_the_domain_is_that_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
-    assert (domain_of(None), domain_of(3)) == (7, 3)
+    assert (read_options({}).first_domain, read_options({"domain": 3}).first_domain) == (7, 3)
 
 
 def test_a_stack_is_pickled_without_its_connection() -> None:

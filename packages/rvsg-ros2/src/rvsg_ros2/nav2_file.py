@@ -37,19 +37,18 @@ from rvsg_ros2.interfaces import Release
 from rvsg_ros2.options import Ros2Options, scan_topic
 
 
-def nav2_text(robot: Robot, driver: NavigationStack, release: Release, options: Ros2Options | None = None) -> str:
+def nav2_text(robot: Robot, driver: NavigationStack, release: Release) -> str:
     """Return Nav2's parameter file for a robot, with the names and frames that the stack `ros2` uses.
 
     Args:
         driver: a built-in stack, whose controller and changes of the robot's parameters are taken over.
-        options: names and frames; None: Nav2's defaults.
 
     Raises:
         InputError: the stack has no controller of Nav2.
     """
     name = driver.name or type(driver).__name__
     controller = _controller(driver, name)
-    robot, options = driver.adapt(robot), options or Ros2Options()
+    robot, options = driver.adapt(robot), Ros2Options()
     if robot.navigation.costmaps.local_size_m % 1:
         size = robot.navigation.costmaps.local_size_m
         raise InputError(f"costmaps.local_size_m is {size:g}; Nav2 takes whole metres.", code="nav2-whole-metres")

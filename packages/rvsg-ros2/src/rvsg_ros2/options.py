@@ -94,18 +94,13 @@ class Ros2Options(Record):
 
     @property
     def first_domain(self) -> int:
-        """The domain to use, or the first one to try."""
-        return domain_of(self.domain)
-
-
-def domain_of(given: int | None) -> int:
-    """Return the DDS domain: as given, else that of ROS_DOMAIN_ID, else 0."""
-    if given is not None:
-        return given
-    text = os.environ.get("ROS_DOMAIN_ID", "").strip() or "0"
-    if not text.isdecimal() or int(text) > 232:
-        raise InputError(f"ROS_DOMAIN_ID is {text!r}. Expected a number from 0 to 232.", code="ros2-domain")
-    return int(text)
+        """The domain to use, or the first one to try: as given, else that of ROS_DOMAIN_ID, else 0."""
+        if self.domain is not None:
+            return self.domain
+        text = os.environ.get("ROS_DOMAIN_ID", "").strip() or "0"
+        if not text.isdecimal() or int(text) > 232:
+            raise InputError(f"ROS_DOMAIN_ID is {text!r}. Expected a number from 0 to 232.", code="ros2-domain")
+        return int(text)
 
 
 Options = TypeVar("Options", bound=Ros2Options)

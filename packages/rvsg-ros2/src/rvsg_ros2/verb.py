@@ -31,16 +31,9 @@ def check(
 
     found = check_ros2(settings.get("stack_options", {}), robot, seconds=seconds)
     if json:
-        console.print_json(
-            {
-                "domain": found.domain,
-                "release": found.release,
-                "usable": found.is_usable,
-                "findings": [
-                    {"name": each.name, "status": each.status.name, "detail": each.detail} for each in found.findings
-                ],
-            }
-        )
+        listed = [{"name": each.name, "status": each.status.name, "detail": each.detail} for each in found.findings]
+        told = {"domain": found.domain, "release": found.release, "usable": found.is_usable}
+        console.print_json(told | {"findings": listed})
     else:
         known = f"message definitions of {found.release}" if found.release else "no ROS 2 node is heard"
         print(f"DDS domain {found.domain}, {known}")
