@@ -90,8 +90,9 @@ class Cluster:
         distributed = _distributed()
         import cloudpickle
 
-        _hush()
-
+        for name in list(logging.root.manager.loggerDict):  # a lost connection is one message of ours, no traceback
+            if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
+                logging.getLogger(name).setLevel(logging.CRITICAL + 1)
         where = self.address or f"the address in {self.scheduler_file}"
         try:
             self._client = _within(
@@ -311,13 +312,6 @@ def _distributed() -> Any:
     except ImportError as error:
         raise InputError(f"{INSTALL} ({error})") from None
     return distributed
-
-
-def _hush() -> None:
-    """Silence Dask's traceback for every lost connection; we report it in one message."""
-    for name in list(logging.root.manager.loggerDict):
-        if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
-            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
 
 
 _shared: dict[str, RunMaker] = {}

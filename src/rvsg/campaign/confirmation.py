@@ -177,7 +177,11 @@ class Confirmations:
             objectives = _objectives(again, results)
             count = next_repeats(requirement, objectives, procedure=procedure)
             hopeless = only_fail and Status.FAIL not in self._reachable(objectives, procedure)
-            if count and (hopeless or (reserve and self._leaves_open(objectives, procedure, count, reserve))):
+            # The next candidate may be worth the runs more than telling how often this one violates.
+            values = [value for value in objectives if value is not None]
+            violations, left = sum(map(requirement.violated_by, values)), budget - len(objectives)
+            certain = violations < len(values) and procedure.violated(violations, len(values))
+            if count and (hopeless or (certain and left - count < reserve <= left)):
                 budget = len(objectives)
                 break
         yield self._add(store(again, results, parts, budget=budget))
@@ -259,14 +263,6 @@ class Confirmations:
         spent = procedure.max_runs - (len(objectives) - len(known))
         violations = sum(map(self.plan.requirement.violated_by, known))
         return procedure.replace(max_runs=spent).fewest_for(violations, len(known))
-
-    def _leaves_open(self, objectives: Sequence[float | None], procedure: Procedure, count: int, reserve: int) -> bool:
-        """Return whether the next candidate is worth the runs more than telling how often this one violates."""
-        known = [value for value in objectives if value is not None]
-        violations = sum(map(self.plan.requirement.violated_by, known))
-        left = procedure.max_runs - len(objectives)
-        certain = violations < len(known) and procedure.violated(violations, len(known))
-        return certain and left - count < reserve <= left
 
 
 def _status(attempt: AttemptSummary) -> Status | None:

@@ -213,10 +213,15 @@ class Exercise:
         used = {each.id: set(waypoints_used(each.people)) for each in scenarios}
         acted = Counter(b for each in scenarios for b in {h.behaviour.value for h in each.people.humans})
         judged = Counter(name for names in self._asked.values() for name in names)
-        own = sorted(each.mission.route.name for each in scenarios)
-        happened: Counter[str] = Counter()
-        for (_, kind), count in self._encounters.items():
-            happened[kind] += count
+        routes = []
+        driven = sorted(each.mission.route.name for each in scenarios)
+        for name in dict.fromkeys([*(route.name for route in self.world.routes), *driven]):
+            own = [key for key, each in self._scenarios.items() if each.mission.route.name == name]
+            met = {kind: self._encounters[(name, kind)] for kind in kinds}
+            tested = {r: sum(r in self._asked[key] for key in own) for r in asked}
+            runs = self._route_runs[name]
+            routes.append(RouteCoverage(route=name, scenarios=len(own), runs=runs, requirements=tested, encounters=met))
+        happened = {kind: sum(count for (_, each), count in self._encounters.items() if each == kind) for kind in kinds}
         return Coverage(
             world=self.world.name,
             world_id=self.world.id,
@@ -226,10 +231,7 @@ class Exercise:
                 Count(name=area.name, scenarios=sum(bool(used[each] & set(area.waypoints)) for each in used))
                 for area in self.world.areas
             ),
-            routes=tuple(
-                self._route(name, asked, kinds)
-                for name in dict.fromkeys([*(route.name for route in self.world.routes), *own])
-            ),
+            routes=tuple(routes),
             behaviours=tuple(
                 Count(name=b.value, scenarios=acted[b.value], runs=self._behaved[b.value]) for b in Behaviour
             ),
@@ -240,16 +242,6 @@ class Exercise:
                 MetAt(waypoint=name, encounters=count)
                 for name, count in sorted(self._met.items(), key=lambda pair: (-pair[1], pair[0]))
             ),
-        )
-
-    def _route(self, name: str, asked: Sequence[str], kinds: Sequence[str]) -> RouteCoverage:
-        own = [key for key, each in self._scenarios.items() if each.mission.route.name == name]
-        return RouteCoverage(
-            route=name,
-            scenarios=len(own),
-            runs=self._route_runs[name],
-            requirements={r: sum(r in self._asked[key] for key in own) for r in asked},
-            encounters={kind: self._encounters[(name, kind)] for kind in kinds},
         )
 
 

@@ -135,7 +135,11 @@ class HybridStrategy(CandidateStrategy):
                 return
             if turn < drafts or not self.measured:
                 scenario = turn
-                yield from self._propose(self._new_ask(scenario), None)
+                memory = remember(self.attempts, self.plan.requirement, last=self.plan.memory)
+                last = next((c for c in self._best_of_each() if c.scenario_index == turn - 1), None)
+                untold = self._feedback(last) if last is not None and memory else None
+                brief = self._brief("new", turn, 0, memory=memory, untold=untold)
+                yield from self._propose(Ask(brief=brief, seeds=self._seeds(1)), None)
             else:
                 rng = np.random.default_rng(seed_for(self.plan.seed, "hybrid", self.asked))
                 (parent,) = self._best(self._best_of_each(), rng, 1)
@@ -161,19 +165,8 @@ class HybridStrategy(CandidateStrategy):
         return [candidate for candidate in self.measured if candidate.scenario_index == scenario]
 
     def _best_of_each(self) -> list[Candidate]:
-        found: dict[int, Candidate] = {}
-        for candidate in self.measured:
-            known = found.get(candidate.scenario_index)
-            if known is None or candidate.estimate > known.estimate:
-                found[candidate.scenario_index] = candidate
-        return list(found.values())
-
-    def _new_ask(self, scenario: int) -> Ask:
-        """Return the ask for a new scenario, with what the best configuration of the one before measured."""
-        memory = remember(self.attempts, self.plan.requirement, last=self.plan.memory)
-        last = next((c for c in self._best_of_each() if c.scenario_index == scenario - 1), None)
-        untold = self._feedback(last) if last is not None and memory else None
-        return Ask(brief=self._brief("new", scenario, 0, memory=memory, untold=untold), seeds=self._seeds(1))
+        own = (self._of(scenario) for scenario in dict.fromkeys(c.scenario_index for c in self.measured))
+        return [max(each, key=lambda c: c.estimate) for each in own]
 
     def _propose(self, ask: Ask, parent: Candidate | None) -> Batches:
         """Ask the generator; where its budget is spent, change the best configuration instead."""

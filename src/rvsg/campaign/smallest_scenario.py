@@ -111,7 +111,12 @@ class Shrinker:
             return scenario, []
         smallest, steps = self._smallest(scenario, self._seeds, needed)
         if kept := [step.what for step in steps if step.kept]:
-            smallest = smallest.replace(description=_description(scenario, smallest, kept))
+            before, humans = len(scenario.people.humans), smallest.people.humans
+            told = f"{scenario.description} (Shrunk: {'; '.join(kept)}.)".strip()
+            if len(humans) < before:  # the old words name everybody, so what the others do is said instead
+                people = "; ".join(f"{human.name}: {', '.join(task.name for task in human.tasks)}" for human in humans)
+                told = f"{people}. (Shrunk: {len(humans)} of {before} people are left.)"
+            smallest = smallest.replace(description=told)
         return smallest, steps
 
     @property
@@ -181,15 +186,6 @@ def size(people: HumanConfiguration) -> tuple[int, int, int, int, int]:
         sum(len(task.pauses) for task in tasks),
         sum(specials),
     )
-
-
-def _description(original: Scenario, smallest: Scenario, kept: Sequence[str]) -> str:
-    """Describe a shrunk scenario. Where people are left out, say what the others do: the old words name everybody."""
-    before, humans = len(original.people.humans), smallest.people.humans
-    if len(humans) == before:
-        return f"{original.description} (Shrunk: {'; '.join(kept)}.)".strip()
-    people = "; ".join(f"{human.name}: {', '.join(task.name for task in human.tasks)}" for human in humans)
-    return f"{people}. (Shrunk: {len(humans)} of {before} people are left.)"
 
 
 def simpler(people: HumanConfiguration, grid: Grid) -> Iterator[tuple[str, HumanConfiguration]]:

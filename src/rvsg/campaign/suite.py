@@ -302,13 +302,18 @@ def changes_of(first: SuiteResult, second: SuiteResult, *, error_rate: float = 0
     found = [_change(case, theirs.get(key)) for key, case in mine.items()]
     found += [_change(case, None) for key, case in theirs.items() if key not in mine]
     corrected = holm({str(k): each.p for k, each in enumerate(found) if each.p is not None})
-    return tuple(
-        each if each.p is None else _corrected(each, corrected[str(k)], error_rate) for k, each in enumerate(found)
-    )
+    for key, p in corrected.items():
+        each, change = found[int(key)], found[int(key)].change
+        if p < error_rate:
+            change = Change.BROKEN if each.only_second > each.only_first else Change.FIXED
+        found[int(key)] = each.replace(p_corrected=p, change=change)
+    return tuple(found)
 
 
 def _change(case: CaseResult, other: CaseResult | None) -> CaseChange:
-    """Return a case as the verdicts alone say it; `_corrected` adds what the test says."""
+    """Return a case as the verdicts alone say it, with the test's p."""
+    from scipy import stats
+
     named = {"case": case.case, "title": case.title, "requirement": case.requirement}
     if other is None:
         return CaseChange(**named, change=Change.MISSING)
@@ -317,7 +322,7 @@ def _change(case: CaseResult, other: CaseResult | None) -> CaseChange:
     before, after = [a for a, _ in pairs], [b for _, b in pairs]
     only_first, only_second = sum(a and not b for a, b in pairs), sum(b and not a for a, b in pairs)
     agree = only_first == only_second == 0 or _settled(case.verdict) == _settled(other.verdict) is not None
-    difference = share_difference(after, before, paired=True)
+    difference, discordant = share_difference(after, before, paired=True), only_first + only_second
     return CaseChange(
         **named,
         change=Change.UNCHANGED if agree else Change.UNCLEAR,
@@ -327,23 +332,9 @@ def _change(case: CaseResult, other: CaseResult | None) -> CaseChange:
         only_second=only_second,
         difference=difference.difference if difference else None,
         interval=difference.interval if difference else None,
-        p=_mcnemar(only_first, only_second),
+        # The exact two-sided McNemar test (McNemar 1947): the discordant pairs are a fair coin if nothing changed.
+        p=float(stats.binomtest(only_second, discordant, 0.5).pvalue) if discordant else 1.0,
     )
-
-
-def _corrected(each: CaseChange, p: float, error_rate: float) -> CaseChange:
-    change = each.change
-    if p < error_rate:
-        change = Change.BROKEN if each.only_second > each.only_first else Change.FIXED
-    return each.replace(p_corrected=p, change=change)
-
-
-def _mcnemar(only_first: int, only_second: int) -> float:
-    """The exact two-sided McNemar test (McNemar 1947): the discordant pairs are a fair coin if nothing changed."""
-    from scipy import stats
-
-    discordant = only_first + only_second
-    return float(stats.binomtest(only_second, discordant, 0.5).pvalue) if discordant else 1.0
 
 
 def _settled(verdict: Verdict) -> bool | None:

@@ -55,11 +55,8 @@ class Shown:
     @property
     def candidate(self) -> Attempt | None:
         """The configuration of the search that the first finding confirms."""
-        return self.candidate_of(self.summary.confirmed) if self.summary.confirmed is not None else None
-
-    def candidate_of(self, confirmation: Attempt) -> Attempt | None:
-        """Return the configuration of the search that an attempt confirms."""
-        return confirmed_candidate(confirmation, self.attempts)
+        confirmed = self.summary.confirmed
+        return confirmed_candidate(confirmed, self.attempts) if confirmed is not None else None
 
     @property
     def cause(self) -> Cause | None:
