@@ -108,9 +108,7 @@ def test_two_robots_are_refused_until_one_is_named(said: list[Said], tmp_path: P
     assert found.run.trajectory.x[-1] == pytest.approx(run.trajectory.x[-1], abs=0.2)
 
 
-def test_without_odometry_the_transforms_say_where_the_robot_is(
-    said: list[Said], tmp_path: Path, run: Run, world: World
-) -> None:
+def test_without_odometry_transforms_place_the_robot(said: list[Said], tmp_path: Path, run: Run, world: World) -> None:
     found = read_recording(recorded(said, tmp_path, without("/odom")), world=world)
     assert any("no odometry" in note for note in found.notes)
     assert np.allclose(found.run.trajectory.x, run.trajectory.x[::4][: len(found.run.trajectory)], atol=1e-6)
@@ -158,7 +156,7 @@ def test_a_recording_of_several_runs_is_refused(said: list[Said], tmp_path: Path
 
 
 @pytest.mark.parametrize("frame", ["base_footprint", "camera"])
-def test_people_in_the_frame_of_the_robot_are_moved_and_an_unknown_frame_is_refused(
+def test_people_are_moved_to_the_map_frame(
     said: list[Said], tmp_path: Path, run: Run, world: World, frame: str
 ) -> None:
     path = run.trajectory
@@ -200,9 +198,7 @@ def test_memory_does_not_grow_with_topics_that_are_not_needed(said: list[Said], 
     assert peak < 25_000_000
 
 
-def test_markers_that_may_show_people_are_named_and_read_where_they_are_chosen(
-    said: list[Said], tmp_path: Path, run: Run, world: World
-) -> None:
+def test_markers_are_read_where_they_are_chosen(said: list[Said], tmp_path: Path, run: Run, world: World) -> None:
     made = Messages(rosbags_types())
 
     def as_markers(topic: str, t: float, message: Any) -> Iterator[Said]:

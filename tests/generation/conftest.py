@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from rvsg.scenario.brief import Brief
@@ -26,8 +24,3 @@ def warehouse() -> World:
 def brief(warehouse: World) -> Brief:
     mission = Mission(world="warehouse", world_id=warehouse.id, route=warehouse.route("route_1"))
     return Brief(mission=mission, requirement=load_requirement("R1"), seed=3)
-
-
-@pytest.fixture
-def record(tmp_path: Path) -> Path:
-    return tmp_path / "vlm"

@@ -133,9 +133,7 @@ def test_a_valid_answer_takes_one_call(ask: Asking, brief: Brief, warehouse: Wor
     assert proposal.first_findings == proposal.problems == ()
 
 
-def test_findings_go_back_and_what_is_left_after_the_corrections_is_repaired(
-    ask: Asking, brief: Brief, warehouse: World
-) -> None:
+def test_findings_go_back_and_what_is_left_is_repaired(ask: Asking, brief: Brief, warehouse: World) -> None:
     proposal, model = ask(JUMP, GOOD)
     assert (purposes(proposal), proposal.corrections, proposal.repairs) == (["new", "correct"], 1, ())
     assert [f.rule for f in proposal.first_findings] == ["not-neighbours"]
@@ -156,9 +154,7 @@ ONE_HUMAN = json.dumps({"description": "one only", "humans": [ONE]})
     ["", "I'm sorry, I can't help with that.", REFUSED, '{"weather": "fine"}', ONE_HUMAN, "x" * 200_000],
     ids=["empty", "prose", "refusal", "other-json", "missing-human", "200k"],
 )
-def test_an_answer_that_cannot_be_used_is_asked_for_again_and_then_kept_with_its_problems(
-    ask: Asking, bad: Any
-) -> None:
+def test_an_unusable_answer_is_asked_for_again_and_then_kept_with_its_problems(ask: Asking, bad: Any) -> None:
     better, _ = ask(bad, GOOD)
     assert better.scenario is not None and better.first_findings
     hopeless, model = ask(*[bad] * 3)
@@ -175,9 +171,7 @@ def test_a_truncated_answer_is_told_to_be_and_an_extra_human_left_out(ask: Askin
     assert [r.human for r in proposal.repairs] == ["Boss"]
 
 
-def test_calls_of_a_kind_begin_alike_and_a_refinement_shows_the_map_small_and_no_grid(
-    brief: Brief, warehouse: World
-) -> None:
+def test_calls_of_a_kind_begin_alike_and_a_refinement_shows_a_small_map(brief: Brief, warehouse: World) -> None:
     model = Scripted([GOOD] * 4)
     generator = VlmGenerator(model)
     first = generator.propose(brief, warehouse).scenario
@@ -227,9 +221,7 @@ def test_values_that_the_time_limit_cuts_off_have_their_runs_told_and_no_interva
     assert "interval" not in told(model)
 
 
-def test_a_refinement_is_told_its_analysis_its_plan_and_where_the_robot_lags(
-    brief: Brief, warehouse: World, first: Scenario
-) -> None:
+def test_a_refinement_is_told_its_analysis_and_its_plan(brief: Brief, warehouse: World, first: Scenario) -> None:
     given = refining(
         brief,
         first,
@@ -256,7 +248,7 @@ def test_a_refinement_is_told_its_analysis_its_plan_and_where_the_robot_lags(
 
 
 @pytest.mark.parametrize(("conversation", "replies"), CONVERSATIONS)
-def test_a_new_scenario_is_told_what_the_last_configuration_measured(
+def test_a_new_scenario_is_told_the_last_values(
     conversation: str, replies: list[str], ask: Asking, brief: Brief, first: Scenario
 ) -> None:
     person = PersonAt(at="D20", doing="pausing", side="left", distance_m=1.25)
@@ -271,9 +263,7 @@ def test_a_new_scenario_is_told_what_the_last_configuration_measured(
     assert "sums up what that scenario taught" in text
 
 
-def test_the_route_is_told_and_drawn_as_the_robot_drives_it_not_as_the_file_says(
-    brief: Brief, warehouse: World
-) -> None:
+def test_the_route_is_told_and_drawn_as_the_robot_drives_it(brief: Brief, warehouse: World) -> None:
     # A world from a bare map proposes a `via` along people's waypoints; the robot plans its own way.
     way = tuple((float(k), -0.1 - 0.2 * k, -0.35) for k in range(10))
     generator = VlmGenerator(Scripted([]))
@@ -295,9 +285,7 @@ def test_the_route_is_told_and_drawn_as_the_robot_drives_it_not_as_the_file_says
 
 
 @pytest.mark.parametrize("tunes", [False, True])
-def test_only_where_an_optimiser_follows_numbers_are_said_to_be_tuned(
-    tunes: bool, brief: Brief, warehouse: World
-) -> None:
+def test_numbers_are_said_to_be_tuned_where_an_optimiser_follows(tunes: bool, brief: Brief, warehouse: World) -> None:
     prompts = VlmGenerator(Scripted([])).first_prompts(brief.replace(tunes=tunes), warehouse)
     assert ("optimiser" in prompts[-1].text) == tunes
 
@@ -392,7 +380,7 @@ def test_a_refinement_is_described_by_what_its_own_people_do(
 
 
 @pytest.mark.parametrize(("conversation", "replies"), CONVERSATIONS)
-def test_an_unguided_brief_hears_of_no_requirement_feedback_or_memory(
+def test_an_unguided_brief_hears_of_no_requirement(
     conversation: str, replies: list[str], ask: Asking, brief: Brief
 ) -> None:
     proposal, model = ask(*replies, brief=brief.replace(requirement=None), conversation=conversation)
@@ -433,9 +421,7 @@ def test_the_checkers_findings_on_the_paths_in_prose_go_into_p6(ask: Asking) -> 
     assert "could not be found" in model.asked[3].messages[-1].text
 
 
-def test_a_study_refinement_goes_on_from_the_recorded_history_or_from_the_shortest_equal_one(
-    ask: Asking, brief: Brief, tmp_path: Path
-) -> None:
+def test_a_study_refinement_goes_on_from_the_recorded_history(ask: Asking, brief: Brief, tmp_path: Path) -> None:
     first = ask(*STUDY, conversation="study", folder=tmp_path)[0].scenario
     _, resumed = ask(LINES, LINES, GOOD, brief=refining(brief, first), conversation="study", folder=tmp_path)
     assert len(resumed.asked[0].messages) == 12
@@ -443,9 +429,7 @@ def test_a_study_refinement_goes_on_from_the_recorded_history_or_from_the_shorte
     assert [m.role for m in fresh.asked[0].messages] == ["system", "user", "assistant", "user", "assistant", "user"]
 
 
-def test_a_record_replays_without_a_model_under_any_seed_and_says_what_it_does_not_hold(
-    ask: Asking, brief: Brief, warehouse: World, tmp_path: Path
-) -> None:
+def test_a_record_replays_under_any_seed(ask: Asking, brief: Brief, warehouse: World, tmp_path: Path) -> None:
     first, _ = ask(JUMP, GOOD, folder=tmp_path)
     replay = VlmGenerator(replay=tmp_path / "vlm", strict=True)
     assert replay.propose(brief, warehouse) == first
@@ -456,9 +440,7 @@ def test_a_record_replays_without_a_model_under_any_seed_and_says_what_it_does_n
         replay.propose(brief.replace(scenario_index=1), warehouse)
 
 
-def test_a_replay_says_where_the_present_prompts_diverge(
-    ask: Asking, brief: Brief, warehouse: World, tmp_path: Path
-) -> None:
+def test_a_replay_says_where_prompts_diverge(ask: Asking, brief: Brief, warehouse: World, tmp_path: Path) -> None:
     ask(GOOD, folder=tmp_path)
     prompts = tmp_path / "prompts"
     prompts.mkdir()
@@ -479,9 +461,7 @@ def test_a_campaign_stopped_between_two_calls_goes_on_without_asking_again(ask: 
     assert proposal == ask(JUMP, GOOD)[0]
 
 
-def test_a_service_that_ends_or_a_crash_in_a_line_leaves_what_is_recorded(
-    ask: Asking, brief: Brief, tmp_path: Path
-) -> None:
+def test_a_service_that_ends_or_a_crash_leaves_what_is_recorded(ask: Asking, brief: Brief, tmp_path: Path) -> None:
     with pytest.raises(ModelUnavailable):
         ask(JUMP, folder=tmp_path / "a")
     kept = Recording(tmp_path / "a" / "vlm")
@@ -529,7 +509,7 @@ def test_options_that_cannot_be_used_are_refused_before_anything_is_written(
 
 
 @pytest.mark.parametrize(("conversation", "replies"), CONVERSATIONS)
-def test_first_prompts_are_those_of_the_first_call(
+def test_first_prompts_are_the_first_call(
     conversation: Any, replies: list[str], brief: Brief, warehouse: World
 ) -> None:
     model = Scripted(replies)
@@ -540,9 +520,7 @@ def test_first_prompts_are_those_of_the_first_call(
 
 
 @pytest.mark.parametrize("conversation", ["compact", "study"])
-def test_the_generator_passes_the_exam_for_plug_ins_whatever_a_model_says(
-    conversation: Any, brief: Brief, warehouse: World
-) -> None:
+def test_the_generator_passes_the_exam_for_plug_ins(conversation: Any, brief: Brief, warehouse: World) -> None:
     mixed: list[Any] = [GOOD, JUMP, "", UNKNOWN, SCENARIO, "{", REFUSED, LINES]
     generator = VlmGenerator(Scripted(mixed * 60), conversation=conversation)
     check_generator(generator, odd_briefs(generator, brief.mission, warehouse), warehouse, repeatable=False)

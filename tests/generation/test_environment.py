@@ -80,9 +80,7 @@ def test_an_unreadable_summary_is_asked_for_again_and_then_an_error(warehouse: W
         describing(warehouse, "a", "b", "prose", "prose")[0].describe()
 
 
-def test_a_description_is_stored_in_the_worlds_own_file_and_the_rest_of_it_kept(
-    warehouse: World, tmp_path: Path
-) -> None:
+def test_a_description_is_stored_in_the_worlds_own_file(warehouse: World, tmp_path: Path) -> None:
     save_world(warehouse, tmp_path)
     file = tmp_path / "world.yaml"
     file.write_text(file.read_text() + "# a comment of mine\n")
@@ -97,9 +95,7 @@ def test_a_description_is_stored_in_the_worlds_own_file_and_the_rest_of_it_kept(
     assert "map:" in file.read_text()
 
 
-def test_the_description_of_a_shipped_world_goes_to_the_users_folder_and_into_the_prompts(
-    brief: Brief, warehouse: World
-) -> None:
+def test_the_description_of_a_shipped_world_goes_to_the_users_folder(brief: Brief, warehouse: World) -> None:
     bare = replace(warehouse, description=None)
     assert description_of(bare) is None
     written = store_description(bare, Description(**CLEAN))

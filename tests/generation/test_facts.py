@@ -40,9 +40,7 @@ def joined_by_rule(grid: Grid) -> set[frozenset[str]]:
           for name in ("hunav_bookstore", "nav2_warehouse", "nav2_tb3_sandbox")),
     ],
 )  # fmt: skip
-def test_positions_are_distinct_and_rule_and_exceptions_say_exactly_who_is_whose_neighbour(
-    warehouse: World, name: str
-) -> None:
+def test_rule_and_exceptions_say_exactly_who_is_whose_neighbour(warehouse: World, name: str) -> None:
     path = MAPS / f"{name}.yaml"
     if name != "warehouse" and not path.exists():
         pytest.skip("the public maps are not at hand")
@@ -75,9 +73,7 @@ def grid_up_y() -> Grid:
     return Grid(rows=("A", "B"), columns=("1", "2", "3"), waypoints=waypoints, hops=hops)
 
 
-def test_coordinates_are_those_of_the_axis_along_which_rows_and_columns_differ(
-    warehouse: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_coordinates_are_those_along_which_rows_differ(warehouse: World, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rvsg.generation.facts.is_walkable", lambda a, b, world: True)
     facts = world_facts(replace(warehouse, grid=grid_up_y(), areas=()))
     assert (facts["row_axis"], facts["column_axis"]) == ("y", "x")
@@ -90,9 +86,7 @@ def test_coordinates_are_those_of_the_axis_along_which_rows_and_columns_differ(
     assert "Rows by their y in metres: A 5, B 3.5" in text
 
 
-def test_a_hop_that_nobody_fits_through_is_told_as_one_that_is_not_joined(
-    warehouse: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_hop_that_nobody_fits_through_is_not_joined(warehouse: World, monkeypatch: pytest.MonkeyPatch) -> None:
     """The checker refuses it, so the prompt must not offer it."""
     monkeypatch.setattr("rvsg.generation.facts.is_walkable", lambda a, b, world: {a, b} != {"A1", "A2"})
     facts = world_facts(replace(warehouse, grid=grid_up_y(), areas=()))

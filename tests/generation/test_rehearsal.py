@@ -1,14 +1,15 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 
 from rvsg.campaign.feedback import rehearsing
 from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.facts import configuration_object
-from rvsg.generation.generator import Rehearsal, Walked, surprises
+from rvsg.generation.generator import Proposal, Rehearsal, Walked, surprises
 from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.generation.vlm.model import Scripted
 from rvsg.scenario.brief import Arrival, Brief
@@ -43,32 +44,35 @@ def generator(model: Scripted, warehouse: World, **options: int) -> VlmGenerator
     return made
 
 
-def test_a_plan_that_does_not_happen_goes_back_once(
-    brief: Brief, warehouse: World, people: HumanConfiguration, record: Path
-) -> None:
+@pytest.fixture
+def propose(brief: Brief, warehouse: World) -> Callable[..., tuple[Proposal, Scripted]]:
+    """The proposal of a model that gives these answers, and the model with what it was asked."""
+
+    def propose(*answers: str, **options: int) -> tuple[Proposal, Scripted]:
+        model = Scripted(answers)
+        return generator(model, warehouse, **options).propose(brief, warehouse), model
+
+    return propose
+
+
+def test_a_plan_that_does_not_happen_goes_back_once(propose: Any, people: HumanConfiguration) -> None:
     late = people.humans[0].tasks[0].path[1]
-    model = Scripted([planned(people, late, 19.0), planned(people, late, 19.0, start_delay_s=3.0)])
-    proposal = generator(model, warehouse).propose(brief, warehouse)
+    proposal, model = propose(planned(people, late, 19.0), planned(people, late, 19.0, start_delay_s=3.0))
     assert [call.purpose for call in proposal.calls] == ["new", "rehearse"]
     assert f"reaches {late} at" in model.asked[1].messages[-1].text
     assert "you planned 19 s" in model.asked[1].messages[-1].text
     assert proposal.scenario.people.humans[0].start_delay_s == 3.0
 
 
-def test_an_impossible_plan_ends_after_the_rehearsals_that_were_asked_for(
-    brief: Brief, warehouse: World, people: HumanConfiguration
-) -> None:
-    model = Scripted([planned(people, people.humans[0].tasks[0].path[1], 24.0)] * 6)
-    proposal = generator(model, warehouse, rehearsals=5).propose(brief, warehouse)
-    assert len(model.asked) == 6
-    assert proposal.scenario is not None
+def test_an_impossible_plan_ends_after_the_rehearsals(propose: Any, people: HumanConfiguration) -> None:
+    proposal, model = propose(*[planned(people, people.humans[0].tasks[0].path[1], 24.0)] * 6, rehearsals=5)
+    assert len(model.asked) == 6 and proposal.scenario is not None
 
 
-def test_what_an_invalid_answer_to_a_rehearsal_says_does_not_replace_a_valid_one(
-    brief: Brief, warehouse: World, people: HumanConfiguration
+def test_an_invalid_answer_to_a_rehearsal_does_not_replace_a_valid_one(
+    propose: Any, people: HumanConfiguration
 ) -> None:
-    model = Scripted([planned(people, people.humans[0].tasks[0].path[1], 24.0), "I would rather not."])
-    proposal = generator(model, warehouse).propose(brief, warehouse)
+    proposal, _ = propose(planned(people, people.humans[0].tasks[0].path[1], 24.0), "I would rather not.")
     assert [h.tasks for h in proposal.scenario.people.humans] == [h.tasks for h in people.humans]
 
 
@@ -129,9 +133,7 @@ LEAVES = NEAR.replace(begins_at="D9", left_s=2.0)
         (LEAVES.replace(left_s=None), {"D9": 18.0}, None),
     ],
 )
-def test_what_does_not_happen_as_planned_is_a_surprise(
-    walked: Walked, plan: dict[str, float], told: str | None
-) -> None:
+def test_what_goes_against_the_plan_is_a_surprise(walked: Walked, plan: dict[str, float], told: str | None) -> None:
     rehearsal = Rehearsal(robot=(), arrival_s=20.0, people={"Ann": walked})
     assert surprises(rehearsal, {"Ann": plan}) == (() if told is None else (f"Ann {told}",))
 

@@ -350,9 +350,7 @@ def test_an_activity_of_an_unknown_area_is_told_with_its_line_and_what_was_meant
     assert remark.fix is not None  # it names the area that was meant
 
 
-def test_a_gazebo_world_without_its_reader_says_how_to_install_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_its_reader_a_gazebo_world_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plugins, "_registered", lambda _kind: {})
     with pytest.raises(InputError, match=r"\[exchange\]", check=coded("format-not-installed")):
         world_from("sdf", tmp_path / "w.sdf", name="w")

@@ -108,7 +108,7 @@ def test_a_saved_world_reads_back_equal(name: str, tmp_path: Path) -> None:
         (lambda folder: (folder / "routes.yaml").unlink(), ("routes.yaml", None)),
     ],
 )
-def test_a_mistake_is_found_in_its_file_and_line(
+def test_a_mistake_has_file_and_line(
     room: Path, edit: Callable[[Path], None], expected: tuple[str, int | None]
 ) -> None:
     edit(room)

@@ -95,9 +95,7 @@ def test_row_zero_is_the_lowest_the_origin_is_kept_and_thresholds_can_be_overrid
         ({"resolution": -1, "origin": "[0]", "negate": "maybe"}, [2, 3, 4]),
     ],
 )
-def test_a_wrong_header_is_refused_at_its_keys_and_lines(
-    tmp_path: Path, header: dict[str, Any], lines: list[int]
-) -> None:
+def test_a_wrong_header_is_refused_at_its_keys(tmp_path: Path, header: dict[str, Any], lines: list[int]) -> None:
     path = write_pixels(tmp_path, np.full((2, 1500), 254, np.uint8))
     with pytest.raises(DocumentError) as caught:
         load_nav2_map(write_header(path.parent, **header))

@@ -159,9 +159,7 @@ CASES: dict[str, tuple[str, dict[str, Any], Points, Points]] = {
 
 
 @pytest.mark.parametrize(("text", "choices", "inside", "outside"), CASES.values(), ids=CASES)
-def test_floor_is_inside_or_outside(
-    tmp_path: Path, text: str, choices: dict[str, Any], inside: Points, outside: Points
-) -> None:
+def test_floor_is_inside(tmp_path: Path, text: str, choices: dict[str, Any], inside: Points, outside: Points) -> None:
     space = floor(tmp_path, text, **choices)
     assert all(space.is_free(*at) for at in inside)
     assert not any(space.is_free(*at) for at in outside)

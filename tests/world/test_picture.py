@@ -212,9 +212,7 @@ def overlaps(picture: Picture) -> list[tuple[str, str]]:
 
 
 @pytest.mark.slow
-def test_a_map_of_2000_by_2000_cells_is_read_gridded_and_drawn_in_seconds(
-    hall: tuple[OccupancyMap, list[Area]], tmp_path: Path
-) -> None:
+def test_a_map_of_2000_by_2000_cells_is_drawn_in_seconds(hall: tuple[OccupancyMap, list[Area]], tmp_path: Path) -> None:
     write_map(hall[0], tmp_path)
     began = time.process_time()
     world = build_world(name="hall", occupancy=load_nav2_map(tmp_path / "map.yaml")[0], areas=hall[1])
@@ -228,9 +226,7 @@ def test_a_map_of_2000_by_2000_cells_is_read_gridded_and_drawn_in_seconds(
     assert any("Waypoints 4 m apart." in word.text for word in pictures[1].words)
 
 
-def test_a_grid_too_fine_for_one_picture_is_drawn_in_tiles_that_name_every_waypoint(
-    hall: tuple[OccupancyMap, list[Area]],
-) -> None:
+def test_a_grid_too_fine_for_one_picture_is_drawn_in_tiles(hall: tuple[OccupancyMap, list[Area]]) -> None:
     corner = map_of(hall[0].cells[:400, :400])
     areas = [area for area in hall[1] if max(max(point) for point in area.outline) < 19]
     world = build_world(name="hall", occupancy=corner, areas=areas, grid_spec=GridSpec(spacing_m=0.5))

@@ -140,9 +140,7 @@ SAVED = (
     ],
     ids=["frames", "rotations", "state"],
 )
-def test_frames_rotations_and_saved_states_are_applied(
-    tmp_path: Path, inside: str, expected: dict[str, dict[str, Any]]
-) -> None:
+def test_frames_and_saved_states_are_applied(tmp_path: Path, inside: str, expected: dict[str, dict[str, Any]]) -> None:
     found = {thing.name: thing for thing in loaded(tmp_path, inside).objects}
     assert found.keys() == expected.keys()
     for name, box_values in expected.items():

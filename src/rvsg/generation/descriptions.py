@@ -74,18 +74,13 @@ def describe(humans: Sequence[Human], *, goods: bool) -> str:
     for k, human in enumerate(humans[:MOST_DESCRIBED]):
         mates = (each.name for each in humans[:k] if each.group is not None and each.group == human.group)
         mate = next(mates, None)
-        doing = in_company_of(mate) if mate is not None else work_of(human, goods=goods)
+        doing = f"works together with {mate}" if mate is not None else work_of(human, goods=goods)
         if mate is None and human.behaviour is Behaviour.THREATENING:
             doing += ", and steps in front of the robot to see what it does"
         *stops, last = dict.fromkeys(ends_of(task)[0] for task in at_places(human.tasks))
         parts.append(f"{human.name} {doing}: {', '.join(stops)}{' and ' if stops else ''}{last}")
     more = f", and {len(humans) - MOST_DESCRIBED} others work nearby" if len(humans) > MOST_DESCRIBED else ""
     return "; ".join(parts) + more
-
-
-def in_company_of(name: str) -> str:
-    """Return what somebody does who does a task together with another."""
-    return f"works together with {name}"
 
 
 def work_of(human: Human, *, goods: bool) -> str:

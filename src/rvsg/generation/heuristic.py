@@ -15,15 +15,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.generation.descriptions import (
-    Described,
-    answer,
-    describe_changed,
-    describe_new,
-    in_company_of,
-    nowhere_to_walk,
-    work_of,
-)
+from rvsg.generation.descriptions import Described, answer, describe_changed, describe_new, nowhere_to_walk, work_of
 from rvsg.generation.forecast import AIMED, FINALISTS, Forecast, forecaster_of, promise
 from rvsg.generation.generator import Generator, Proposal, rng_of
 from rvsg.generation.people_sampler import (
@@ -226,10 +218,12 @@ class HeuristicGenerator(Generator):
         if len({name for place in places for name in place.waypoints}) < 2:
             return nowhere_to_walk(world, generator=self.name)
         plan = _Plan(self, brief, world, places)
-        if brief.kind == "refine" and brief.feedback is not None and plan.refinable(brief.feedback):
+        refined = brief.feedback.scenario if brief.kind == "refine" and brief.feedback is not None else None
+        paths = [task.path for human in refined.people.humans for task in human.tasks] if refined else []
+        if refined and all(path and world.grid.valid.issuperset(path) for path in paths):
             humans, reasoning = plan.refined(self.changes)
-            moved = added(brief.mission, brief.feedback.scenario.mission)
-            described = describe_changed(brief.feedback.scenario, humans, goods=plan.work.goods)
+            moved = added(brief.mission, refined.mission)
+            described = describe_changed(refined, humans, goods=plan.work.goods)
         else:
             humans, reasoning = plan.drafted(self.tries)
             humans, described = plan.described(humans)
@@ -391,11 +385,6 @@ class _Plan:
 
     # -- a refinement ------------------------------------------------------------------------------------------
 
-    def refinable(self, feedback: Feedback) -> bool:
-        """Return whether everybody in the feedback walks on waypoints of this world."""
-        paths = [task.path for human in feedback.scenario.people.humans for task in human.tasks]
-        return all(path and self.world.grid.valid.issuperset(path) for path in paths)
-
     def refined(self, variants: int) -> tuple[list[Human], str]:
         """The most promising of many small changes, by a forecast that fits what was measured; and why."""
         feedback = self.brief.feedback
@@ -436,7 +425,7 @@ class _Plan:
         mate = self.work.mate(humans[index].name, other, group)
         if mate is None:
             return None
-        return mate.model_copy(update={"factors": humans[index].factors}), in_company_of(other.name)
+        return mate.model_copy(update={"factors": humans[index].factors}), f"works together with {other.name}"
 
     def _variant(self, base: list[Human], changes: _Changes) -> tuple[list[Human], list[str]]:
         """One to three small changes that leave everybody a clear start."""

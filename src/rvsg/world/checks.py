@@ -44,26 +44,18 @@ class Fix:
     change: Mapping[str, Any]
 
 
-def _area_fix(label: str, name: str, /, **values: Any) -> Fix:
-    return Fix(label=label, change={"what": "change area", "name": name, "values": values})
-
-
-def _route_fix(label: str, name: str, /, **values: Any) -> Fix:
-    return Fix(label=label, change={"what": "change route", "name": name, "values": values})
+def _fix(label: str, what: str, name: str, /, **values: Any) -> Fix:
+    return Fix(label=label, change={"what": what, "name": name} | ({"values": values} if values else {}))
 
 
 def _pose_fix(label: str, route: str, key: Sequence[str | int], pose: list[float]) -> Fix:
     """Return the fix that changes a pose of a route: ("start",), ("goal",) or ("through", number)."""
     values = {"through": {"index": key[1], "pose": pose}} if key[0] == "through" else {str(key[0]): pose}
-    return _route_fix(label, route, **values)
-
-
-def _remove_area(name: str) -> Fix:
-    return Fix(label=f'Remove "{name}"', change={"what": "remove area", "name": name})
+    return _fix(label, "change route", route, **values)
 
 
 def _time_fix(route: str, limit_s: float) -> Fix:
-    return _route_fix(f"Set the time limit to {limit_s:g} s", route, time_limit_s=limit_s)
+    return _fix(f"Set the time limit to {limit_s:g} s", "change route", route, time_limit_s=limit_s)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,12 +137,13 @@ def check_areas(s: Subject) -> None:
         outside = 1.0 - float(left.area) / float(shape.area)
         if outside > 0.999:
             message = f'"{name}" lies outside the map, which spans x {x0:g} to {x1:g} and y {y0:g} to {y1:g}'
-            s.say(s.labels, "area-outside", message, *key, serious=True, fix=_remove_area(name))
+            fix = _fix(f'Remove "{name}"', "remove area", name)
+            s.say(s.labels, "area-outside", message, *key, serious=True, fix=fix)
             continue
         if outside > 0.05:
             whole = left.geom_type == "Polygon"  # cut into several parts it is no area
             outline = [[round(x, 2), round(y, 2)] for x, y in left.exterior.coords[:-1]] if whole else None
-            cut = _area_fix("Cut it at the edge of the map", name, outline=outline) if outline else None
+            cut = _fix("Cut it at the edge of the map", "change area", name, outline=outline) if outline else None
             s.say(s.labels, "area-partly-outside", f'{outside:.0%} of "{name}" lies outside the map', *key, fix=cut)
         _check_area_waypoints(s, index, area)
     for a, b in combinations(s.world.areas, 2):
@@ -158,7 +151,8 @@ def check_areas(s: Subject) -> None:
         shared = float(first.intersection(second).area) / min(float(first.area), float(second.area))
         if shared > 0.9 and a.kind == b.kind:
             message = f'"{b.name}" and "{a.name}" cover the same place'
-            s.say(s.labels, "area-twice", message, "areas", s.world.areas.index(b), fix=_remove_area(b.name))
+            fix = _fix(f'Remove "{b.name}"', "remove area", b.name)
+            s.say(s.labels, "area-twice", message, "areas", s.world.areas.index(b), fix=fix)
 
 
 def _renaming(s: Subject, name: str, wanted: str) -> Fix:
@@ -166,7 +160,7 @@ def _renaming(s: Subject, name: str, wanted: str) -> Fix:
     known = {area.name.strip().casefold() for area in s.world.areas if area.name != name}
     free = [wanted, *(f"{wanted} {k}" for k in range(2, len(known) + 3))]
     new = next(each for each in free if each.casefold() not in known)
-    return _area_fix(f'Rename it to "{new}"', name, name=new)
+    return _fix(f'Rename it to "{new}"', "change area", name, name=new)
 
 
 def _check_area_waypoints(s: Subject, index: int, area: Area) -> None:
@@ -183,7 +177,7 @@ def _check_area_waypoints(s: Subject, index: int, area: Area) -> None:
     far = [name for name in area.waypoints if shape.distance(Point(*s.world.grid.position(name))) > FAR_M]
     if far:
         message = f'{listed_names(far)} of "{area.name}" lie{"s" * (len(far) == 1)} more than {FAR_M:g} m away from it'
-        fix = Fix(label="Find its waypoints again", change={"what": "renew waypoints", "name": area.name})
+        fix = _fix("Find its waypoints again", "renew waypoints", area.name)
         s.say(s.labels, "area-far-waypoints", message, "areas", index, "waypoints", fix=fix)
     if s.world.grid.parts and not s.world.grid.parts[0] & set(area.waypoints):
         message = f'"{area.name}" lies in a part of the map that people cannot walk to from the rest'

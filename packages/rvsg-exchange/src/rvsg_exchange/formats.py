@@ -90,15 +90,6 @@ def goals_yaml(route: Route, world: World, *, release: Release = "jazzy") -> str
     return yaml.safe_dump({"poses": goals, "behavior_tree": ""}, sort_keys=False)
 
 
-def initial_pose_yaml(route: Route, world: World) -> str:
-    """Return the start of the route as the YAML of a `geometry_msgs/PoseWithCovarianceStamped` for `/initialpose`."""
-    covariance = [0.0] * 36
-    covariance[0] = covariance[7] = 0.25
-    covariance[35] = (math.pi / 12) ** 2
-    pose = {"pose": _goal_pose(route.start, world), "covariance": covariance}
-    return yaml.safe_dump({"header": {"frame_id": "map"}, "pose": pose}, sort_keys=False)
-
-
 def _goal_pose(pose: Pose, world: World) -> dict[str, dict[str, float]]:
     dx, dy = world.map_offset
     return {
@@ -162,11 +153,6 @@ def trajectory_table(runs: Iterable[Run]) -> dict[str, Column]:
     if not parts:
         raise InputError("There are no runs to write a table of.")
     return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
-
-
-def foxglove_layout() -> str:
-    """Return a layout as Foxglove imports it: the map with robot and people, and plots of speed and acceleration."""
-    return Path(__file__).with_name("foxglove_layout.json").read_text(encoding="utf-8")
 
 
 def _scenario_in(source: Exportable) -> tuple[Scenario, World]:
@@ -264,12 +250,16 @@ class Nav2Goals(Exporter):
 
 
 class InitialPose(Exporter):
-    """The start of a scenario's route as a message for `/initialpose`."""
+    """The start of a scenario's route as a `geometry_msgs/PoseWithCovarianceStamped` for `/initialpose`."""
 
     def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
         """Write the pose in the map frame."""
         scenario, world = _scenario_in(source)
-        write_whole(path, initial_pose_yaml(scenario.mission.route, world))
+        covariance = [0.0] * 36
+        covariance[0] = covariance[7] = 0.25
+        covariance[35] = (math.pi / 12) ** 2
+        pose = {"pose": _goal_pose(scenario.mission.route.start, world), "covariance": covariance}
+        write_whole(path, yaml.safe_dump({"header": {"frame_id": "map"}, "pose": pose}, sort_keys=False))
         return ()
 
 
@@ -301,13 +291,13 @@ class Gazebo(Exporter):
 
 
 class FoxgloveLayout(Exporter):
-    """The layout for Foxglove that fits the bags."""
+    """The layout for Foxglove that fits the bags: the map with robot and people, plots of speed and acceleration."""
 
     takes = "nothing"
 
     def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
         """Write the layout."""
-        write_whole(path, foxglove_layout())
+        write_whole(path, Path(__file__).with_name("foxglove_layout.json").read_text(encoding="utf-8"))
         return ()
 
 
