@@ -13,7 +13,6 @@ from itertools import pairwise
 from rvsg.core.records import Pose
 from rvsg.scenario.scenario import Human, ends_of
 from rvsg.scenario.validity import is_walkable
-from rvsg.world.grid import Grid
 from rvsg.world.space import robot_space
 from rvsg.world.world import Route, World
 
@@ -43,22 +42,12 @@ def handles_goods(places: Sequence[Place]) -> bool:
     return 2 * len(kinds) >= len(places)
 
 
-def reachable(grid: Grid, start: str) -> frozenset[str]:
-    """The waypoints that can be walked to from a valid one."""
-    found, pending = {start}, [start]
-    while pending:
-        for other in grid.neighbours[pending.pop()]:
-            if other not in found:
-                found.add(other)
-                pending.append(other)
-    return frozenset(found)
-
-
 def places_of(world: World, *, reachable_from: Pose) -> tuple[Place, ...]:
     """The places of the part of the world the robot starts in; where nothing is labelled, every waypoint is one."""
     if not world.grid.valid:
         return ()
-    near = reachable(world.grid, world.grid.nearest(reachable_from.x, reachable_from.y))
+    start = world.grid.nearest(reachable_from.x, reachable_from.y)
+    near = next(part for part in world.grid.parts if start in part)
     places = tuple(
         Place(area.name, area.kind, names)
         for area in world.areas
