@@ -257,8 +257,8 @@ _ARROW = re.compile(r"→|->")
 def unknown_areas(text: str, known: Sequence[str]) -> list[str]:
     """Return the names in a text that look like those of areas and are none of the known ones, in no order.
 
-    A name looks so where it stands at an end of an arrow, where it is one of a known kind with another number
-    (`Shelf 9` beside `Shelf 1`), or where capital letters and a likeness say so (`Wast Area`).
+    They stand at an end of an arrow, are of a known kind with another number (`Shelf 9` beside `Shelf 1`), or are
+    capitalised and alike (`Wast Area`).
     """
     if _ARROW.search(text):
         sides = [side.strip(" .,;") for side in _ARROW.split(text)]

@@ -217,8 +217,7 @@ def world_from(
 
     Args:
         kind: The name of the format: `map` (Nav2), `objects` (objects.yaml), `sdf` (Gazebo or URDF), or a plug-in's.
-        indoors: Points on floor that is inside the building, whatever it looks like.
-        outdoors: Points on floor that is outside.
+        indoors, outdoors: Points on floor that is inside the building, or outside, whatever it looks like.
         options: Options of the reader of that format.
 
     Raises:

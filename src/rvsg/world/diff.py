@@ -18,10 +18,10 @@ MOST_NAMED = 8
 
 
 class Difference(Record):
-    """One difference between two worlds.
+    """One difference between two worlds; `matters` says whether a scenario can depend on it.
 
-    `matters` says whether a scenario can depend on it: a change of the floor always, of a waypoint if somebody uses
-    it. Labels, activities and routes do not, because a scenario holds its own route.
+    A change of the floor always does, of a waypoint if somebody uses it; labels, activities and routes do not, as a
+    scenario holds its own route.
     """
 
     part: Part

@@ -53,14 +53,10 @@ class Edit:
 
 
 def edit_world(folder: str | Path, change: Mapping[str, Any]) -> Edit:
-    """Return the edit that makes one change, checked but not yet applied.
+    """Return the edit that makes one change, not yet applied: `what` is one of `CHANGES`, the rest are its values.
 
-    Args:
-        change: `what` is one of `CHANGES`; the other keys are its values.
-
-    Raises:
-        InputError: the change cannot be made, or ruamel.yaml is not installed.
-        FileError: a file cannot be read, or would not be valid afterwards.
+    Raises InputError where the change cannot be made or ruamel.yaml is not installed, FileError where a file cannot be
+    read or would not be valid afterwards.
     """
     folder = world_folder(folder)
     if folder.resolve().is_relative_to(SHIPPED.resolve()):

@@ -34,8 +34,7 @@ def shipped_worlds() -> tuple[str, ...]:
 def load_world(name_or_path: str | Path) -> World:
     """Return a shipped world by its name, or the world in a folder (or its world.yaml).
 
-    Raises UnknownName where there is no such world, FileError (DocumentError: everything at once) where its files
-    cannot be used.
+    Raises UnknownName where there is no such world, FileError (DocumentError: everything at once) for bad files.
     """
     if isinstance(name_or_path, str) and name_or_path in shipped_worlds():
         return _shipped(name_or_path)

@@ -323,9 +323,7 @@ CYLINDER = 3
 def write_bag(run: Run, world: World, path: Path, *, trace: Trace | None = None) -> None:
     """Write a run as one MCAP file `path`, with what the robot sees and plans where a trace is given.
 
-    Raises:
-        InputError: rosbags is not installed.
-        FileError: the file cannot be written.
+    Raises InputError where rosbags is not installed, FileError where the file cannot be written.
     """
     types = rosbags_types()
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer

@@ -155,6 +155,11 @@ def trajectory_table(runs: Iterable[Run]) -> dict[str, Column]:
     return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
 
 
+def foxglove_layout() -> str:
+    """Return a layout as Foxglove imports it: the map with robot and people, and plots of speed and acceleration."""
+    return Path(__file__).with_name("foxglove_layout.json").read_text(encoding="utf-8")
+
+
 def _scenario_in(source: Exportable) -> tuple[Scenario, World]:
     if source.scenario is None or source.world is None:
         raise InputError("This is a format of scenarios: give the scenario, not its runs.")
@@ -291,13 +296,13 @@ class Gazebo(Exporter):
 
 
 class FoxgloveLayout(Exporter):
-    """The layout for Foxglove that fits the bags: the map with robot and people, plots of speed and acceleration."""
+    """The layout for Foxglove that fits the bags."""
 
     takes = "nothing"
 
     def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
         """Write the layout."""
-        write_whole(path, Path(__file__).with_name("foxglove_layout.json").read_text(encoding="utf-8"))
+        write_whole(path, foxglove_layout())
         return ()
 
 
@@ -321,11 +326,8 @@ def export(
     """Write a scenario or its runs in the format of another tool; return what the file cannot hold.
 
     Args:
-        source: a scenario, runs, or a file of either. A format of runs simulates a scenario first.
-        out: the file.
+        source: a scenario, runs, or a file of either. A format of runs simulates a scenario first, with the seed.
         format: a name registered under `rvsg.exporters`.
-        seed: of the run that is simulated.
-        stack: the navigation stack under test of that run.
         dialect: of `hunav`: flat, block, v2.
         release: of `nav2-goals`: humble, jazzy, kilted.
         trace: for `mcap`: simulate the run again and record scans, costmaps and plans, too.
@@ -394,15 +396,10 @@ def _source(source: str | Path | Scenario | RunSet | None, world: World | str | 
 def import_agents(
     path: str | Path, world: World | str | Path, route: str, *, description: str = ""
 ) -> tuple[Scenario, tuple[str, ...]]:
-    """Make a scenario of a HuNavSim agents file: its people at their coordinates, on a route of a world.
+    """Make a scenario of a HuNavSim agents file on a route of a world; return one sentence per setting not reproduced.
 
-    Returns:
-        The scenario, and one sentence for each setting that is not reproduced.
-
-    Raises:
-        FileError: the file is no agents file; every mistake with its line.
-        InputError: a value of an agent is out of range.
-        InvalidScenario: somebody starts or walks in an obstacle of this world.
+    Raises FileError with every mistake and its line, InputError for a value out of range, and InvalidScenario where
+    somebody starts or walks in an obstacle of this world.
     """
     place = as_world(world)
     agents, notes = hunav_agents.read_agents(Path(path))

@@ -109,16 +109,10 @@ class AgentBlock(Record, extra="ignore"):
 
 
 def read_agents(path: Path) -> tuple[tuple[HumanAgent, ...], tuple[str, ...]]:
-    """Read the agents of a file of any dialect, as our simulators move them.
+    """Read the agents of a file of any dialect; return them, and one sentence for each setting without a counterpart.
 
-    HuNavSim starts an agent at `init_pose` and walks the goals in order, then from the first again.
-
-    Returns:
-        The agents, and one sentence for each setting without a counterpart.
-
-    Raises:
-        FileError: the file is not an agents file; DocumentError lists every mistake with its line.
-        InputError: a value of an agent is out of range.
+    HuNavSim starts an agent at `init_pose` and walks the goals in order, then from the first again. Raises FileError
+    (DocumentError: every mistake with its line), InputError for a value out of range.
     """
     document = read_yaml(path)
     inner = document.value.get(KEY[0]) if isinstance(document.value, dict) else None

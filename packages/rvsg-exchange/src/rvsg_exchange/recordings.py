@@ -305,12 +305,11 @@ def read_recording(
     people_topic: str | None = None,
     robot_topic: str | None = None,
 ) -> Recording:
-    """Read a recording as a Run.
+    """Read a recording (a rosbag2 folder, or one `.mcap` or `.db3` file) as a Run.
 
     Args:
-        path: a rosbag2 folder, or one `.mcap` or `.db3` file.
-        world: the world of the recording; its map offset turns map coordinates into world coordinates.
-        route: the route the robot was to drive; its goal and time limit decide whether it arrived.
+        world: its map offset turns map coordinates into world coordinates.
+        route: its goal and time limit decide whether the robot arrived.
         people_topic: the topic with the people, where it is a MarkerArray or there are several.
         robot_topic: the odometry topic, where there are several.
 

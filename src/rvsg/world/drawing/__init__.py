@@ -55,12 +55,9 @@ def draw_world(
     colours: str = "light",
     window: Window | None = None,
 ) -> list[tuple[Path, tuple[str, ...]]]:
-    """Draw pictures of a world into a folder; return each file with what it could not show.
+    """Draw pictures of a world, `width` pixels wide, into a folder; return each file with what it could not show.
 
-    Args:
-        route: The name of a route to draw.
-        width: Width of the pictures in pixels.
-        window: x0, y0, x1, y1 of the part to show, in metres.
+    `route` names one to draw; `window` is the part to show, x0, y0, x1, y1 in metres.
     """
     shown = world.route(route) if route else None
     whole = ("shows the whole world: --window is for the labelled map and the grid",) if window else ()

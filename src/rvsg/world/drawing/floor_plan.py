@@ -235,12 +235,9 @@ def draw_plan(
     title: str = "",
     way: Way | None = None,
 ) -> Picture:
-    """Draw a floor plan.
+    """Draw the LAYERS to `show` of a floor plan, or of a window of it (x_min, y_min, x_max, y_max in metres).
 
-    Args:
-        show: Which of LAYERS to draw. "metres" puts coordinates along the left and lower edge.
-        window: The part of the world to show: x_min, y_min, x_max, y_max in metres.
-        way: With a route, the drive to draw as (time in s, x, y), with a mark every 5 s.
+    `way` is, with a route, the drive to draw as (time in s, x, y), with a mark every 5 s.
     """
     if show - LAYERS:
         raise UnknownName("layer", min(show - LAYERS), LAYERS)
