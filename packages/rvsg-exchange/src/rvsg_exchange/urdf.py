@@ -28,11 +28,8 @@ TALLEST_M = 2.5
 def read_urdf(path: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Return the keys of a robot file that a URDF file determines, and what to add, one sentence each.
 
-    Shapes are boxes, cylinders and spheres; their outline in the frame of `base_footprint`, or else of `base_link` or
-    the root link, becomes the footprint.
-
-    Raises:
-        FileError: the file is not a URDF, still a xacro file, or with the line of every mistake in it.
+    The footprint is the outline of boxes, cylinders and spheres in the frame of `base_footprint`, `base_link` or the
+    root link. Raises FileError for another file, a xacro file, or with the line of every mistake.
     """
     from rvsg_exchange.sdf_tree import Frames, SdfTree  # which reads rooms in URDF with `as_sdf_model`
 

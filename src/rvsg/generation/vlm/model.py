@@ -247,12 +247,10 @@ _PART_OF_WORD = 5
 
 
 def estimated_tokens(text: str) -> int:
-    """Tokens of a text, estimated where no tokenizer of the model is at hand.
+    """Return the tokens of a text, estimated where no tokenizer of the model is at hand.
 
-    The text is cut where the tokenizers of the GPT-4 family cut before they merge (words with the space before them,
-    up to three digits, runs of marks, line breaks); each piece counts one token, a longer word one for every begun
-    five letters. That is nearer than the usual four characters per token for lists of waypoints, which it would
-    count at little more than half.
+    The text is cut where the tokenizers of the GPT-4 family cut before they merge; a piece counts one token, a longer
+    word one for every begun five letters. Four characters per token count half of a list of waypoints.
     """
     lengths = (piece.end() - piece.start() for piece in _PIECES.finditer(text))
     return sum(1 if length <= _WHOLE_WORD else math.ceil(length / _PART_OF_WORD) for length in lengths)
