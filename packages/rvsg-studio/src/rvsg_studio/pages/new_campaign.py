@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -75,19 +75,24 @@ class Estimate(Record):
     """Calls of that model in earlier campaigns, from which time and price of a call are taken."""
 
 
-def estimate(config: CampaignConfig, earlier: Iterable[FoundCampaign] = ()) -> Estimate:
+def estimate(asked: CampaignConfig | Matrix, earlier: Sequence[FoundCampaign] = ()) -> Estimate:
     """Estimate a campaign by simulating its mission a few times, and by what calls of its model took earlier.
+
+    Campaigns of a matrix share the workers of one machine.
 
     Raises:
         InputError: a setting cannot be used.
     """
-    wired = wire(config)
-    plan, jobs = wired.plan, jobs_of(config)
+    if isinstance(asked, Matrix):
+        pairs = [asked.settings | dict(zip(LISTED, pair, strict=True)) for pair in asked.pairs]
+        return _together([estimate(effective(None, {}, each), earlier) for each in pairs])
+    wired = wire(asked)
+    plan, jobs = wired.plan, jobs_of(asked)
     run_s = _run_s(wired)
     runs_s = plan.runs * run_s / jobs
-    if config.generator_name != "vlm" or config.replay is not None:
+    if asked.generator_name != "vlm" or asked.replay is not None:
         return Estimate(runs=plan.runs, proposals=plan.attempts, minutes=runs_s / 60, usd=0.0, run_s=run_s, jobs=jobs)
-    model = config.model or ""
+    model = asked.model or ""
     alike = [each for each in earlier if each.calls and each.model == model]
     calls, priced = sum(each.calls for each in alike), [each for each in alike if each.cost_usd is not None]
     call_s = sum(each.calls_s for each in alike) / calls if calls else 0.0
@@ -105,25 +110,15 @@ def estimate(config: CampaignConfig, earlier: Iterable[FoundCampaign] = ()) -> E
     )
 
 
-def estimate_all(matrix: Matrix, earlier: Sequence[FoundCampaign] = ()) -> Estimate:
-    """Estimate the campaigns of a matrix together; they share the workers of one machine.
-
-    Raises:
-        InputError: a setting cannot be used.
-    """
-    found = [
-        estimate(effective(None, {}, matrix.settings | dict(zip(LISTED, pair, strict=True))), earlier)
-        for pair in matrix.pairs
-    ]
-    costs = [each.usd for each in found]
-    return found[0].model_copy(
-        update={
-            "runs": sum(each.runs for each in found),
-            "proposals": sum(each.proposals for each in found),
-            "minutes": sum(each.minutes for each in found),
-            "run_s": sum(each.run_s * each.runs for each in found) / max(1, sum(each.runs for each in found)),
-            "usd": None if None in costs else sum(cost for cost in costs if cost is not None),
-        }
+def _together(found: Sequence[Estimate]) -> Estimate:
+    """Return the sum of estimates; a run takes their mean."""
+    runs, costs = sum(each.runs for each in found), [each.usd for each in found]
+    return found[0].replace(
+        runs=runs,
+        proposals=sum(each.proposals for each in found),
+        minutes=sum(each.minutes for each in found),
+        run_s=sum(each.run_s * each.runs for each in found) / max(1, runs),
+        usd=None if None in costs else sum(cost for cost in costs if cost is not None),
     )
 
 
@@ -176,7 +171,7 @@ class Draft:
         """Read the text; where it is wrong the settings stay as they were, and `problem` says why."""
         try:
             found = parse_campaign_file(self.text, Path("campaign.yaml"))
-            effective(None, {}, {k: v[0] if k in LISTED and isinstance(v, list) and v else v for k, v in found.items()})
+            effective(None, {}, _first_of_each(found))
         except RvsgError as error:
             self.problem = str(error)
             return
@@ -194,33 +189,20 @@ class Draft:
         self.write(HEAD + (yaml.safe_dump(kept, sort_keys=False, allow_unicode=True) if kept else ""))
 
     @property
-    def config(self) -> CampaignConfig:
-        """The settings as a configuration.
-
-        Raises:
-            InputError: they are wrong, or ask for several campaigns.
-        """
-        if self.problem:
-            raise InputError(self.problem)
-        single = {}
-        for key, value in self.settings.items():
-            if isinstance(value, list) and key in LISTED:
-                if len(value) != 1 or value == ["all"]:
-                    raise InputError("Several routes or requirements are several campaigns.")
-                value = value[0]
-            single[key] = value
-        return effective(None, {}, single)
-
-    @property
-    def matrix(self) -> Matrix | None:
-        """The campaigns that the settings ask for, where they ask for several.
+    def asked(self) -> CampaignConfig | Matrix:
+        """What the settings ask for: a campaign, or several.
 
         Raises:
             InputError: the settings are wrong, or the folder holds campaigns with others.
         """
         if self.problem:
             raise InputError(self.problem)
-        return Matrix.of(self.settings, {})
+        return Matrix.of(self.settings, {}) or effective(None, {}, _first_of_each(self.settings))
+
+
+def _first_of_each(values: dict[str, Any]) -> dict[str, Any]:
+    """Return settings with the first of several routes and requirements."""
+    return {k: v[0] if k in LISTED and isinstance(v, list) and v else v for k, v in values.items()}
 
 
 def add(workspace: Workspace) -> None:
@@ -277,13 +259,12 @@ class Form:
         self.command.clear()
         with self.command:
             try:
-                matrix = self.draft.matrix
-                if matrix is not None:
-                    tag("p", f"{len(matrix.pairs)} campaigns, one for each route and requirement.")
-                    tag("code", matrix.commands())
+                asked = self.draft.asked
+                if isinstance(asked, Matrix):
+                    tag("p", f"{len(asked.pairs)} campaigns, one for each route and requirement.")
+                    tag("code", asked.commands())
                 else:
-                    config = self.draft.config
-                    tag("code", command_for(config, out=config.folder))
+                    tag("code", command_for(asked, out=asked.folder))
             except RvsgError as error:
                 tag("span", str(error), cls="soft")
 
@@ -347,24 +328,18 @@ class Form:
     async def _estimate(self) -> None:
         self.estimate.set_text("Simulating the mission a few times…")
         listing = await load(self.page.workspace.whole_listing)
-        matrix = self.draft.matrix
-        asked = (estimate_all, matrix) if matrix is not None else (estimate, self.draft.config)
-        found = await load(*asked, listing.campaigns)
-        self.estimate.set_text(in_words(found))
+        self.estimate.set_text(in_words(await load(estimate, self.draft.asked, listing.campaigns)))
 
     async def _start(self) -> None:
-        workspace, matrix = self.page.workspace, self.draft.matrix
-        if matrix is not None:  # a campaign for each route and requirement, as one job
-            name = workspace.relative(workspace.path(str(matrix.folder)))
+        workspace, config = self.page.workspace, self.draft.asked
+        name = workspace.relative(workspace.path(str(config.folder)))
+        if isinstance(config, Matrix):  # a campaign for each route and requirement, as one job
             matrix = Matrix.of(self.draft.settings | {"out": name}, {})
             assert matrix is not None
             await load(matrix.create)
             workspace.jobs.start("matrix", title="Campaigns", command=matrix.commands(), target=name, folder=name)
             ui.navigate.to(address("/matrix", folder=name))
             return
-        config = self.draft.config
-        folder = workspace.path(str(config.folder))
-        name = workspace.relative(folder)
         defaults = CampaignConfig().model_dump()
         changed = {
             key: value
