@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from PIL import Image
 from tests.app.parts import crossing
+from tests.cli.commands import Terminal
 
 import rvsg
 from rvsg.app.coverage import coverage
 from rvsg.campaign.exploration import Exercise
-from rvsg.cli import main
 from rvsg.core.errors import InputError
 from rvsg.report.overview import write_coverage
 
@@ -87,14 +87,10 @@ def test_the_map_the_page_and_the_numbers_are_written(suite: rvsg.Suite, tmp_pat
     assert values == found[0].coverage.model_dump(mode="json")
 
 
-def test_the_verb_prints_json_and_refuses_bad_input(
-    suite: rvsg.Suite, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["coverage", str(suite.folder), "--runs", "0", "--json"]) == 0
-    (values,) = json.loads(capsys.readouterr().out)
+def test_the_verb_prints_json_and_refuses_bad_input(terminal: Terminal, suite: rvsg.Suite) -> None:
+    (values,) = terminal.json("coverage", suite.folder, "--runs 0")
     assert values["scenarios"] == 2
     with pytest.raises(InputError):
-        write_coverage(tmp_path / "coverage.pdf", coverage(suite, runs=0))
-    assert main(["coverage", str(tmp_path / "nowhere")]) == 2
-    assert main(["coverage", str(suite.folder), "--out", str(tmp_path / "x.gif")]) == 2
-    assert "Traceback" not in capsys.readouterr().err
+        write_coverage(Path("coverage.pdf"), coverage(suite, runs=0))
+    terminal("coverage nowhere", code=2)
+    terminal("coverage", suite.folder, "--out x.gif", code=2)

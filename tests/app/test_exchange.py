@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import yaml
 from tests.app.parts import crossing
+from tests.cli.commands import Terminal
 
 import rvsg
 from rvsg.campaign.run_set import load_recordings
-from rvsg.cli import main
 from rvsg.core.errors import InputError, UnknownName
 from rvsg.evaluation.metrics.registry import measure
 from rvsg.scenario.builder import save_scenario
@@ -28,16 +28,17 @@ def scenario() -> rvsg.Scenario:
 
 
 @pytest.fixture
-def file(scenario: rvsg.Scenario, tmp_path: Path) -> Path:
-    save_scenario(scenario, tmp_path / "scenario.json")
-    return tmp_path / "scenario.json"
+def file(terminal: Terminal, scenario: rvsg.Scenario) -> Path:
+    """The scenario in `scenario.json`."""
+    save_scenario(scenario, Path("scenario.json"))
+    return Path("scenario.json")
 
 
+@pytest.mark.usefixtures("file")
 @pytest.mark.parametrize("format", ["hunav", "nav2-goals", "initial-pose", "osc", "sdf", "csv", "foxglove-layout"])
-def test_every_format_writes_a_file(file: Path, tmp_path: Path, format: str) -> None:
-    out = tmp_path / "made" / "out"
-    assert main(["export", str(file), "--to", format, "--out", str(out), "--simulator", "kinematic"]) == 0
-    assert out.stat().st_size > 100
+def test_every_format_writes_a_file(terminal: Terminal, format: str) -> None:
+    terminal("export scenario.json --out made/out --simulator kinematic --to", format)
+    assert Path("made/out").stat().st_size > 100
 
 
 def test_what_hunavsim_cannot_hold_is_returned(scenario: rvsg.Scenario, tmp_path: Path) -> None:
@@ -54,15 +55,11 @@ def test_runs_of_a_file_become_a_table(scenario: rvsg.Scenario, tmp_path: Path) 
     assert seeds == {"0", "1"}
 
 
-def test_a_recording_is_judged_like_the_run_it_was_made_of(
-    file: Path, scenario: rvsg.Scenario, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.mark.usefixtures("file")
+def test_a_recording_is_judged_like_the_run_it_was_made_of(terminal: Terminal, scenario: rvsg.Scenario) -> None:
     pytest.importorskip("rosbags", reason="the extra `bag` is not installed")
-    bag = tmp_path / "run.mcap"
-    assert main(["export", str(file), "--to", "mcap", "--out", str(bag), "--simulator", "kinematic"]) == 0
-    capsys.readouterr()
-    assert main(["evaluate", str(bag), "--requirement", "R1", "--world", "warehouse", "--json"]) == 0
-    judged = json.loads(capsys.readouterr().out)
+    terminal("export scenario.json --to mcap --out run.mcap --simulator kinematic")
+    judged = terminal.json("evaluate run.mcap --requirement R1 --world warehouse")
     simulated = rvsg.judge(rvsg.simulate(scenario, [0], simulator="kinematic"), "R1")
     assert judged["notes"] == []
     assert judged["measurements"][0]["objective"] == pytest.approx(simulated.measurements[0].objective, abs=1e-6)
@@ -136,13 +133,10 @@ def test_what_does_not_exist_is_refused(scenario, tmp_path, format, options, err
         "evaluate broken.mcap --route route_1",
     ],
 )
-def test_bad_input_is_one_message(
-    file: Path, command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(file.parent)
-    (file.parent / "broken.mcap").write_bytes(b"\x89MCAP0\r\n1234")
-    assert main(command.split()) == 2
-    assert "Traceback" not in capsys.readouterr().err
+@pytest.mark.usefixtures("file")
+def test_bad_input_is_one_message(terminal: Terminal, command: str) -> None:
+    Path("broken.mcap").write_bytes(b"\x89MCAP0\r\n1234")
+    terminal(command, code=2)
 
 
 AGENTS = """\
@@ -182,11 +176,10 @@ def agents_file(folder: Path, shift: float = 0.1) -> Path:
     return folder / "agents.yaml"
 
 
-def test_agents_of_hunavsim_become_a_scenario_at_their_coordinates(tmp_path: Path) -> None:
-    out = tmp_path / "scenario.json"
-    arguments = ["import", "agents", str(agents_file(tmp_path)), "--world", "warehouse", "--route", "route_1"]
-    assert main([*arguments, "--out", str(out)]) == 0
-    scenario = rvsg.load_scenario(out)
+def test_agents_of_hunavsim_become_a_scenario_at_their_coordinates(terminal: Terminal, tmp_path: Path) -> None:
+    agents_file(tmp_path)
+    terminal("import agents agents.yaml --world warehouse --route route_1 --out scenario.json")
+    scenario = rvsg.load_scenario("scenario.json")
     anna, ben = scenario.people.humans
     assert anna.start == anna.points["goal 2"]
     assert anna.behaviour.value == "surprised"

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.app.parts import crossing
+from tests.cli.commands import Terminal
 
 import rvsg
 from rvsg.campaign.exploration import Exploration, explore, shares_of
-from rvsg.cli import main
 from rvsg.core.errors import FileError, InputError
 from rvsg.report.comparison_page import write_exploration
 from rvsg.scenario.builder import scenario_json
@@ -81,10 +81,8 @@ def test_what_cannot_be_explored_is_refused(file: Path, tmp_path: Path) -> None:
         explore(tmp_path / "list.json", LIMIT, simulator=FAST)
 
 
-def test_the_verb_writes_and_prints(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_verb_writes_and_prints(terminal: Terminal, file: Path) -> None:
     wanted = ["scenario", "explore", str(file), "--requirement", "R1", "--runs", "5", "--simulator", FAST]
-    assert main([*wanted, "--out", str(tmp_path / "e.svg"), "--worst", str(tmp_path / "w.json"), "--json"]) == 0
-    assert len(json.loads(capsys.readouterr().out)["points"]) == 5
-    assert (tmp_path / "w.json").exists()
-    assert main([*wanted, "--vary", "nobody.speed=1 to 2"]) == 2
-    assert "Traceback" not in capsys.readouterr().err
+    assert len(terminal.json(wanted, "--out e.svg --worst w.json")["points"]) == 5
+    assert Path("w.json").exists()
+    terminal([*wanted, "--vary", "nobody.speed=1 to 2"], code=2)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
+from tests.cli.commands import Terminal
 
 import rvsg
 from rvsg.app.campaign import learn_campaign
-from rvsg.cli import main
 from rvsg.core.errors import FileError
 from rvsg.generation.generator import Generator, Proposal
 from rvsg.scenario.brief import Brief
@@ -90,15 +89,12 @@ def test_a_file_that_holds_something_else_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "c").exists()
 
 
-def test_the_verb(campaign: rvsg.Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    base = ["--base", str(tmp_path / "k.sqlite")]
-    assert main(["knowledge", "add", str(campaign.folder), *base]) == 0
-    assert main(["knowledge", "status", *base]) == 0
-    capsys.readouterr()
-    out = tmp_path / "told.json"
-    assert main(["knowledge", "search", "--kind", "attempt", "--limit", "1", "--json", "--out", str(out), *base]) == 0
-    assert len(json.loads(capsys.readouterr().out)) == len(read_remembered(out)) == 1
-    assert main(["knowledge", "search", "--kind", "atempt", *base]) == 2
-    assert main(["knowledge", "add", str(tmp_path / "nowhere"), *base]) == 2
-    assert main(["knowledge", "status", "--base", "mysql://x/y"]) == 2
-    assert "Traceback" not in capsys.readouterr().err
+def test_the_verb(terminal: Terminal, campaign: rvsg.Campaign) -> None:
+    base = "--base k.sqlite"
+    terminal("knowledge add", campaign.folder, base)
+    terminal("knowledge status", base)
+    found = terminal.json("knowledge search --kind attempt --limit 1 --out told.json", base)
+    assert len(found) == len(read_remembered(Path("told.json"))) == 1
+    terminal("knowledge search --kind atempt", base, code=2)
+    terminal("knowledge add nowhere", base, code=2)
+    terminal("knowledge status --base mysql://x/y", code=2)

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cli.commands import Terminal
 
 import rvsg
-from rvsg.cli import main
 from rvsg.core.errors import FileError, InvalidScenario
 from rvsg.scenario.builder import load_scenario, save_scenario
 from rvsg.world.world import World
@@ -96,12 +96,11 @@ def test_a_file_of_them_is_checked_like_objects(world: World, tmp_path: Path) ->
     assert wrong.value.line == 2
 
 
-def test_a_campaign_meets_them_and_can_be_opened_again(world: World, tmp_path: Path) -> None:
-    moved = pallet(tmp_path, *on_the_way(world))
-    out = tmp_path / "c"
-    command = ["run", "--scenarios", "1", "--refinements", "0", "--repeats", "1", "--confirmations", "0", "--jobs", "1"]
-    assert main([*command, "--moved", str(moved), "--out", str(out)]) == 0
-    campaign = rvsg.Campaign.open(out)
+def test_a_campaign_meets_them_and_can_be_opened_again(terminal: Terminal, world: World, tmp_path: Path) -> None:
+    pallet(tmp_path, *on_the_way(world))
+    few = "--scenarios 1 --refinements 0 --repeats 1 --confirmations 0 --jobs 1"
+    for _ in range(2):
+        terminal("run --moved pallet.yaml --out c", few)
+    campaign = rvsg.Campaign.open("c")
     assert [thing.name for thing in campaign.plan.mission.moved] == ["pallet"]
     assert [thing.name for thing in campaign.world.moved] == ["pallet"]
-    assert main([*command, "--moved", str(moved), "--out", str(out)]) == 0

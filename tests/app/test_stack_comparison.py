@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
+from tests.cli.commands import Terminal
 
 import rvsg
 from rvsg.app.comparison import compare_stacks, write_comparison
 from rvsg.campaign.suite import CaseResult, SuiteResult, compare, state_of
-from rvsg.cli import main
 from rvsg.core.errors import InputError
 from rvsg.evaluation.verdict import judge
 from rvsg.report.comparison_page import comparison_page
@@ -56,29 +55,24 @@ def test_the_ranking_and_the_paired_differences() -> None:
     assert all(f">{name}</th>" in page for name in ("better", "partly", "worse")) and "<script" not in page
 
 
-def test_what_cannot_be_compared_is_one_error(tmp_path: Path) -> None:
+def test_what_cannot_be_compared_is_one_error(terminal: Terminal, tmp_path: Path) -> None:
     two = ["nav2-rpp", "nav2-dwb"]
     for folder, stacks in ((tmp_path, []), (tmp_path, [two[0]] * 2), (tmp_path, two), (tmp_path / "missing", two)):
         with pytest.raises(InputError):
             compare_stacks(folder, stacks)
-    assert main(["stacks", "--stack", "nav2-dwb"]) == 2
-    assert main(["stacks", str(tmp_path)]) == 2
+    terminal("stacks --stack nav2-dwb", code=2)
+    terminal("stacks .", code=2)
 
 
 @pytest.mark.slow
-def test_a_suite_against_two_stacks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    place = rvsg.load_world("warehouse")
-    scenario = rvsg.scenario(place, "route_1", people=[])
-    rvsg.Suite.create(tmp_path / "suite").add(scenario, "R1", name="alone", expected="pass")
-    assert main([
-        "stacks", str(tmp_path / "suite"), "--stack", "nav2-rpp", "--stack", "nav2-dwb", "--runs", "2",
-        "--out", str(tmp_path / "out"), "--json",
-    ]) == 0  # fmt: skip
-    told = json.loads(capsys.readouterr().out)
+def test_a_suite_against_two_stacks(terminal: Terminal) -> None:
+    scenario = rvsg.scenario(rvsg.load_world("warehouse"), "route_1", people=[])
+    rvsg.Suite.create("suite").add(scenario, "R1", name="alone", expected="pass")
+    told = terminal.json("stacks suite --stack nav2-rpp --stack nav2-dwb --runs 2 --out out")
     assert {each["version"] for each in told["variants"]} == {"nav2-rpp", "nav2-dwb"}
     assert all(len(each["cases"][0]["seeds"]) == 2 for each in told["variants"])
-    again = compare_stacks(tmp_path / "suite", ["nav2-rpp", "nav2-dwb"], runs=2)
+    again = compare_stacks("suite", ["nav2-rpp", "nav2-dwb"], runs=2)
     assert again.model_dump(mode="json") == told
-    page = write_comparison(again, tmp_path / "suite", tmp_path / "again")[0]
-    assert page.read_text() == (tmp_path / "out" / "index.html").read_text()
+    page = write_comparison(again, "suite", "again")[0]
+    assert page.read_text() == Path("out/index.html").read_text()
     assert "nav2-rpp" in page.read_text() and "<script" not in page.read_text()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import pickle
 import shutil
 import sys
@@ -11,11 +10,11 @@ from pathlib import Path
 from typing import ClassVar
 
 import pytest
+from tests.cli.commands import Terminal
 
 import rvsg
 from rvsg.app.matrix import Matrix
 from rvsg.app.settings import read_campaign_file
-from rvsg.cli import main
 from rvsg.core.errors import InputError
 from rvsg.simulation.embedded.trace import trace
 from rvsg.stacks import Ended, Observation, StackChoice, Task, WholeStack
@@ -58,19 +57,17 @@ def test_a_stack_file_beside_the_campaign_file_is_found(tmp_path: Path) -> None:
     assert read_campaign_file(tmp_path / "campaign.yaml")["stack"] == str(tmp_path / "mine.py:Mine")
 
 
-def test_a_simulator_without_stacks_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", "--simulator", "kinematic", "--stack", "nav2-rpp", "--out", str(tmp_path / "a")]) == 2
-    assert main(["run", "--stack", "nav2-rrp", "--out", str(tmp_path / "a")]) == 2
-    assert "nav2-rpp" in capsys.readouterr().err
+def test_a_simulator_without_stacks_says_so(terminal: Terminal) -> None:
+    terminal("run --simulator kinematic --stack nav2-rpp --out a", code=2)
+    assert "nav2-rpp" in terminal("run --stack nav2-rrp --out a", code=2)
 
 
-def test_the_list_names_every_stack(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    assert main(["stacks", "--json"]) == 0
-    listed = {each["name"]: each for each in json.loads(capsys.readouterr().out)}
+def test_the_list_names_every_stack(terminal: Terminal) -> None:
+    listed = {each["name"]: each for each in terminal.json("stacks")}
     assert {"nav2-dwb", "nav2-rpp", "stop-and-go", "social", "exec", "exec-stack"} <= set(listed)
     assert listed["nav2-rpp"]["options"]["lookahead_dist"] == 0.6
-    assert main(["stacks", "--write-clients", str(tmp_path)]) == 0
-    assert (tmp_path / "rvsg_client.py").stat().st_size and (tmp_path / "rvsg_client.hpp").stat().st_size
+    terminal("stacks --write-clients .")
+    assert Path("rvsg_client.py").stat().st_size and Path("rvsg_client.hpp").stat().st_size
 
 
 class GivesUp(WholeStack):

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 from tests.app.parts import suite_of
+from tests.cli.commands import Terminal
 
 import rvsg
 from rvsg.app.comparison import compare_versions
 from rvsg.campaign.suite import Change, compare
-from rvsg.cli import main
 from rvsg.core.errors import InputError
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "suites" / "warehouse"
@@ -105,12 +105,12 @@ def test_a_page_replays_both_runs_of_a_seed_that_differs(tmp_path: Path) -> None
     assert "</script>Anna" not in page
 
 
-def test_the_verb_writes_a_page(tmp_path: Path) -> None:
-    page, suite = tmp_path / "versions.html", suite_of(tmp_path / "suite")
-    wanted = ["suite", "compare", "kinematic", "kinematic", "--suite", str(suite.folder), "--runs", "2"]
-    assert main([*wanted, "--html", str(page)]) == 0
-    assert "1 unchanged" in page.read_text()
-    assert main([*wanted, "--html", str(tmp_path)]) == 2
+def test_the_verb_writes_a_page(terminal: Terminal) -> None:
+    suite_of(Path("suite"))
+    wanted = "suite compare kinematic kinematic --suite suite --runs 2 --html"
+    terminal(wanted, "versions.html")
+    assert "1 unchanged" in Path("versions.html").read_text()
+    terminal(wanted, ".", code=2)
 
 
 def test_a_version_that_cannot_be_made_is_refused_before_the_other_runs(tmp_path: Path) -> None:

@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 from tests.app.parts import crossing, suite_of
+from tests.cli.commands import Terminal
 
 import rvsg
 from rvsg.app.watch import approve, watch
 from rvsg.campaign.self_adaptation import Journal, RuleSet
 from rvsg.campaign.suite_watch import LiveSuite, RecordingMonitor, Subject, SuiteWatch
-from rvsg.cli import main
 from rvsg.core.errors import InputError
 from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
@@ -112,20 +112,16 @@ def test_time_is_bounded(suite: rvsg.Suite, field: Path, tmp_path: Path) -> None
     assert now[0] == 95.0 and journal.spent == 0
 
 
-def test_the_verb(suite: rvsg.Suite, field: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "w"
-    given = ["watch", str(suite.folder), "--monitor", str(field), "--out", str(out), "--simulator", FAST]
-    assert main([*given, "--cycles", "1"]) == 0
-    assert (out / "watch.log").read_text().count("\n") == len(Journal(out / "watch.jsonl").notes)
-    for wrong in (
-        ["watch", str(suite.folder)],
-        [*given, "--for", "soon"],
-        [*given, "--rules", str(tmp_path / "none.yaml")],
-        ["watch", str(suite.folder), "--monitor", str(tmp_path / "nowhere")],
-        ["watch", str(suite.folder), "--out", str(out), "--approve", "planned-1"],
-    ):
-        assert main(wrong) == 2
-    assert "Traceback" not in capsys.readouterr().err
+def test_the_verb(terminal: Terminal, suite: rvsg.Suite, field: Path) -> None:
+    watched = ["watch", str(suite.folder)]
+    given = [*watched, "--monitor", str(field), "--out", "w", "--simulator", FAST]
+    terminal(given, "--cycles 1")
+    assert Path("w/watch.log").read_text().count("\n") == len(Journal(Path("w/watch.jsonl")).notes)
+    terminal(watched, code=2)
+    terminal(given, "--for soon", code=2)
+    terminal(given, "--rules none.yaml", code=2)
+    terminal(watched, "--monitor nowhere", code=2)
+    terminal(watched, "--out w --approve planned-1", code=2)
 
 
 PARAMETERS = """controller_server:
