@@ -68,16 +68,13 @@ def finding(attempt: int, violated: bool, share: float, mode: FailureMode | None
     return Finding.model_construct(**found, **why, **safety)
 
 
-def test_confirmed_violations_are_grouped_by_how_the_robot_fails() -> None:
+def test_confirmed_violations_are_grouped_by_how_the_robot_fails_and_more_runs_count_more() -> None:
     one = FailureMode(place="Area 1", person="stands ahead of it", robot="stops")
     two = FailureMode(place="Area 2", person="stands ahead of it", robot="stops")
     found = [finding(3, True, 1.0, one), finding(5, True, 0.9, two), finding(1, True, 0.8, one)]
     groups = distinct_failures([*found, finding(7, False, 0.0, two), finding(8, True, 0.5, None)])
     assert [(g.mode, g.attempts, g.violation_probability) for g in groups] == [(one, (3, 1), 1.0), (two, (5,), 0.9)]
     assert "Area 1" in groups[0].words
-
-
-def test_more_runs_count_for_more_than_a_larger_share() -> None:
     few, many = (
         Attempt.model_construct(
             index=bad, purpose="confirmation", verdict=judge(REQUIREMENT, [0.0] * bad + [2.0] * good)

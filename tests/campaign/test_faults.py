@@ -96,8 +96,7 @@ class Paid(WalkGenerator):
 def paid(
     ledger: MemoryLedger, strategy: type = StudyStrategy, price: float | None = 0.02, **limits: float
 ) -> list[Attempt]:
-    the_plan = plan(scenarios=3, refinements=1, repeats=2, confirmations=0)
-    return searched(strategy, the_plan, ledger, generator=Paid(price), changes={"limits": Limits(**limits)})
+    return searched(strategy, the_plan(), ledger, generator=Paid(price), changes={"limits": Limits(**limits)})
 
 
 @pytest.mark.parametrize(
@@ -119,11 +118,8 @@ def test_a_search_with_a_larger_limit_goes_on_to_the_same_records() -> None:
         paid(ledger, calls=3)
     paid(ledger, calls=50)
     assert ledger.kept == whole.kept
-
-
-def test_a_limit_of_money_cannot_be_kept_where_the_price_is_unknown() -> None:
-    with pytest.raises(BudgetSpent):
-        searched(generator=Paid(None), changes={"limits": Limits(usd=1.0)})
+    with pytest.raises(BudgetSpent):  # a limit of money cannot be kept where the price is unknown
+        paid(MemoryLedger(), price=None, usd=1.0)
 
 
 def test_a_configuration_that_is_run_again_pays_its_calls_once() -> None:

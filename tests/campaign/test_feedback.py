@@ -45,7 +45,7 @@ def a_run(gap: np.ndarray, v: np.ndarray | None = None) -> Run:
     return run_of(path, time_limit_s=60.0)
 
 
-def test_the_feedback_tells_every_value_the_mean_and_the_share_of_violations() -> None:
+def test_the_feedback_tells_every_value_the_mean_and_the_share_of_violations_and_needs_an_objective() -> None:
     attempt, runs = attempt_of(1)
     told = told_of(attempt, runs)
     values = [m.objective for m in attempt.measurements]
@@ -54,15 +54,15 @@ def test_the_feedback_tells_every_value_the_mean_and_the_share_of_violations() -
     assert told.violation_share == sum(v < 1.0 for v in values) / 3
     assert told.previous_mean is None and told.separable is None
     assert told.mildest == max(told.objectives) and told.mildest_parts
-
-
-def test_a_single_run_has_no_interval_and_is_never_separable() -> None:
+    # A single run has no interval and is never separable.
     attempt, runs = attempt_of(1, runs=1)
     before, _ = attempt_of(2, runs=1)
     told = told_of(attempt, runs, before)
     assert told.interval == (told.mean, told.mean)
     assert told.previous_mean == before.mean and told.separable is False
     assert told.mildest is None and told.mildest_parts == ()
+    with pytest.raises(ValueError):
+        told_of(attempt_of(0, runs=0)[0], [])
 
 
 def test_separable_is_welchs_t_test_at_five_percent() -> None:
@@ -80,7 +80,7 @@ def test_separable_is_welchs_t_test_at_five_percent() -> None:
     assert separable(verdict(1.0, 1.0), verdict(1.0, 1.0)) is False
 
 
-def test_the_closest_approach_is_a_decisive_moment_with_its_place_and_human() -> None:
+def test_the_closest_approach_is_a_decisive_moment_and_touches_are_told_with_place_and_human() -> None:
     gap = 3.0 - 2.9 * np.exp(-(((np.arange(200) - 120) / 20) ** 2))
     moments = decisive_moments(a_run(gap), warehouse())
     closest = next(m for m in moments if "closest approach" in m.note)
@@ -88,9 +88,6 @@ def test_the_closest_approach_is_a_decisive_moment_with_its_place_and_human() ->
     assert closest.gap_m == pytest.approx(0.1)
     assert closest.robot_at == warehouse().grid.nearest(0.0, 0.0)
     assert [m.time_s for m in moments] == sorted(m.time_s for m in moments)
-
-
-def test_touches_are_told_with_time_place_and_person() -> None:
     gap = np.full(200, 3.0)
     gap[50:60] = gap[150] = -0.01
     first, second = touches_of(a_run(gap), warehouse())
@@ -137,11 +134,6 @@ def test_a_waypoint_that_never_met_the_robot_is_idle_and_one_that_did_is_not() -
                 run, k = min(((r, int(gaps(r)[:, h].argmin())) for r in runs), key=lambda x: gaps(x[0])[x[1], h])
                 at = warehouse().grid.nearest(run.trajectory.human_x[k, h], run.trajectory.human_y[k, h])
                 assert at not in influence.idle_waypoints
-
-
-def test_an_attempt_without_an_objective_has_no_feedback() -> None:
-    with pytest.raises(ValueError):
-        told_of(attempt_of(0, runs=0)[0], [])
 
 
 @pytest.mark.parametrize(("gap_m", "said"), [(0.007, "closest approach"), (0.0, "contact"), (-0.01, "contact")])

@@ -66,7 +66,7 @@ def along(at: np.ndarray) -> tuple[Run, Human]:
     return replace(run, trajectory=seen, log=seen, events=()), human
 
 
-def test_who_stands_still_and_walks_on_is_not_stuck() -> None:
+def test_who_stands_still_until_the_end_is_stuck_and_who_walks_on_is_not() -> None:
     run, human = along(np.concatenate([np.arange(25) / 10, np.full(60, 2.5), 2.5 + np.arange(25) / 10]))
     walk = walk_of(run, human)
     assert walk.stuck_at is None
@@ -75,9 +75,6 @@ def test_who_stands_still_and_walks_on_is_not_stuck() -> None:
     assert place in human.tasks[0].path
     assert walk.doing[26 + 3] == walk.doing[60] == "standing still"
     assert walk.doing[100].startswith("walking") and "stuck" not in walk.doing
-
-
-def test_who_does_not_walk_further_until_the_end_is_stuck() -> None:
     run, human = along(np.concatenate([np.arange(25) / 10, np.full(60, 2.5)]))
     walk = walk_of(run, human)
     assert walk.stuck_at is not None and walk.stuck_at[0] == pytest.approx(2.5, abs=0.4)
@@ -145,8 +142,7 @@ def test_differences_name_what_changed_and_nothing_else() -> None:
     assert differences(way, other) == "Human 1 goes G12 H13 G14 instead of G12 F13 G14"
     assert differences(way, work) == "Human 1 now does b, no longer a"
 
-
-def test_differences_name_no_task_by_the_waypoint_where_it_is_cut() -> None:
+    # No task is named by the waypoint where it is cut.
     out = Task(name="A to B", path=("G12", "H13", "G14"), start_area="A", end_area="B")
     back = Task.between("B", "A", ("G14", "H13", "G12"))
     one, other, underway = (

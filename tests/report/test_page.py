@@ -170,12 +170,10 @@ def test_what_the_choice_did_is_said_as_far_as_the_numbers_carry(
     assert said in _curse(the_plan, summary.replace(ranking=(best,), confirmed=confirmed), best.verdict)
 
 
-def test_equal_campaigns_give_equal_pages() -> None:
+def test_equal_campaigns_give_equal_pages_and_unfinished_or_empty_ones_a_page_too() -> None:
     ledger = MemoryLedger()
     assert page(*campaign(ledger), ledger) == default_page()
 
-
-def test_an_unfinished_or_empty_campaign_has_a_page_too() -> None:
     the_plan, attempts, ledger = default_campaign()
     assert "not confirmed" in page(the_plan, attempts[:2], ledger)
     assert "no result" in page(the_plan, [], ledger)
@@ -312,6 +310,8 @@ def test_an_unconfirmed_candidate_says_the_command_that_confirms_it() -> None:
     found = re.findall(r"rvsg confirm FOLDER (\d+)", text)
     assert found == [str(entry.attempt) for entry in summarise(the_plan, changed).ranking]
     assert "rvsg confirm FOLDER" not in page(the_plan, attempts, ledger).replace("candidate", "")
+    text = render_page(the_plan, attempts, world=warehouse(), run_of=ledger.run, command="rvsg run --note '2 m' <x>")
+    assert "2 m" in text[text.index("<pre>rvsg run") :][:60] and "&lt;x&gt;" in text, "the command can be copied"
 
 
 def test_a_confirmation_is_paired_with_its_scenario_whatever_its_index_says() -> None:
@@ -351,12 +351,6 @@ def test_the_conversation_of_a_model_stands_on_the_page_as_text(tmp_path: Any) -
 )
 def test_no_line_breaks_between_a_number_and_its_unit(text: str, whole: str) -> None:
     assert unbroken(text) == whole
-
-
-def test_the_command_of_the_page_can_be_copied() -> None:
-    the_plan, attempts, ledger = default_campaign()
-    text = render_page(the_plan, attempts, world=warehouse(), run_of=ledger.run, command="rvsg run --note '2 m' <x>")
-    assert "2 m" in text[text.index("<pre>rvsg run") :][:60] and "&lt;x&gt;" in text
 
 
 def test_runs_that_several_attempts_of_the_search_share_are_shown_and_counted_once() -> None:
