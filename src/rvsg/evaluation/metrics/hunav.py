@@ -26,12 +26,13 @@ Pair = tuple[Floats, Floats]
 
 METRICS: list[Metric] = []
 _metric = partial(measures, METRICS, source=HUNAV)
+_of_people = partial(_metric, of_people=True)
 
 
-@_metric("max_distance", "Maximum distance to people", "m", "neither", Aim.SHARE, least=None)
+@_of_people("max_distance", "Maximum distance to people", "m", "neither", Aim.SHARE, least=None)
 def maximum_distance(s: Sampled) -> float | None:
     """Largest gap to any person over the run, surface to surface."""
-    return float(s.disc_gap.max()) if s.people else None
+    return float(s.disc_gap.max())
 
 
 @_metric("acceleration_mean", "Mean change of speed", "m/s²", "larger", Aim.DISTURB, shown="acceleration")
@@ -72,16 +73,16 @@ def _integral(values: Floats, s: Sampled) -> float:
     return float((values[:-1] * s.dt).sum())
 
 
-@_metric("force_on_humans", "Social force on the humans", "m/s", "larger", Aim.SHARE)
+@_of_people("force_on_humans", "Social force on the humans", "m/s", "larger", Aim.SHARE)
 def force_on_humans(s: Sampled) -> float | None:
     """Integral over time of sum_i |f(robot on i)|, f the social force with factor 2.1."""
-    return _integral(np.hypot(*_forces(s, False)[0]).sum(axis=1), s) if s.people else None
+    return _integral(np.hypot(*_forces(s, False)[0]).sum(axis=1), s)
 
 
-@_metric("force_on_robot", "Social force on the robot", "m/s", "larger", Aim.SHARE)
+@_of_people("force_on_robot", "Social force on the robot", "m/s", "larger", Aim.SHARE)
 def force_on_robot(s: Sampled) -> float | None:
     """Integral over time of sum_i |f(i on robot)|."""
-    return _integral(np.hypot(*_forces(s, False)[1]).sum(axis=1), s) if s.people else None
+    return _integral(np.hypot(*_forces(s, False)[1]).sum(axis=1), s)
 
 
 def _work(s: Sampled, swapped: bool) -> Floats:
@@ -90,10 +91,10 @@ def _work(s: Sampled, swapped: bool) -> Floats:
     return total
 
 
-@_metric("social_work", "Social work", "m/s", "larger", Aim.SHARE)
+@_of_people("social_work", "Social work", "m/s", "larger", Aim.SHARE)
 def social_work(s: Sampled) -> float | None:
     """Integral over time of |sum_i f(i on robot)| + sum_i |f(robot on i)|; obstacles are not counted."""
-    return _integral(_work(s, False), s) if s.people else None
+    return _integral(_work(s, False), s)
 
 
 def _obstacle_force(distance: Floats, radius_m: Floats) -> Floats:
@@ -102,7 +103,7 @@ def _obstacle_force(distance: Floats, radius_m: Floats) -> Floats:
     return force
 
 
-@_metric(
+@_of_people(
     "obstacle_force_on_humans",
     "Obstacles' force on people",
     "m/s",
@@ -113,7 +114,7 @@ def _obstacle_force(distance: Floats, radius_m: Floats) -> Floats:
 )
 def obstacle_force_on_humans(s: Sampled) -> float | None:
     """Integral over time of sum_i 10 exp(-(d_i - r_i) / 0.2 m), d_i to the surface of the nearest obstacle."""
-    if not s.people or s.human_obstacle_distance is None:
+    if s.human_obstacle_distance is None:
         return None
     radii = np.asarray(s.run.human_radius_m)[None, :]
     return _integral(_obstacle_force(s.human_obstacle_distance, radii).sum(axis=1), s)
@@ -162,10 +163,10 @@ def group_social_space(s: Sampled) -> float | None:
     return _group_share(s, PERSONAL_M, SOCIAL_M)
 
 
-@_metric("max_distance_hunav", "Maximum distance to people", "m", "neither", Aim.SHARE, source=EVALUATOR, least=None)
+@_of_people("max_distance_hunav", "Maximum distance to people", "m", "neither", Aim.SHARE, source=EVALUATOR, least=None)
 def maximum_distance_hunav(s: Sampled) -> float | None:
     """Largest |p_robot - p_i| - r_robot: the evaluator forgets the person's radius."""
-    return float(s.distance.max() - s.run.robot_radius_m) if s.people else None
+    return float(s.distance.max() - s.run.robot_radius_m)
 
 
 @_metric("tnm_hunav", "Time not moving", "s", "larger", Aim.DELAY, source=EVALUATOR, shown="speed", most="time_limit")
@@ -191,16 +192,16 @@ def _collisions_hunav(s: Sampled) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]
     return robot | both, person | both
 
 
-@_metric("rpc_hunav", "Robot-on-person collision", "samples", "larger", Aim.MEET, source=EVALUATOR)
+@_of_people("rpc_hunav", "Robot-on-person collision", "samples", "larger", Aim.MEET, source=EVALUATOR)
 def robot_on_person_hunav(s: Sampled) -> float | None:
     """Samples with gap < 0.02 m, unequal speeds and |bearing of robot| < |atan2(x, y)| of the person: axes swapped."""
-    return float(_collisions_hunav(s)[0].sum()) if s.people else None
+    return float(_collisions_hunav(s)[0].sum())
 
 
-@_metric("por_hunav", "Person-on-robot collision", "samples", "larger", Aim.MEET, source=EVALUATOR)
+@_of_people("por_hunav", "Person-on-robot collision", "samples", "larger", Aim.MEET, source=EVALUATOR)
 def person_on_robot_hunav(s: Sampled) -> float | None:
     """Samples with gap < 0.02 m, unequal speeds and |bearing of robot| > |atan2(x, y)| of the person: axes swapped."""
-    return float(_collisions_hunav(s)[1].sum()) if s.people else None
+    return float(_collisions_hunav(s)[1].sum())
 
 
 @_metric(
@@ -235,19 +236,19 @@ def completed_hunav(s: Sampled) -> float | None:
     return float(s.goal_distance[-1] < GOAL_RADIUS_M) if len(s) else None
 
 
-@_metric("force_on_humans_hunav", "Social force on agents", "sum", "larger", Aim.SHARE, source=EVALUATOR)
+@_of_people("force_on_humans_hunav", "Social force on agents", "sum", "larger", Aim.SHARE, source=EVALUATOR)
 def force_on_humans_hunav(s: Sampled) -> float | None:
     """Plain sum over samples of sum_i |f(robot on i)| with the angle's x and y swapped: grows with the rate."""
-    return float(np.hypot(*_forces(s, True)[0]).sum()) if s.people else None
+    return float(np.hypot(*_forces(s, True)[0]).sum())
 
 
-@_metric("force_on_robot_hunav", "Social force on robot", "sum", "larger", Aim.SHARE, source=EVALUATOR)
+@_of_people("force_on_robot_hunav", "Social force on robot", "sum", "larger", Aim.SHARE, source=EVALUATOR)
 def force_on_robot_hunav(s: Sampled) -> float | None:
     """Plain sum over samples of sum_i |f(i on robot)| with the angle's x and y swapped."""
-    return float(np.hypot(*_forces(s, True)[1]).sum()) if s.people else None
+    return float(np.hypot(*_forces(s, True)[1]).sum())
 
 
-@_metric("social_work_hunav", "Social work", "sum", "larger", Aim.SHARE, source=EVALUATOR)
+@_of_people("social_work_hunav", "Social work", "sum", "larger", Aim.SHARE, source=EVALUATOR)
 def social_work_hunav(s: Sampled) -> float | None:
     """Plain sum over samples of |sum_i f(i on robot)| + sum_i |f(robot on i)| with the angle's x and y swapped."""
-    return float(_work(s, True).sum()) if s.people else None
+    return float(_work(s, True).sum())

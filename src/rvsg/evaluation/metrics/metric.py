@@ -52,6 +52,8 @@ class Metric:
     so_far: SoFar | None = None
     """Computes at once, for every sample (N,), what the metric is if the run ends there at its goal; NaN: no judgement.
     None: curves measure beginnings of the run, one by one."""
+    of_people: bool = False
+    """It has no value in a run without people."""
     censored: bool = False
     """The value of a run that does not arrive is only a lower bound: it would have been larger without the limit."""
 
@@ -64,9 +66,13 @@ class Metric:
         """Return the smallest and the largest possible value; None if there is no bound or it is not known."""
         return self.least, time_limit_s if self.most == "time_limit" else self.most
 
+    def value(self, s: Sampled) -> float | None:
+        """Return this metric of a sampled run, or None if the run holds no judgement."""
+        return None if self.of_people and not s.people else self.of(s)
+
     def measure(self, run: Run, world: World | None = None) -> float | None:
         """Return this metric of one run, or None if the run holds no judgement."""
-        return self.of(Sampled(run, run.log if self.series == "log" else run.trajectory, world))
+        return self.value(Sampled(run, run.log if self.series == "log" else run.trajectory, world))
 
 
 MOVED_BY = {

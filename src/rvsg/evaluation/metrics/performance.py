@@ -21,6 +21,7 @@ STUDY = "RVSG study"
 
 METRICS: list[Metric] = []
 _metric = partial(measures, METRICS, source=STUDY)
+_of_people = partial(_metric, of_people=True)
 
 
 def running_mean(values: Floats) -> Floats:
@@ -28,7 +29,7 @@ def running_mean(values: Floats) -> Floats:
     return np.asarray(np.cumsum(values) / np.arange(1, len(values) + 1), dtype=np.float64)
 
 
-@_metric(
+@_of_people(
     "dto",
     "Mean distance to the nearest person",
     "m",
@@ -39,7 +40,7 @@ def running_mean(values: Floats) -> Floats:
 )
 def distance_to_obstacles(s: Sampled) -> float | None:
     """dto = (1/T) sum_t min_i |p_robot(t) - p_i(t)|, centre to centre, over the humans i: people alone, no walls."""
-    return float(s.distance.min(axis=1).mean()) if s.people else None
+    return float(s.distance.min(axis=1).mean())
 
 
 def _jerk_so_far(s: Sampled) -> Floats:
@@ -82,20 +83,16 @@ def time_to_goal(s: Sampled) -> float | None:
     return max(s.duration_s, s.run.time_limit_s)
 
 
-@_metric("rpc", "Robot-on-Person Collision", "samples", "larger", Aim.MEET)
+@_of_people("rpc", "Robot-on-Person Collision", "samples", "larger", Aim.MEET)
 def robot_on_person(s: Sampled) -> float | None:
     """Samples (per human) with gap < 0.02 m, the robot moving, and |bearing of robot| < |bearing of person|."""
-    if not s.people:
-        return None
     robots_doing = s.bearing_of_robot < s.bearing_of_human
     return float((s.near_contact & ~s.still[:, None] & robots_doing).sum())
 
 
-@_metric("por", "Person-on-Robot Collision", "samples", "larger", Aim.MEET)
+@_of_people("por", "Person-on-Robot Collision", "samples", "larger", Aim.MEET)
 def person_on_robot(s: Sampled) -> float | None:
     """Samples (per human) with gap < 0.02 m and |bearing of robot| > |bearing of person|."""
-    if not s.people:
-        return None
     return float((s.near_contact & (s.bearing_of_robot > s.bearing_of_human)).sum())
 
 
@@ -140,10 +137,12 @@ def _least_gap_so_far(s: Sampled) -> Floats:
     return np.minimum.accumulate(s.closest_gap) if s.people else np.full(len(s), np.nan)
 
 
-@_metric("min_distance", "Minimum distance to people", "m", "smaller", Aim.MEET, so_far=_least_gap_so_far, least=None)
+@_of_people(
+    "min_distance", "Minimum distance to people", "m", "smaller", Aim.MEET, so_far=_least_gap_so_far, least=None
+)
 def minimum_distance(s: Sampled) -> float | None:
     """Smallest gap to a person over the run, surface to surface; negative where the discs overlap."""
-    return float(s.closest_gap.min()) if s.people else None
+    return float(s.closest_gap.min())
 
 
 @_metric("goal_distance_min", "Minimum distance to the goal", "m", "larger", Aim.DELAY, shown="distance_to_goal")
@@ -176,15 +175,13 @@ def mean_inertial_acceleration(s: Sampled) -> float | None:
     return float(s.series.acceleration.mean()) if len(s) else None
 
 
-@_metric("human_speed", "Mean speed of the humans", "m/s", "neither", Aim.SHARE, shown="person_speed")
+@_of_people("human_speed", "Mean speed of the humans", "m/s", "neither", Aim.SHARE, shown="person_speed")
 def mean_human_speed(s: Sampled) -> float | None:
     """Mean over samples and humans of their speed."""
-    return float(s.series.human_speed.mean()) if s.people else None
+    return float(s.series.human_speed.mean())
 
 
-@_metric("closest_human_speed", "Mean speed of the closest human", "m/s", "neither", Aim.SHARE, shown="person_speed")
+@_of_people("closest_human_speed", "Mean speed of the closest human", "m/s", "neither", Aim.SHARE, shown="person_speed")
 def mean_closest_human_speed(s: Sampled) -> float | None:
     """Mean over samples of the speed of the human whose centre is closest."""
-    if not s.people:
-        return None
     return float(s.series.human_speed[np.arange(len(s)), s.closest].mean())

@@ -40,4 +40,4 @@ def measure(run: Run, names: Iterable[str] | None = None, *, world: World | None
     """
     seen = {"trajectory": sampled(run, world), "log": Sampled(run, run.log, world)}
     infos = list(METRICS.values()) if names is None else [metric(name) for name in names]
-    return {info.id: info.of(seen[info.series]) for info in infos}
+    return {info.id: info.value(seen[info.series]) for info in infos}

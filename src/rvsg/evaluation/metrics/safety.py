@@ -19,61 +19,52 @@ ADVANCING_M = 0.05
 
 METRICS: list[Metric] = []
 _metric = partial(measures, METRICS, source=SAFETY)
+_of_people = partial(_metric, of_people=True)
 
 
-@_metric("contacts", "Contact events", "events", "larger", Aim.MEET)
+@_of_people("contacts", "Contact events", "events", "larger", Aim.MEET)
 def contact_events(s: Sampled) -> float | None:
     """Contacts of the robot with each person; those less than 0.5 s apart count as one."""
-    return float(len(s.contacts)) if s.people else None
+    return float(len(s.contacts))
 
 
-@_metric("contact_time", "Time in contact", "s", "larger", Aim.MEET, most="time_limit")
+@_of_people("contact_time", "Time in contact", "s", "larger", Aim.MEET, most="time_limit")
 def contact_time(s: Sampled) -> float | None:
     """Seconds in which the robot touches at least one person (at the end of the interval)."""
-    if not s.people:
-        return None
     touching: Flags = np.any(s.touching, axis=1)
     return float(s.dt[touching[1:]].sum())
 
 
-@_metric("contact_longest", "Longest contact", "s", "larger", Aim.MEET, most="time_limit")
+@_of_people("contact_longest", "Longest contact", "s", "larger", Aim.MEET, most="time_limit")
 def contact_longest(s: Sampled) -> float | None:
     """Duration of the longest contact with one person, seconds, counted as for `contacts`; 0 without contact."""
-    if not s.people:
-        return None
     return max((float(s.series.t[touch.last] - s.series.t[touch.first]) for touch in s.contacts), default=0.0)
 
 
-@_metric("contact_speed", "Relative speed at contact", "m/s", "larger", Aim.MEET)
+@_of_people("contact_speed", "Relative speed at contact", "m/s", "larger", Aim.MEET)
 def contact_speed(s: Sampled) -> float | None:
     """Largest speed of the robot relative to a person it touches; 0 without contact.
 
     Where the simulator records contacts, the speed along the normal just before the contact counts, too.
     """
-    if not s.people:
-        return None
     known = [touch.recorded.closing_speed_m_s for touch in s.contacts if touch.recorded is not None]
     return max([0.0, *known, *(float(speed) for speed in s.relative_speed[s.touching])])
 
 
-@_metric("contact_robot_speed", "Robot's speed in contact", "m/s", "larger", Aim.MEET)
+@_of_people("contact_robot_speed", "Robot's speed in contact", "m/s", "larger", Aim.MEET)
 def contact_robot_speed(s: Sampled) -> float | None:
     """Largest own speed |v| of the robot while it touches a person; 0 without contact."""
-    if not s.people:
-        return None
     touching = s.touching.any(axis=1)
     return float(s.series.speed[touching].max()) if touching.any() else 0.0
 
 
-@_metric("ttc", "Time to collision", "s", "smaller", Aim.MEET, shown="closing_speed")
+@_of_people("ttc", "Time to collision", "s", "smaller", Aim.MEET, shown="closing_speed")
 def time_to_collision(s: Sampled) -> float | None:
     """Smallest time until the discs would touch if robot and person kept their velocities; 0 in contact.
 
     Solves |d + w t| = r_robot + r_i for the smallest t > 0 with d the offset and w the relative velocity.
     None where no pair is ever on a collision course.
     """
-    if not s.people:
-        return None
     if s.touching.any():
         return 0.0
     dx, dy = s.offset
@@ -90,40 +81,36 @@ def time_to_collision(s: Sampled) -> float | None:
     return float(((-b[course] - np.sqrt(discriminant[course])) / a[course]).min())
 
 
-@_metric("stopping_margin", "Stopping-distance margin", "m", "smaller", Aim.MEET, least=None)
+@_of_people("stopping_margin", "Stopping-distance margin", "m", "smaller", Aim.MEET, least=None)
 def stopping_margin(s: Sampled) -> float | None:
     """Smallest gap minus the distance the robot needs to stop, over samples in which it closes in on the person.
 
     Stopping distance = v (0.3 s + latency) + v^2 / (2 a): reaction, and the robot's deceleration a (2.5 m/s^2 where it
     is not known). Negative: it could not have stopped in time. Without an approach the smallest gap.
     """
-    if not s.people:
-        return None
     reaction, braking = REACTION_S + s.run.robot_latency_s, s.run.robot_deceleration_m_s2
     speed = s.series.speed[:, None]
     stopping = np.where(s.closing_speed > 0.0, speed * reaction + speed**2 / (2 * braking), 0.0)
     return float((s.gap - stopping).min())
 
 
-def _share_between(s: Sampled, low: float, high: float) -> float | None:
-    if not s.people:
-        return None
+def _share_between(s: Sampled, low: float, high: float) -> float:
     return float(100.0 * ((s.clamped_gap >= low) & (s.clamped_gap < high)).mean())
 
 
-@_metric("intimate_space", "Intimate space intrusion", "%", "larger", Aim.SHARE, source=HUNAV, most=100.0)
+@_of_people("intimate_space", "Intimate space intrusion", "%", "larger", Aim.SHARE, source=HUNAV, most=100.0)
 def intimate_space(s: Sampled) -> float | None:
     """Percent of samples with the closest person nearer than 0.45 m, surface to surface."""
     return _share_between(s, 0.0, INTIMATE_M)
 
 
-@_metric("personal_space", "Personal space intrusion", "%", "larger", Aim.SHARE, source=HUNAV, most=100.0)
+@_of_people("personal_space", "Personal space intrusion", "%", "larger", Aim.SHARE, source=HUNAV, most=100.0)
 def personal_space(s: Sampled) -> float | None:
     """Percent of samples with the closest person between 0.45 m and 1.2 m."""
     return _share_between(s, INTIMATE_M, PERSONAL_M)
 
 
-@_metric("social_space", "Social space intrusion", "%", "larger", Aim.SHARE, source=HUNAV, most=100.0)
+@_of_people("social_space", "Social space intrusion", "%", "larger", Aim.SHARE, source=HUNAV, most=100.0)
 def social_space(s: Sampled) -> float | None:
     """Percent of samples with the closest person between 1.2 m and 3.6 m."""
     return _share_between(s, PERSONAL_M, SOCIAL_M)
