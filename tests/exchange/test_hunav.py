@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -43,61 +44,29 @@ hunav_loader:
       g0: {x: 1.0, y: 1.0}
 """
 
-BLOCK = """\
-hunav_loader:
-  ros__parameters:
-    map: map_of_room
-    agents: [agent1]
-    agent1:
-      id: 1
-      group_id: 2
-      max_vel: 1.1
-      radius: 0.35
-      behavior:
-        type: 5
-        configuration: 1
-        duration: 12.0
-        once: false
-        vel: 2.5
-        dist: 1.2
-        goal_force_factor: 1.0
-        obstacle_force_factor: 12.0
-        social_force_factor: 6.0
-        other_force_factor: 18.0
-      init_pose: {x: 1.0, y: 2.0, z: 1.25, h: 1.57}
-      goal_radius: 0.2
-      cyclic_goals: false
-      goals: [g0, g1]
-      g0: {x: 1.0, y: 2.0, h: 0.0}
-      g1: {x: 4.0, y: 2.0, h: 0.0}
-hunav_agent_manager:
-  ros__parameters:
-    publish_tf: true
-"""
 
-V2 = """\
-hunav_loader:
-  ros__parameters:
-    yaml_base_name: ward
-    simulator: Isaac Sim
-    map: ward
-    publish_people: true
-    global_goals:
-      1: {x: -6.77, y: -1.636}
-      2: {x: -0.588, y: -1.458}
-    agents: [nurse]
-    nurse:
-      id: 1
-      skin: 1
-      group_id: -1
-      max_vel: 1.2
-      radius: 0.4
-      behavior: {type: Surprised, configuration: 2, once: true, front_dist: 1.4}
-      init_pose: {x: -6.77, y: -1.636, z: 0.0, h: 0.0}
-      goal_radius: 0.3
-      cyclic_goals: true
-      goals: [1, 2]
-"""
+def loader(settings: dict[str, Any]) -> str:
+    return yaml.safe_dump({"hunav_loader": {"ros__parameters": settings}}, sort_keys=False)
+
+
+BLOCK = loader({"map": "map_of_room", "agents": ["agent1"], "agent1": {
+    "id": 1, "group_id": 2, "max_vel": 1.1, "radius": 0.35, "goal_radius": 0.2, "cyclic_goals": False,
+    "behavior": {
+        "type": 5, "configuration": 1, "duration": 12.0, "once": False, "vel": 2.5, "dist": 1.2,
+        "goal_force_factor": 1.0, "obstacle_force_factor": 12.0, "social_force_factor": 6.0, "other_force_factor": 18.0,
+    },
+    "init_pose": {"x": 1.0, "y": 2.0, "z": 1.25, "h": 1.57},
+    "goals": ["g0", "g1"], "g0": {"x": 1.0, "y": 2.0, "h": 0.0}, "g1": {"x": 4.0, "y": 2.0, "h": 0.0},
+}}) + "hunav_agent_manager: {ros__parameters: {publish_tf: true}}\n"  # fmt: skip
+V2 = loader({
+    "yaml_base_name": "ward", "simulator": "Isaac Sim", "map": "ward", "publish_people": True,
+    "global_goals": {1: {"x": -6.77, "y": -1.636}, 2: {"x": -0.588, "y": -1.458}}, "agents": ["nurse"],
+    "nurse": {
+        "id": 1, "skin": 1, "group_id": -1, "max_vel": 1.2, "radius": 0.4, "goal_radius": 0.3, "cyclic_goals": True,
+        "behavior": {"type": "Surprised", "configuration": 2, "once": True, "front_dist": 1.4},
+        "init_pose": {"x": -6.77, "y": -1.636, "z": 0.0, "h": 0.0}, "goals": [1, 2],
+    },
+})  # fmt: skip
 
 
 def written(folder: Path, text: str) -> Path:
