@@ -33,13 +33,38 @@ class FloorPlan:
 
     `view_box` (left, top, width, height in metres) and `matrix` (world to user units) are as SVG's attributes are
     written. `shapes` (floor, walls, things, areas, waypoints) and `names` (the names of the areas) are the elements
-    that stand inside the `svg` element; they are apart so that a page can draw the shapes several times.
+    that stand inside the `svg` element; they are apart so that a page can draw the shapes several times. `words` are
+    the names as placed on a page with this `view`.
     """
 
     view_box: str
     matrix: str
     shapes: str
-    names: str = ""
+    view: View
+    words: tuple[Word, ...] = ()
+
+    @property
+    def names(self) -> str:
+        """The names of the areas."""
+        return "\n".join(self.name(word) for word in self.words)
+
+    def middle(self, word: Word) -> tuple[float, float]:
+        """Return the middle of a name in user units."""
+        (x0, _, x1, y1), view = self.view.window, self.view
+        left, top = (x0, -y1) if view.up == "y" else (-y1, -x1)
+        return left + (word.centre[0] - view.left) / view.scale, top + (word.centre[1] - view.top) / view.scale
+
+    def name(self, word: Word, *, kind: str = "area-name", apart_em: float | None = None) -> str:
+        """Return a name as text of the class `kind`; with `apart_em` its lines keep apart at every size of letters."""
+        (x, y), size = self.middle(word), word.size / self.view.scale
+        turn = f' transform="rotate(-90 {x:.2f} {y:.2f})"' if word.turned else ""
+        lines = word.text.split("\n")
+        spans = ""
+        for i, line in enumerate(lines):
+            off = i - (len(lines) - 1) / 2
+            at = f'y="{y + off * size * 1.14:.2f}"' if apart_em is None else f'y="{y:.2f}" dy="{off * apart_em:.2f}em"'
+            spans += f'<tspan x="{x:.2f}" {at}>{html.escape(line)}</tspan>'
+        return f'<text class="{kind}" font-size="{size * 0.92:.3f}"{turn}>{spans}</text>'
 
 
 @lru_cache(maxsize=16)  # of a campaign's page, its overview and its pictures
@@ -78,8 +103,8 @@ def floor_plan(
             if w.human
         ]
     parts.append("</g>")
-    names = [_text(word, view, box) for word in area_words(world, view)] if areas else []
-    return FloorPlan(" ".join(_number(v) for v in box), matrix, "\n".join(parts), "\n".join(names))
+    words = area_words(world, view) if areas else ()
+    return FloorPlan(" ".join(_number(v) for v in box), matrix, "\n".join(parts), view, words)
 
 
 def floor_plan_svg(
@@ -163,20 +188,6 @@ def rectangles(cells: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
         for run in runs:
             open_runs.setdefault(run, row)
     return found
-
-
-def _text(word: Word, view: View, box: Sequence[float]) -> str:
-    """Return a placed word as text of the same size and length."""
-    x = box[0] + (word.centre[0] - view.left) / view.scale
-    y = box[1] + (word.centre[1] - view.top) / view.scale
-    size = word.size / view.scale
-    turn = f' transform="rotate(-90 {x:.2f} {y:.2f})"' if word.turned else ""
-    lines = word.text.split("\n")
-    spans = "".join(
-        f'<tspan x="{x:.2f}" y="{y + (i - (len(lines) - 1) / 2) * size * 1.14:.2f}">{html.escape(line)}</tspan>'
-        for i, line in enumerate(lines)
-    )
-    return f'<text class="area-name" font-size="{size * 0.92:.3f}"{turn}>{spans}</text>'
 
 
 def _points(ring: Iterable[Sequence[float]] | Floats) -> str:
