@@ -46,13 +46,15 @@ class ObjectEntry(Record):
 
     @model_validator(mode="after")
     def _has_a_shape(self) -> Self:
+        from shapely import MultiPoint
+
         if self.box is None and (self.footprint is None or self.height is None):
             raise ValueError("give a box, or a footprint with a height")
         if self.box is not None and not (
             _near(self.box.center) and all(0 < size <= LARGEST_M for size in self.box.size)
         ):
             raise ValueError(f"the box's sizes must be over 0 and at most {LARGEST_M:g} m, its centre within 100 km")
-        if self.box is None and self.footprint is not None and _area(self.footprint) < SMALLEST_AREA_M2 / 2:
+        if self.box is None and MultiPoint(self.footprint or ()).convex_hull.area < SMALLEST_AREA_M2 / 2:
             raise ValueError("the footprint has no area: its points lie on a line, or at one place")
         if self.box is not None and self.height is not None:
             raise ValueError("the box already has a height; leave height out")
@@ -83,13 +85,6 @@ class ObjectEntry(Record):
         """Return the entry that gives exactly this object."""
         footprint = thing.footprint if thing.footprint != box_corners(thing.box) else None
         return cls.model_validate(thing.model_dump() | {"footprint": footprint})
-
-
-def _area(ring: Polygon) -> float:
-    """Return the area of the convex hull of a ring."""
-    from shapely import MultiPoint
-
-    return float(MultiPoint(ring).convex_hull.area)
 
 
 def _near(point: tuple[float, ...]) -> bool:

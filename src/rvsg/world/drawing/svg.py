@@ -32,9 +32,8 @@ class FloorPlan:
     """The parts of an SVG floor plan.
 
     `view_box` (left, top, width, height in metres) and `matrix` (world to user units) are as SVG's attributes are
-    written. `shapes` (floor, walls, things, areas, waypoints) and `names` (the names of the areas) are the elements
-    that stand inside the `svg` element; they are apart so that a page can draw the shapes several times. `words` are
-    the names as placed on a page with this `view`.
+    written. `shapes` and `names` stand inside the `svg` element, apart so that a page can draw the shapes several
+    times. `words` are the names as placed on a page with this `view`.
     """
 
     view_box: str
