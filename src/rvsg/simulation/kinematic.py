@@ -7,7 +7,6 @@ walk their cyclic paths at their own speed and react to nobody. The seed varies 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -56,7 +55,9 @@ class KinematicSimulator(Simulator):
         agents = decode(scenario.people, world.grid)
         time = np.arange(0.0, route.time_limit_s + PERIOD_S / 2, PERIOD_S)
         walks = [_walk(agent, time, stream(seed, f"human {agent.name}")) for agent in agents]
-        human_x, human_y, human_yaw, human_speed = (_columns(walks, k, len(time)) for k in range(4))
+        human_x, human_y, human_yaw, human_speed = (
+            np.stack([walk[part] for walk in walks], axis=1) if walks else np.empty((len(time), 0)) for part in range(4)
+        )
         radii = np.array([agent.radius_m for agent in agents])
         path = _robot_path(scenario, world)
         outcome = Outcome.NO_PATH if path is None else Outcome.TIMED_OUT
@@ -169,21 +170,18 @@ def _robot_path(scenario: Scenario, world: World) -> Floats | None:
     return np.array(points)
 
 
-def _columns(walks: Sequence[tuple[Floats, ...]], part: int, rows: int) -> Floats:
-    """Return one part of every walk as the columns of an array with these rows; without people it has no column."""
-    return np.stack([walk[part] for walk in walks], axis=1) if walks else np.empty((rows, 0))
-
-
 def _walk(agent: HumanAgent, time: Floats, chance: np.random.Generator) -> tuple[Floats, Floats, Floats, Floats]:
     """Return x, y, yaw and speed of a person at every time: the goals in a cycle, with pauses, after the delay."""
     speed = agent.speed_m_s * float(chance.uniform(0.9, 1.1))
     begin = agent.start_delay_s + float(chance.uniform(0.0, 0.5))
-    goals, pauses = _closed(agent.goals, agent.pauses_s)
+    moves = len({*agent.goals}) > 1
+    # A round ends where it starts.
+    goals, pauses = [*agent.goals, agent.goals[0]] if moves else [agent.goals[0]], [*agent.pauses_s, agent.pauses_s[0]]
     times, places = [begin], [goals[0]]
     if agent.start_pause_s:
         times.append(begin + agent.start_pause_s)
         places.append(goals[0])
-    while times[-1] < time[-1] and len(goals) > 1:
+    while times[-1] < time[-1] and moves:
         for goal, pause in zip(goals[1:], pauses[1:], strict=True):
             step = float(np.hypot(goal[0] - places[-1][0], goal[1] - places[-1][1])) / speed
             times.append(times[-1] + step)
@@ -195,15 +193,6 @@ def _walk(agent: HumanAgent, time: Floats, chance: np.random.Generator) -> tuple
     x, y = np.interp(time, times, at[:, 0]), np.interp(time, times, at[:, 1])
     vx, vy = _rate(x, time), _rate(y, time)
     return x, y, np.arctan2(vy, vx), np.hypot(vx, vy)
-
-
-def _closed(
-    goals: Sequence[tuple[float, float]], pauses: Sequence[float]
-) -> tuple[list[tuple[float, float]], list[float]]:
-    """Return the goals with the first one again at the end, so that a round ends where it starts."""
-    if len(goals) == 1 or len({*goals}) == 1:
-        return [goals[0]], [0.0]
-    return [*goals, goals[0]], [*pauses, pauses[0]]
 
 
 def _rate(values: Floats, time: Floats) -> Floats:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 
@@ -23,7 +24,7 @@ from rvsg.core.records import content_id
 from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
 from rvsg.scenario.scenario import ROBOT, HumanConfiguration, Mission, Scenario
 from rvsg.simulation.run import Outcome
-from rvsg.simulation.simulators import Simulator
+from rvsg.simulation.simulators import Simulator, make_simulator
 from rvsg.world.routes import Drive, Hop
 from rvsg.world.space import human_space
 from rvsg.world.world import Route, World
@@ -77,8 +78,6 @@ class SimulatedTrial:
         self.robot = robot
         self.progress = progress
         self.cache = cache
-        self._simulator: Simulator | None = None
-        self._is_prepared = False
 
     def drive(self, world: World, route: Route) -> Drive:
         """Drive a route once, with nobody about."""
@@ -94,7 +93,7 @@ class SimulatedTrial:
         if known is not None:
             return known
         self.progress(f"Driving {route.name} {route.purpose}".rstrip() + ", with nobody about")
-        run = self._prepared().run(scenario, world, seed=SEED)
+        run = self._prepared.run(scenario, world, seed=SEED)
         path = run.trajectory
         drive = Drive(
             arrived=run.outcome is Outcome.REACHED,
@@ -120,37 +119,29 @@ class SimulatedTrial:
         key = content_id("hops", self._floor(world) | {"hops": [list(hop) for hop in hops], "where": where})
         known = self._known(key, _HOPS)
         if known is None:
-            self._prepared()
+            self._simulator.prepare(self.progress)
             self.progress(f"Walking the {len(hops)} hops beside obstacles, with nobody else about")
             known = tuple((way[0], way[1]) for way in not_walked(world, hops))
             self._keep(key, known)
         return known
 
-    def _made(self) -> Simulator:
-        if self._simulator is None:
-            from rvsg.simulation.simulators import make_simulator
+    @cached_property
+    def _simulator(self) -> Simulator:
+        return make_simulator("embedded")
 
-            self._simulator = make_simulator("embedded")
-        return self._simulator
-
+    @cached_property
     def _prepared(self) -> Simulator:
-        """Return the simulator ready to run; compiling it is not needed for results that are kept."""
-        simulator = self._made()
-        if not self._is_prepared:
-            simulator.prepare(self.progress)
-            self._is_prepared = True
-        return simulator
+        """The simulator ready to run; compiling it is not needed for results that are kept."""
+        self._simulator.prepare(self.progress)
+        return self._simulator
 
     def _floor(self, world: World) -> dict[str, object]:
         """Return what every result depends on."""
-        simulator = self._made()
-        robot = self.robot or load_robot(DEFAULT_ROBOT)
+        robot, simulator = self.robot or load_robot(DEFAULT_ROBOT), self._simulator
         return {
-            "floor": world.floor_id,
-            "robot": robot.model_dump(mode="json"),
-            "simulator": simulator.name,
-            "options": dict(simulator.options),
-        }
+            "floor": world.floor_id, "robot": robot.model_dump(mode="json"),
+            "simulator": simulator.name, "options": dict(simulator.options),
+        }  # fmt: skip
 
     def _known(self, key: str, kind: TypeAdapter[T]) -> T | None:
         """Return a result that is kept; None if there is none, or where its file is damaged."""

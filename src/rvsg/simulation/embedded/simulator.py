@@ -137,22 +137,14 @@ class EmbeddedSimulator(Simulator):
     further options are those of `SimulatorOptions`, e.g. `noise={"lidar": 0}`. `stack`: what drives the robot.
     """
 
+    name = NAME
+    any_robot = True
     code_options = ()  # the stack is checked where it is made
 
     def __init__(self, profile: str = "default", *, stack: StackLike | None = None, **options: Any) -> None:
         self._options = named_profile(profile, **options)
         choice = None if stack is None else StackChoice.of(stack)
         self._stack = None if choice is None or (choice.is_default and not choice.messages) else choice
-
-    @property
-    def name(self) -> str:
-        """The name it is chosen by."""
-        return NAME
-
-    @property
-    def any_robot(self) -> bool:
-        """Whether it simulates every robot that is given as a record."""
-        return True
 
     @property
     def options(self) -> dict[str, object]:
