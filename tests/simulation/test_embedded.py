@@ -226,11 +226,6 @@ class TestOutside:
         assert np.array_equal(rows, np.column_stack([path.t, path.x, path.v])[: len(rows)])
         assert len(path) - len(rows) <= 1
 
-    def test_a_local_planner_without_a_command_gives_up(self, warehouse: World) -> None:
-        run = simulate_agents(warehouse, warehouse.route("route_1"), [], outside=Outside(control=lambda _: None))
-        assert run.recoveries > 0
-        assert np.abs(run.trajectory.v).max() <= 0.05 + 1e-12
-
     @pytest.mark.parametrize(("waits", "least", "most"), [(False, 0.01, 0.06), (True, 0.1, 1.1)])
     def test_who_needs_a_cleared_costmap_waits_for_its_next_update(
         self, warehouse: World, waits: bool, least: float, most: float
@@ -271,18 +266,6 @@ class TestOutside:
         )  # fmt: skip
         assert len(blocked) == 1
         assert (run.outcome, run.recoveries) == (outcome, recoveries)
-
-    @pytest.mark.parametrize(("verdict", "outcome"), [(True, Outcome.REACHED), (False, Outcome.ABORTED)])
-    def test_a_whole_stack_drives_the_base_and_ends_the_run(self, verdict: bool, outcome: Outcome) -> None:
-        def drive(episode: Episode) -> tuple[float, float] | bool:
-            return verdict if episode.t >= 2.0 else (0.4, 0.0)
-
-        way, outside = route((-1.0, 0.0), (1.0, 0.0)), Outside(stack=drive, stack_ticks=10)
-        run = simulate_agents(empty_room(), way, [], outside=outside)
-        assert run.outcome is outcome
-        assert run.trajectory.t[-1] < 2.2
-        assert run.trajectory.x[-1] == pytest.approx(-1.0 + 0.4 * 1.9, abs=0.05)
-        assert run.trajectory.y[-1] == 0.0
 
     def test_an_answer_that_is_not_finite_is_an_error(self, warehouse: World) -> None:
         with pytest.raises(SimulationError):

@@ -308,12 +308,8 @@ def begin_action(state: State, t: float) -> None:
         nav[st.CLEAR_LOCAL] = 1
         nav[st.CLEAR_GLOBAL] = 1
         end_action(state, t)
-    elif action == 1:
-        nav[st.MODE] = st.SPIN
-    elif action == 2:
-        nav[st.MODE] = st.WAIT
     else:
-        nav[st.MODE] = st.BACK_UP
+        nav[st.MODE] = action  # SPIN, WAIT, BACK_UP
 
 
 @inner
