@@ -31,15 +31,29 @@ def test_every_mistake_is_told_at_once_with_its_line() -> None:
     assert len(found) == 3
 
 
+ROUTE = "routes:\n  - {{name: r, start: {}, goal: G5, time_limit_s: 3}}\n"
+SHORT = 'areas:\n  - {name: "", rectangle: [0, 0, 1, 1]}\n  - {name: A, outline: [[0, 0], [1, 1]]}\n'
+
+
+@pytest.mark.parametrize(
+    ("model", "text", "found"),
+    [
+        # Of a name or a pose only the form that was written is judged.
+        (RoutesFile, ROUTE.format("{x: 1}"), ['2: routes[0].start: "y" is missing']),
+        (RoutesFile, ROUTE.format("[1, 2]"), ["2: routes[0].start: expected a name, or keys and values, got [1, 2]"]),
+        (LabelsFile, "- a\n", ["1: expected keys and values (areas), got ['a']"]),
+        (LabelsFile, SHORT, ["2: areas[0].name: expected some text, got ''",
+                             "3: areas[1].outline: expected at least 3 values, got [[0, 0], [1, 1]]"]),
+    ],
+)  # fmt: skip
+def test_mistakes_are_told_in_words_of_the_file(model: type, text: str, found: list[str]) -> None:
+    assert problems(text, model) == [f"labels.yaml:{each}" for each in found]
+
+
 def test_one_mistake_reads_as_one_line() -> None:
     with pytest.raises(DocumentError) as caught:
         validated(parse_yaml("areas:\n  - {name: A, rectangle: [3, 0, 1, 1]}\n", HERE), LabelsFile)
     assert str(caught.value).startswith("labels.yaml:2: areas[0]: the rectangle [x_min, y_min, x_max, y_max] is empty")
-
-
-def test_of_a_name_or_a_pose_only_the_form_that_was_written_is_judged() -> None:
-    text = "routes:\n  - {name: r, start: {x: 1}, goal: G5, time_limit_s: 3}\n"
-    assert problems(text, RoutesFile) == ['labels.yaml:2: routes[0].start: "y" is missing']
 
 
 def test_a_misspelt_key_of_an_alternative_form_is_suggested_as_it_is_written() -> None:
@@ -74,10 +88,6 @@ def test_a_bomb_of_aliases_is_refused_quickly() -> None:
         parse_yaml("\n".join(lines), HERE)
 
 
-def test_a_list_where_keys_are_expected_is_told_what_keys() -> None:
-    assert problems("- a\n") == ["labels.yaml:1: expected keys and values (areas), got ['a']"]
-
-
 def test_of_very_many_mistakes_the_first_fifty_are_listed_and_the_rest_counted() -> None:
     text = "areas:\n" + "  - {nmae: x}\n" * 3000
     with pytest.raises(DocumentError) as caught:
@@ -85,15 +95,3 @@ def test_of_very_many_mistakes_the_first_fifty_are_listed_and_the_rest_counted()
     lines = str(caught.value).splitlines()
     assert len(lines) == 52
     assert lines[-1].startswith("  and ") and len(caught.value.problems) >= 6000
-
-
-def test_lengths_and_poses_are_judged_in_words_of_the_file() -> None:
-    text = 'areas:\n  - {name: "", rectangle: [0, 0, 1, 1]}\n  - {name: A, outline: [[0, 0], [1, 1]]}\n'
-    assert problems(text) == [
-        "labels.yaml:2: areas[0].name: expected some text, got ''",
-        "labels.yaml:3: areas[1].outline: expected at least 3 values, got [[0, 0], [1, 1]]",
-    ]
-    text = "routes:\n  - {name: r, start: [1, 2], goal: G5, time_limit_s: 3}\n"
-    assert problems(text, RoutesFile) == [
-        "labels.yaml:2: routes[0].start: expected a name, or keys and values, got [1, 2]"
-    ]

@@ -75,16 +75,6 @@ def test_a_task_name_is_read_however_its_arrow_and_case_are_written(name: str) -
     assert "wrong-area" in rules_of(people(human(f"{name}: A1 B1 C1 D1", "x: D1 C1 B1 A1")))
 
 
-def test_a_loop_closure_within_one_area_is_held_to_that_area() -> None:
-    assert rules_of(people(human("Dock (loop closure): A1 A2 A1"))) == []
-    assert rules_of(people(human("Dock (loop closure): A1 A2 A3", "back: A3 A2 A1"))) == ["wrong-area"]
-
-
-def test_explicit_areas_go_before_the_name_of_the_task() -> None:
-    task = Task(name="fetch boxes", path=("A1", "A2", "A3"), end_area="Dock")
-    assert rules_of(people(human(task, "back: A3 A2 A1"))) == ["wrong-area"]
-
-
 def beside_the_robot(gap_m: float, axis: int) -> Mission:
     """Return the mission with the robot this far from A1 along an axis: its front, or its side."""
     reach = max(abs(corner[axis]) for corner in MISSION.robot_record.outline) + human(*GOOD).radius_m
@@ -123,6 +113,10 @@ OTHER = ("Bench → Bench: A6 A7 A6",)
         ([human(*GOOD, group=1), human(*OTHER, name="Bob")], ["group-of-one"]),
         ([human(*GOOD, group=1), human(*OTHER, name="Bob", group=1)], []),
         ([human(*GOOD), human(*OTHER)], ["same-name"]),
+        ([human("Dock (loop closure): A1 A2 A1")], []),
+        ([human("Dock (loop closure): A1 A2 A3", "back: A3 A2 A1")], ["wrong-area"]),
+        # Explicit areas go before the name of the task.
+        ([human(Task(name="fetch", path=("A1", "A2", "A3"), end_area="Dock"), "back: A3 A2 A1")], ["wrong-area"]),
     ],
 )
 def test_rules_of_a_person_or_of_several(humans: list[Human], rules: list[str]) -> None:

@@ -12,13 +12,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from tests.campaign.parts import WalkGenerator, plan, warehouse
+from tests.campaign.parts import warehouse
+from tests.conformance.test_campaign_parts import answered
 
 from rvsg.core import plugins
 from rvsg.core.errors import InputError
 from rvsg.evaluation.metrics.registry import measure
-from rvsg.scenario.brief import Brief
-from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.archive import (
     DECIMALS,
     LARGEST,
@@ -34,15 +33,7 @@ from rvsg.simulation.archive import (
 )
 from rvsg.simulation.kinematic import KinematicSimulator
 
-
-def scenario(seed: int = 0) -> Scenario:
-    brief = Brief(mission=plan().mission, requirement=plan().requirement, seed=seed)
-    found = WalkGenerator().propose(brief, warehouse()).scenario
-    assert found is not None
-    return found
-
-
-A_RUN = KinematicSimulator().run(scenario(), warehouse(), seed=1)
+A_RUN = KinematicSimulator().run(answered(0)[2], warehouse(), seed=1)
 ARCHIVE = PackedRun.of(rounded(A_RUN)).data
 names = st.sampled_from([*DECIMALS, "trajectory.x", "unknown"])
 shapes = hnp.array_shapes(min_dims=1, max_dims=2, min_side=0, max_side=9)
@@ -113,7 +104,7 @@ def test_what_is_measured_is_what_is_stored() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.exhaustive)])
 def test_a_stored_run_is_small_and_no_metric_sees_the_rounding(seed: int) -> None:
-    exact = plugins.make("simulator", "embedded", {}).run(scenario(seed), warehouse(), seed=seed)
+    exact = plugins.make("simulator", "embedded", {}).run(answered(seed)[2], warehouse(), seed=seed)
     run = rounded(exact)
     assert len(PackedRun.of(run).data) < 9000
     before, after = measure(exact, world=warehouse()), measure(run, world=warehouse())
