@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -179,33 +180,10 @@ def test_mppi_and_a_collision_monitor(tmp_path: Path) -> None:
     assert state["collision_monitor.Speed.type"] == "not supported"
 
 
-PLANNER = """
-planner_server:
-  ros__parameters:
-    planner_plugins: [GridBased]
-    GridBased: {{plugin: "{plugin}", {options}}}
-behavior_server:
-  ros__parameters:
-    behavior_plugins: [spin]
-    spin: {{plugin: "nav2_behaviors{dots}Spin"}}
-"""
-
-
-@pytest.mark.parametrize(
-    "plugin", ["nav2_smac_planner::SmacPlanner2D", "nav2_theta_star_planner/ThetaStarPlanner", "acme/HybridPlanner"]
-)
-def test_a_planner_that_is_not_simulated(tmp_path: Path, plugin: str) -> None:
-    path = written(tmp_path, RPP + PLANNER.format(plugin=plugin, options="tolerance: 0.2", dots="::"))
-    with pytest.raises(FileError, match=f"planner {plugin} is not simulated.*Navfn.*--stack ros2") as refused:
-        StackChoice.of(path)
-    assert refused.value.code == "not-simulated" and refused.value.line is not None
-
-
 @pytest.mark.parametrize(("dots", "smoothed"), [("::", True), ("/", False)])
 def test_the_release_decides_how_recoveries_drive(tmp_path: Path, dots: str, smoothed: bool) -> None:
-    path = written(
-        tmp_path, RPP + PLANNER.format(plugin="nav2_navfn_planner/NavfnPlanner", options="tolerance: 0.4", dots=dots)
-    )
+    spin = f'{{behavior_plugins: [spin], spin: {{plugin: "nav2_behaviors{dots}Spin"}}}}'
+    path = written(tmp_path, f"{RPP}behavior_server:\n  ros__parameters: {spin}\n")
     assert StackChoice.of(path).driver.adapt(TIAGO).navigation.behaviours.smoothed is smoothed
     for name, built_in in (("nav2-dwb", False), ("nav2-rpp", True), ("nav2-mppi", True)):
         assert StackChoice.of(name).driver.adapt(TIAGO).navigation.behaviours.smoothed is built_in
@@ -225,9 +203,13 @@ def test_what_is_not_supported_is_always_told(tmp_path: Path) -> None:
     assert any("not supported" in text for text in told)
 
 
+PLANNERS = ("nav2_smac_planner::SmacPlanner2D", "nav2_theta_star_planner/ThetaStarPlanner", "acme/HybridPlanner")
+
+
 @pytest.mark.parametrize(
     ("old", "new", "key"),
     [
+        *(("nav2_navfn_planner/NavfnPlanner", planner, "plugin") for planner in PLANNERS),
         ("dwb_core::DWBLocalPlanner", "nav2_graceful_controller::GracefulController", "plugin"),
         ("nav2_costmap_2d::VoxelLayer", "spatio_temporal_voxel_layer/SpatioTemporalVoxelLayer", "plugin"),
         ('"PathDist"', '"PathHugging"', "critics"),
@@ -245,6 +227,9 @@ def test_a_plug_in_or_a_value_that_is_not_simulated_is_refused(
         StackChoice.of(written(tmp_path, text.replace(old, new)))
     if isinstance(refused.value, DocumentError):
         assert refused.value.problems[0].key[-1] == key
+        if key == "plugin":
+            assert refused.value.code == "not-simulated" and refused.value.line is not None
+            assert re.search(f"{new} is not simulated.*nearest that is: .*--stack ros2", str(refused.value))
     else:  # the file is read, and what it asks for is no option of the stack
         assert (refused.value.code, key) == ("options", None)
 
