@@ -98,16 +98,13 @@ def test_a_hard_brake_is_found_on_the_way_and_not_at_the_goal() -> None:
     assert of(HardBrake, run_of(trajectory(T, 0.0, v=slowly))) == []
 
 
-def test_speed_that_a_contact_takes_is_no_brake() -> None:
+def test_speed_that_a_contact_takes_is_no_brake_but_braking_before_it_is() -> None:
     v = np.where(T < 6, 0.5, 0.0)
     assert len(of(HardBrake, run_of(trajectory(T, 0.0, v=v, humans=[(2.0, 0.0)])))) == 1
     crash = run_of(trajectory(T, 0.0, v=v, humans=[(np.where(T < 5.95, 2.0, 0.5), 0.0)]))
     assert of(HardBrake, crash) == [] and len(of(Contact, crash)) == 1
     wall = recorded.ObstacleContact(time_s=5.97, x=0.0, y=0.0, until_s=5.98, speed_m_s=0.5)
-    assert of(HardBrake, run_of(trajectory(T, 0.0, v=v), events=(wall,), goal=(0.0, 0.0, 0.0))) == []
-
-
-def test_braking_before_a_contact_is_told() -> None:
+    assert of(HardBrake, run_of(trajectory(T, 0.0, v=v), events=(wall,))) == []
     v = np.interp(T, [5.0, 6.0, 6.5], [1.0, 0.3, 0.3])
     run = run_of(trajectory(T, 0.0, v=v, humans=[(np.where(T < 6.5, 2.0, 0.5), 0.0)]))
     (brake,) = of(HardBrake, run)

@@ -65,13 +65,10 @@ def test_how_many_more_runs_a_verdict_takes_depends_on_the_verdict():
     assert DEFAULT.fewest_for(2, 29) == {}
 
 
-def test_runs_without_judgement_are_counted_apart_and_decide_nothing():
+def test_runs_without_judgement_are_counted_apart_and_without_a_limit_none_is_judged():
     verdict = judge(NEAR, [None] * 20)
     assert verdict.status is Status.INCONCLUSIVE
     assert (verdict.undefined, verdict.runs, verdict.mean) == (20, 0, None)
-
-
-def test_a_requirement_without_a_limit_is_not_judged():
     verdict = judge(NEAR.model_copy(update={"limit": None}), [GOOD, BAD])
     assert (verdict.status, verdict.violation_interval, verdict.mean) == (Status.UNJUDGED, None, 0.5)
 
@@ -109,14 +106,11 @@ def test_runs_that_did_not_arrive_are_censored():
     assert (most.censored, most.median) == (2, 22.0)
 
 
-def test_a_time_at_its_limit_is_no_share() -> None:
+def test_a_time_at_its_limit_is_no_share_and_a_share_has_the_interval_of_a_probability() -> None:
     late = judge(TIMELY, [25.0] * 5, arrived=[False] * 4 + [True], time_limit_s=25.0)
     assert late.interval == (25.0, 25.0)
     spaces = Requirement(name="p", title="t", text="t", metric="personal_space", worse="larger", limit=10)
     assert judge(spaces, [0.0] * 5).interval == (0.0, 0.0)
-
-
-def test_the_interval_of_a_share_is_that_of_a_probability():
     arrives = Requirement(name="a", title="t", text="t", metric="completed", worse="smaller", limit=1)
     low, high = judge(arrives, [1.0] * 15).interval
     assert (low, high) == (pytest.approx(0.7820, abs=1e-4), 1.0)
@@ -128,9 +122,7 @@ def test_a_verdict_keeps_the_procedure_that_judged():
     assert verdict.procedure == strict and verdict.error_rate == 0.01
     assert not violated(verdict) and violated(judge(NEAR, [BAD, BAD]))
     assert Verdict.from_json(verdict.to_json()) == verdict
-
-
-def test_a_verdict_of_an_earlier_version_was_judged_by_the_default():
+    # A verdict of an earlier version was judged by the default.
     old = judge(NEAR, [BAD, BAD]).model_dump(mode="json", exclude={"procedure", "censored", "median"})
     assert Verdict.model_validate(old).judged_by == DEFAULT
 
