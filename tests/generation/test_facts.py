@@ -5,6 +5,7 @@ from itertools import combinations
 from pathlib import Path
 
 import pytest
+from tests.published_data import published_data
 
 from rvsg.generation.facts import brief_facts, neighbour_rule, world_facts
 from rvsg.generation.prompts import Prompts
@@ -16,7 +17,7 @@ from rvsg.world.creation import world_from
 from rvsg.world.grid import Grid, Waypoint
 from rvsg.world.world import World
 
-MAPS = Path(__file__).parents[3].parent / "shared" / "data" / "maps"
+DATA = published_data()
 
 
 def joined_by_rule(grid: Grid) -> set[frozenset[str]]:
@@ -41,10 +42,10 @@ def joined_by_rule(grid: Grid) -> set[frozenset[str]]:
     ],
 )  # fmt: skip
 def test_rule_and_exceptions_say_exactly_who_is_whose_neighbour(warehouse: World, name: str) -> None:
-    path = MAPS / f"{name}.yaml"
-    if name != "warehouse" and not path.exists():
+    if name != "warehouse" and DATA is None:
         pytest.skip("the public maps are not at hand")
-    world = warehouse if name == "warehouse" else world_from("map", path, name=name).world
+    maps = DATA / "maps" if DATA else Path()
+    world = warehouse if name == "warehouse" else world_from("map", maps / f"{name}.yaml", name=name).world
     facts = world_facts(world)
     assert facts["row_axis"] == world.grid.up
     for key in ("rows", "columns"):
