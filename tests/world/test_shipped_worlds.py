@@ -45,28 +45,35 @@ def test_our_worlds_have_three_routes_with_sensible_time_limits_and_activities(n
 def test_a_routes_paragraph_names_its_ends_its_waypoints_and_its_time(name: str) -> None:
     world = load_world(name)
     for route in world.routes:
-        words = describe_route(world, route)
-        way = waypoints_of(world, route)
-        assert f"waypoint {way[0]}" in words
-        assert f"waypoint {way[-1]}" in words
-        assert f"within {route.time_limit_s:g} s" in words
-        assert route.purpose in words
+        words, way = describe_route(world, route), waypoints_of(world, route)
+        for told in (f"waypoint {way[0]}", f"waypoint {way[-1]}", f"within {route.time_limit_s:g} s", route.purpose):
+            assert told in words
         assert describe_route(world, route) == words
 
 
-def test_poses_to_pass_lead_the_way_and_the_words() -> None:
-    world = load_world("office")
-    route = world.routes[0].model_copy(update={"via": (), "through": (world.routes[1].goal,)})
-    assert "D3" in waypoints_of(world, route)
-    assert "must first pass waypoint D3 in Office 1" in describe_route(world, route)
-
-
-def test_turns_and_narrow_places_are_told() -> None:
-    words = describe_route(load_world("warehouse"), load_world("warehouse").route("route_3"))
+def test_poses_to_pass_turns_and_narrow_places_are_told() -> None:
+    office, warehouse, hospital = (load_world(name) for name in ("office", "warehouse", "hospital"))
+    route = office.routes[0].model_copy(update={"via": (), "through": (office.routes[1].goal,)})
+    assert "D3" in waypoints_of(office, route)
+    assert "must first pass waypoint D3 in Office 1" in describe_route(office, route)
+    words = describe_route(warehouse, warehouse.route("route_3"))
     assert "down first, then left from E9" in words
     assert "free width" not in words  # its aisles are 1.9 m wide: enough to pass
-    doors = describe_route(load_world("hospital"), load_world("hospital").route("route_2"))
-    assert "near L9 (free width 1.2 m)" in doors
+    assert "near L9 (free width 1.2 m)" in describe_route(hospital, hospital.route("route_2"))
+
+
+def test_the_map_of_the_warehouse_shows_what_the_lidar_plane_cuts() -> None:
+    cells = load_world("warehouse").occupancy.cells
+    assert set(np.unique(cells)) == {0, 100, 255}
+    assert cells.shape == (420, 280)
+    for x, y, value in (
+        (4.746, 0.5, 100),  # a leg of shelf 1
+        (3.8, 0.5, 0),  # under shelf 1
+        (-1.574, 2.302, 255),  # inside a pile of boxes
+        (6.95, 0.0, 255),  # inside the wall
+        (6.88, 0.0, 100),  # its inner face
+    ):
+        assert cells[int((y + 10.5) / 0.05), int((x + 7.0) / 0.05)] == value
 
 
 @pytest.mark.parametrize(
@@ -89,22 +96,6 @@ def test_the_warehouse_ships_with_what_the_study_had() -> None:
     assert [route.name for route in world.routes] == ["route_1", "route_2", "route_3", "route_4", "route_5"]
     assert world.route("route_1").goal == Pose(x=1.75, y=-8.6, yaw=4.5)
     assert world.map_offset == (0.0, 0.0)
-
-
-def test_the_map_of_the_warehouse_shows_what_the_lidar_plane_cuts() -> None:
-    world = load_world("warehouse")
-    cells = world.occupancy.cells
-    assert set(np.unique(cells)) == {0, 100, 255}
-    assert cells.shape == (420, 280)
-
-    def cell(x: float, y: float) -> int:
-        return int(cells[int((y + 10.5) / 0.05), int((x + 7.0) / 0.05)])
-
-    assert cell(4.746, 0.5) == 100  # a leg of shelf 1
-    assert cell(3.8, 0.5) == 0  # under shelf 1
-    assert cell(-1.574, 2.302) == 255  # inside a pile of boxes
-    assert cell(6.95, 0.0) == 255  # inside the wall
-    assert cell(6.88, 0.0) == 100  # its inner face
 
 
 def test_the_proposal_finds_nearly_all_waypoints_from_which_the_study_worked_the_areas() -> None:
