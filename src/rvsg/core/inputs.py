@@ -50,7 +50,8 @@ def read_bytes(path: Path, *, largest: int = LARGEST_FILE) -> bytes:
 
 def read_text(path: Path, *, largest: int = LARGEST_FILE) -> str:
     """Return the text of a UTF-8 file, or of standard input where the path is `-`; a byte order mark is skipped."""
-    data = read_standard_input(largest=largest) if str(path) == "-" else read_bytes(path, largest=largest)
+    standard = str(path) == "-"
+    data = _at_most(_standard_input(), path, largest) if standard else read_bytes(path, largest=largest)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -59,33 +60,27 @@ def read_text(path: Path, *, largest: int = LARGEST_FILE) -> str:
         ) from None
 
 
-def read_standard_input(*, largest: int = LARGEST_FILE) -> bytes:
-    """Return all of standard input."""
-    return _at_most(_standard_input(), Path("-"), largest)
-
-
-def read_lines(path: Path, *, longest: int = LONGEST_LINE) -> Iterator[tuple[int, str]]:
+def read_lines(path: Path) -> Iterator[tuple[int, str]]:
     """Yield number and text of each line of a UTF-8 file, or of standard input where the path is `-`.
 
     One line is in memory at a time, so the file may be larger than that.
 
     Raises:
-        FileError: The file is absent or unreadable, or a line has more than `longest` bytes or is not UTF-8.
+        FileError: The file is absent or unreadable, or a line has more than `LONGEST_LINE` bytes or is not UTF-8.
     """
     with _opened(path) as file:
         number = 0
         while True:
             try:
-                line = file.readline(longest + 1)
+                line = file.readline(LONGEST_LINE + 1)
             except OSError as error:
                 raise FileError(_shortened(path), f"the file cannot be read: {error.strerror}") from None
             if not line:
                 return
             number += 1
-            if len(line) > longest:
-                raise FileError(
-                    path, f"the line has more than {longest} bytes; at most {longest} are read", line=number
-                )
+            if len(line) > LONGEST_LINE:
+                reason = f"the line has more than {LONGEST_LINE} bytes; at most {LONGEST_LINE} are read"
+                raise FileError(path, reason, line=number)
             try:
                 yield number, line.decode("utf-8-sig" if number == 1 else "utf-8")
             except UnicodeDecodeError as error:

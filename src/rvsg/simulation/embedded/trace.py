@@ -321,29 +321,25 @@ class Trace:
     """Corner of the global costmap's cell (0, 0), map frame."""
 
 
-def trace_run(
-    scenario: Scenario, world: World, *, seed: int, simulator: EmbeddedSimulator | None = None, ticks: int = FRAME_TICKS
-) -> Trace:
+def trace_run(scenario: Scenario, world: World, *, seed: int, simulator: EmbeddedSimulator | None = None) -> Trace:
     """Simulate a scenario again with everything recorded.
 
     Args:
         simulator: the simulator of the run, with its options.
-        ticks: a frame every so many ticks of 10 ms.
 
     Raises:
         InputError: the scenario cannot be simulated.
     """
-    recorder = _Recorder(ticks)
+    recorder = _Recorder()
     simulator = simulator or EmbeddedSimulator()
     run = simulator.run(scenario, world, seed=seed, outside=Outside(probe=recorder, probe_ticks=1))
     return recorder.trace(run, scenario.mission.robot_record or load_robot(ROBOT))
 
 
 class _Recorder:
-    """A probe at every tick that copies the state every so many ticks."""
+    """A probe at every tick that copies the state every `FRAME_TICKS`."""
 
-    def __init__(self, ticks: int) -> None:
-        self._ticks = ticks
+    def __init__(self) -> None:
         self._frames: list[Frame] = []
         self._tree = TreeLog()
         self._planned_at = -math.inf
@@ -365,18 +361,17 @@ class _Recorder:
         self._tree.watch(episode.state, round(episode.t, 3))
         self._evaluate(episode.state, episode.t)
         self._bans = episode.state.nav[BANS]
-        if round(episode.t / base.STEP_S) % self._ticks == 0:
+        if round(episode.t / base.STEP_S) % FRAME_TICKS == 0:
             self._frames.append(self._frame(episode))
 
     def _frame(self, episode: Episode) -> Frame:
         state, stack, scene = episode.state, episode.state.stack, episode.scene
-        body, nav = state.body, state.nav
-        self._maps = (float(stack.resolution), float(scene.resolution), (float(scene.origin_x), float(scene.origin_y)))
+        body, nav, side = state.body, state.nav, stack.resolution
+        self._maps = (float(side), float(scene.resolution), (float(scene.origin_x), float(scene.origin_y)))
         evaluation, self._evaluation = self._evaluation, None
         plan, planned_at, end = None, float(state.times[st.PLAN_T]), int(nav[PLAN_END])
         if planned_at != self._planned_at and end != 0:
             self._planned_at, plan = planned_at, state.path[1, :end].copy()
-        lidars = range(stack.lidars.shape[0])
         return Frame(
             t=episode.t,
             pose=(float(body[base.X]), float(body[base.Y]), float(body[base.YAW])),
@@ -385,12 +380,9 @@ class _Recorder:
             phase=PHASES[int(nav[st.MODE])],
             recoveries=int(nav[st.RECOVERIES]),
             seen_from=tuple((float(x), float(y), float(yaw)) for x, y, yaw in state.scanned),
-            scans=tuple(_cast(episode, side) for side in lidars),
+            scans=tuple(_cast(episode, lidar) for lidar in range(stack.lidars.shape[0])),
             costmap=state.local[-1].copy(),
-            costmap_origin=(
-                float(nav[st.WINDOW_COLUMN] * stack.resolution),
-                float(nav[st.WINDOW_ROW] * stack.resolution),
-            ),
+            costmap_origin=(float(nav[st.WINDOW_COLUMN] * side), float(nav[st.WINDOW_ROW] * side)),
             plan=plan,
             global_costmap=self._new_cells(state.global_master),
             evaluation=evaluation,
@@ -505,12 +497,8 @@ def trace(
         raise InputError(f'The simulator "{made.name}" records no traces; "embedded" does.')
     with closing(made):
         made.prepare(on_message)
-        return _as_stored(trace_run(scenario, place, seed=seed, simulator=made))
-
-
-def _as_stored(found: Trace) -> Trace:
-    """Return a trace whose run is rounded as runs are before they are measured, so that its bag measures the same."""
-    return replace(found, run=rounded(found.run))
+        found = trace_run(scenario, place, seed=seed, simulator=made)
+    return replace(found, run=rounded(found.run))  # as runs are before they are measured: its bag measures the same
 
 
 def trace_again(run: Run, scenario: Scenario, world: World, *, on_message: Callable[[str], None] = ignore) -> Trace:
@@ -535,10 +523,11 @@ def trace_again(run: Run, scenario: Scenario, world: World, *, on_message: Calla
     with closing(made):
         made.prepare(on_message)
         found = trace_run(scenario, world, seed=run.seed, simulator=made)
-    if found.run.id != run.id or PackedRun.of(rounded(found.run)).data != PackedRun.of(rounded(run)).data:
+    again = rounded(found.run)
+    if again.id != run.id or PackedRun.of(again).data != PackedRun.of(rounded(run)).data:
         made_by = run.options.get("version")
         raise InputError(
             f"The run {run.id} cannot be repeated: it was simulated by rules of version {made_by}, and these are of "
             f"version {made.options['version']}. Run the campaign again, or trace it with the RVSG that made it."
         )
-    return _as_stored(found)
+    return replace(found, run=again)
