@@ -374,16 +374,8 @@ def merge_global(
     return top, left, bottom, right
 
 
-@kernel
 def inflate_static(static: Bytes, costs: Bytes) -> Bytes:
-    """Inflation of the static map alone, unknown cells taken as free: lethal cells spread their costs."""
-    inflated = np.zeros_like(static)
-    rows, columns = static.shape
-    for r in range(rows):
-        for c in range(columns):
-            if static[r, c] == LETHAL:
-                if is_border(static, r, c):
-                    stamp(inflated, costs, r, c, 0, 0, rows, columns)
-                else:
-                    inflated[r, c] = LETHAL
+    """Return the inflation of the static map alone, unknown cells taken as free: lethal cells spread their costs."""
+    inflated = np.empty_like(static)
+    inflate_marks(inflated, static[None], costs)
     return inflated
