@@ -93,11 +93,16 @@ class Cluster:
         for name in list(logging.root.manager.loggerDict):  # a lost connection is one message of ours, no traceback
             if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
                 logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+
+        class Client(distributed.Client):  # type: ignore[misc, name-defined]
+            def __del__(self) -> None:  # one that could not connect is given up at once; `stop` closes the others
+                return
+
         where = self.address or f"the address in {self.scheduler_file}"
         try:
             self._client = _within(
                 2.0 * CONNECT_S if self.scheduler_file is None else CONNECT_S + self.patience_s,
-                _client_class(distributed),
+                Client,
                 self.address,
                 scheduler_file=self.scheduler_file,
                 timeout=min(CONNECT_S, self.patience_s),
@@ -293,16 +298,6 @@ def _within(limit_s: float, call: Callable[..., Any], *given: Any, **named: Any)
 
     threading.Thread(target=ask, name="rvsg-cluster", daemon=True).start()
     return answer.result(limit_s)
-
-
-def _client_class(distributed: Any) -> Any:
-    """Return Dask's client, but one that could not connect is given up without waiting and without a traceback."""
-
-    class Client(distributed.Client):  # type: ignore[misc]
-        def __del__(self) -> None:
-            return  # `Cluster.stop` closes what was connected
-
-    return Client
 
 
 def _distributed() -> Any:

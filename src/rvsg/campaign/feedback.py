@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.campaign.attempt import Attempt, AttemptSummary, Measurement, Plan
+from rvsg.campaign.attempt import Attempt, AttemptSummary, Plan
 from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.observation import (
     FailureMode,
@@ -116,7 +116,9 @@ def _feedback(
     before = previous.verdict if previous else None
     times = [each.ended_s for each in observations if each.completed]
     walks = walks_of(worst, scenario.people, world.grid)
-    mild = _mildest(attempt, requirement)
+    valued = [(m, m.objective) for m in attempt.measurements if m.objective is not None]
+    several = len({m.run_id for m, _ in valued}) > 1
+    mild = min(valued, key=lambda each: requirement.badness(each[1]))[0] if several else None
     mildest = run_of(mild.run_id) if mild is not None else None
     touched = {each.run_id: each.touches for each in observations if each.touches}
     judged = verdict.runs > 0 and requirement.threshold is not None
@@ -279,14 +281,6 @@ def _parts(run: Run, values: Floats) -> tuple[Part, ...]:
                 Part(start_s=round(float(start), 1), end_s=round(float(end), 1), mean=round(float(inside.mean()), 3))
             )
     return tuple(found)
-
-
-def _mildest(attempt: Attempt, requirement: Requirement) -> Measurement | None:
-    """Return the measurement whose objective is least bad for the robot; None where there is only one to choose."""
-    known = [(m, m.objective) for m in attempt.measurements if m.objective is not None]
-    if len({m.run_id for m, _ in known}) < 2:
-        return None
-    return min(known, key=lambda each: requirement.badness(each[1]))[0]
 
 
 def separable(before: Verdict, after: Verdict) -> bool:

@@ -196,9 +196,9 @@ def distinct_failures(found: Sequence[Finding]) -> tuple[DistinctFailure, ...]:
     )
 
 
-def worst_confirmation(attempts: Sequence[Attempt], procedure: Procedure = DEFAULT) -> Attempt | None:
+def worst_confirmation(attempts: Sequence[Attempt]) -> Attempt | None:
     """Return the confirmation that says most against the robot; None without one."""
-    return max(confirmations(attempts), key=lambda a: (badness(a.verdict, procedure), -a.index), default=None)
+    return max(confirmations(attempts), key=lambda a: (badness(a.verdict), -a.index), default=None)
 
 
 def badness(verdict: Verdict | None, procedure: Procedure = DEFAULT) -> tuple[bool, bool, float]:

@@ -226,8 +226,12 @@ class HybridStrategy(CandidateStrategy):
         asks: list[Ask] = []
         origins: list[tuple[Candidate, str]] = []
         known = set(self._keys)
+        # How often the generator refines: the share at first, weighed by how often each operator succeeded.
+        rate = {name: (1 + good) / (2 + bad + good) for name, (bad, good) in self._tried.items()}
+        refine, tune = self.refine * rate["refine"], (1.0 - self.refine) * rate["tune"]
+        refine_share = refine / (refine + tune)
         for parent, avoid in self._choices(rng, count, among):
-            if self.plan.proposals is None and rng.random() < self._refine_share():
+            if self.plan.proposals is None and rng.random() < refine_share:
                 asks.append(self._refining(parent, seeds))
                 origins.append((parent, "refine"))
             elif (ask := self._changed(parent, rng, known, seeds, avoid)) is not None:
@@ -243,12 +247,6 @@ class HybridStrategy(CandidateStrategy):
         for candidate in self.candidates[-len(results) :]:
             if candidate.parent is not None and candidate.runs:
                 self._tried[candidate.operator][candidate.estimate > candidate.parent.estimate] += 1
-
-    def _refine_share(self) -> float:
-        """Return how often the generator refines: the share at first, weighed by how often each operator succeeded."""
-        rate = {name: (1 + good) / (2 + bad + good) for name, (bad, good) in self._tried.items()}
-        refine, tune = self.refine * rate["refine"], (1.0 - self.refine) * rate["tune"]
-        return refine / (refine + tune)
 
     def _choices(
         self, rng: np.random.Generator, count: int, among: Sequence[Candidate] | None
@@ -354,9 +352,6 @@ class ArchiveStrategy(HybridStrategy):
             yield from self._change(min(self.batch, self.left - reserve))
             if self.left == before or len(self.candidates) == known:
                 break
-        yield from self._repeat()
-
-    def _repeat(self) -> Batches:
         while self.left > 0:
             chosen = self._kept()[: min(self.batch, self.left)]
             if not (yield from self._run_again([self._again(c, 1) for c in chosen], chosen)):

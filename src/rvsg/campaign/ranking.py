@@ -271,9 +271,9 @@ def front_of(plan: Plan, attempts: Sequence[Attempt]) -> Front:
     for attempt, tried in chosen:
         assert attempt.proposal.scenario is not None
         name = attempt.proposal.scenario.id
-        points.append(
-            FrontPoint(attempt=attempt.index, scenario_id=name, tried=tried, confirmed=_confirmed(name, plan, attempts))
-        )
+        again = next((a for a in confirmations(attempts) if a.scenario_id == name), None)
+        confirmed = tried_by(again.measurements, plan) if again is not None else None
+        points.append(FrontPoint(attempt=attempt.index, scenario_id=name, tried=tried, confirmed=confirmed or ()))
     return Front(points=tuple(points), hypervolume=hypervolume([[each.share for each in tried] for _, tried in chosen]))
 
 
@@ -299,11 +299,3 @@ def hypervolume(points: Sequence[Sequence[float]]) -> float:
         volume += (height - above) * hypervolume([point[:-1] for point in left if point[-1] >= height])
         above = height
     return volume
-
-
-def _confirmed(scenario_id: str, plan: Plan, attempts: Sequence[Attempt]) -> tuple[Tried, ...]:
-    for attempt in confirmations(attempts):
-        scenario = attempt.proposal.scenario
-        if scenario is not None and scenario.id == scenario_id:
-            return tried_by(attempt.measurements, plan) or ()
-    return ()

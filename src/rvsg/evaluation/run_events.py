@@ -253,17 +253,13 @@ def place_name(world: World, x: float, y: float) -> str:
 
     It is the labelled area whose waypoints are nearest; where nothing is labelled, the nearest waypoint.
     """
-    nearest = [(min(math.dist((x, y), at) for at in points), name) for name, points in _areas_of(world)]
-    return min(nearest)[1] if nearest else world.grid.nearest(x, y)
-
-
-def _areas_of(world: World) -> list[tuple[str, list[tuple[float, float]]]]:
-    """Return the labelled areas that have waypoints, with where these are; kept for each world."""
     if world not in _areas:
         grid = world.grid
         at = [(area.name, [grid.position(w) for w in area.waypoints if w in grid.by_name]) for area in world.areas]
         _areas[world] = [(name, points) for name, points in at if points]
-    return _areas[world]
+    nearest = [(min(math.dist((x, y), at) for at in points), name) for name, points in _areas[world]]
+    return min(nearest)[1] if nearest else world.grid.nearest(x, y)
 
 
 _areas: WeakKeyDictionary[World, list[tuple[str, list[tuple[float, float]]]]] = WeakKeyDictionary()
+"""The labelled areas of worlds that have waypoints, with where these are."""

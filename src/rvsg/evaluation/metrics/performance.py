@@ -18,7 +18,6 @@ from rvsg.simulation.run import Outcome
 Floats = NDArray[np.float64]
 
 STUDY = "RVSG study"
-
 METRICS: list[Metric] = []
 _metric = partial(measures, METRICS, source=STUDY)
 _of_people = partial(_metric, of_people=True)
