@@ -334,14 +334,9 @@ def times(run: Run, _place: object = None) -> Measurement:
     return measure(run).replace(values=measure_all(run, ["trg"]))
 
 
-@pytest.mark.parametrize(
-    ("requirement", "value", "share"), [(NEAR, 10.0, 1.0), (NEAR, 5.0, 1.5), (NEAR, 30.0, 0.0), (LATE, 10.0, 0.5)]
-)
-def test_a_value_is_a_share_of_what_violates(requirement: Requirement, value: float, share: float) -> None:
-    assert share_of(requirement, value) == pytest.approx(share)
-
-
-def test_the_front_holds_what_none_beats_and_one_of_equals() -> None:
+def test_a_value_is_a_share_of_what_violates_and_the_front_holds_what_none_beats_and_one_of_equals() -> None:
+    assert [share_of(NEAR, value) for value in (10.0, 5.0, 30.0)] == pytest.approx([1.0, 1.5, 0.0])
+    assert share_of(LATE, 10.0) == pytest.approx(0.5)
     shares = np.array([[1.0, 1.0], [2.0, 0.5], [0.5, 0.5], [1.0, 1.0], [2.0, 0.4]])
     assert undominated(shares) == [0, 1]
 

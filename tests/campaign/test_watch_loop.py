@@ -161,9 +161,7 @@ def test_a_plan_that_cannot_be_run_is_settled_with_the_reason(tmp_path: Path, cr
     parts = Scripted(crossing, ["a"])
     parts.fails = True
     made = loop(tmp_path, parts)
-    made.cycle()
-    made.cycle()
-    assert parts.asked == ["plan a"]
+    assert (made.cycle(), made.cycle(), parts.asked) == (True, False, ["plan a"])
     assert [note.outcome for note in made.journal.notes if note.part == "execute"] == ["failed"]
 
 
