@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from rvsg.core.errors import InputError
-from rvsg.core.kernels import inner, kernel
 from rvsg.robots.robot import Robot
 from rvsg.simulation.embedded import dwb
 from rvsg.simulation.embedded.base import new_body
@@ -243,41 +242,22 @@ def _scene(around: Surroundings, static: Bytes, costs: Bytes, occupancy: Occupan
     )
 
 
-@kernel
 def edges_by_tile(
     edges: Floats, x: float, y: float, columns: int, rows: int, reach: float
-) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """For every tile of 1 m the edges within `reach` of some point of it: starts (tiles + 1,), edge numbers."""
-    start = np.zeros(rows * columns + 1, np.int64)
-    for tile in range(rows * columns):
-        count = 0
-        for e in range(edges.shape[0]):
-            if is_near_tile(edges[e], x, y, columns, tile, reach):
-                count += 1
-        start[tile + 1] = start[tile] + count
-    near = np.zeros(start[-1], np.int32)
-    at = 0
-    for tile in range(rows * columns):
-        for e in range(edges.shape[0]):
-            if is_near_tile(edges[e], x, y, columns, tile, reach):
-                near[at] = e
-                at += 1
-    return start, near
-
-
-@inner
-def is_near_tile(edge: Floats, x: float, y: float, columns: int, tile: int, reach: float) -> bool:
-    """Whether an edge may be within `reach` of some point of a tile."""
-    cx = x + (tile % columns + 0.5) * TILE_M
-    cy = y + (tile // columns + 0.5) * TILE_M
-    ax = edge[0] - cx
-    ay = edge[1] - cy
-    dx = edge[2] - edge[0]
-    dy = edge[3] - edge[1]
+) -> tuple[Ints, NDArray[np.int32]]:
+    """For every tile of 1 m the edges that may be within `reach` of it: starts (tiles + 1,), edge numbers."""
+    ax, ay = edges[:, 0], edges[:, 1]
+    dx, dy = edges[:, 2] - ax, edges[:, 3] - ay
     square = dx * dx + dy * dy
-    share = min(1.0, max(0.0, -(ax * dx + ay * dy) / square)) if square > 0.0 else 0.0
+    divisor = np.where(square > 0.0, square, 1.0)
     far = reach + 0.7072 * TILE_M
-    return (ax + share * dx) ** 2 + (ay + share * dy) ** 2 <= far * far
+    near = []
+    for tile in range(rows * columns):
+        to_x = ax - (x + (tile % columns + 0.5) * TILE_M)
+        to_y = ay - (y + (tile // columns + 0.5) * TILE_M)
+        share = np.clip(-(to_x * dx + to_y * dy) / divisor, 0.0, 1.0)
+        near.append(np.flatnonzero((to_x + share * dx) ** 2 + (to_y + share * dy) ** 2 <= far * far))
+    return np.cumsum([0, *map(len, near)], dtype=np.int64), np.concatenate(near).astype(np.int32)
 
 
 NOISE_TABLE = 32_768
