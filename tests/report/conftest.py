@@ -35,6 +35,7 @@ class Pages(dict[str, Path]):
 
     def of_campaign(self, name: str) -> str:
         changes: dict[str, Any] = {
+            "contacts": {"confirmations": 15},
             "crowd": {"humans": 30, "scenarios": 1, "refinements": 0, "confirmations": 3},
             "hostile": {"generator": NastyGenerator()},
         }
