@@ -229,7 +229,7 @@ class Campaign(StoredCampaign):
         instance = None if stack is None or isinstance(stack, str) else stack
         campaign = cls(record, config, generator=generator, simulator=simulator, stack=instance)
         campaign._named = (stack, machine)
-        campaign._store = folder
+        campaign.source = folder
         return campaign
 
     def prepare(self, on_message: Callable[[str], None] = ignore) -> None:

@@ -41,17 +41,13 @@ class StoredCampaign:
     def __init__(self, record: CampaignRecord, config: CampaignConfig, store: Path) -> None:
         self.record = record
         self.config = config
-        self._store = store
+        self.source = store
+        """The folder or the ledger file it is read from."""
 
     @property
     def folder(self) -> Path:
         """The folder of the campaign."""
         return self.config.folder
-
-    @property
-    def source(self) -> Path:
-        """The folder or the ledger file it is read from."""
-        return self._store
 
     @property
     def name(self) -> str:
@@ -92,7 +88,7 @@ class StoredCampaign:
     @property
     def resumable(self) -> bool:
         """Return whether it lies where `run` finds it: not in a copied ledger file."""
-        return self._store.is_dir() or self._store.name == LEDGER
+        return self.source.is_dir() or self.source.name == LEDGER
 
     def attempts(self) -> list[Attempt]:
         """Return everything that was tried so far, in order."""
@@ -244,7 +240,7 @@ class StoredCampaign:
 
     def reading(self) -> contextlib.AbstractContextManager[Ledger]:
         """Open its store to be read; closed at the end of the `with` block."""
-        return reading(self._store)
+        return reading(self.source)
 
 
 def check_same_route(mission: Mission, world: World) -> None:
