@@ -83,5 +83,5 @@ def test_a_scenario_is_changed_simulated_and_saved(show: Show, studio: Server) -
     assert saved.people.humans[0].speed_m_s == 0.45 and rvsg.check(saved, world) == ()
     tab.get_by_label("Title of the case").fill("Slow walk")
     tab.get_by_role("button", name="Add to the suite").click()
-    tab.get_by_text("suite holds 1 cases").wait_for(timeout=PATIENT)
+    tab.get_by_text("suite holds 1 case.").wait_for(timeout=PATIENT)
     assert rvsg.Suite.open(studio.folder / "suite").cases[0].title == "Slow walk"
