@@ -228,6 +228,15 @@ class CampaignConfig(Record):
     confidence: Annotated[float, Field(gt=0.5, lt=1), Setting("Confidence level of intervals.", SEARCH)] = (
         DEFAULT.confidence
     )
+    realism: Annotated[
+        float | None,
+        Field(ge=0, le=50),
+        Setting(
+            "Judge only runs whose people move as at least this percentage of recorded people.",
+            SEARCH,
+            more="For example 1. Speed, acceleration, distance from others and standing count.",
+        ),
+    ] = None
     seed: Annotated[NotNegative, Setting("Seed of everything random.", SEARCH, label="Seed", common=True)] = 0
     jobs: Annotated[
         int | None,

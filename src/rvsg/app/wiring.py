@@ -80,7 +80,7 @@ class Wired:
         return Runner(
             self.simulator,
             self.world,
-            measuring=Evaluator(self.plan.requirement, self.world),
+            measuring=Evaluator(self.plan.requirement, self.world, least_realism=self.plan.realism),
             jobs=jobs,
             ledger=ledger,
             executor=executor or self.executor,

@@ -228,6 +228,8 @@ class Plan(Record):
     """Refinements of each scenario."""
     repeats: Count = 5
     """Runs of each configuration of the search."""
+    realism: Annotated[float | None, Field(ge=0, le=50, exclude_if=lambda percent: percent is None)] = None
+    """Runs in which somebody does what fewer recorded people do (percent) are not judged; None: all are."""
     confirmations: Annotated[int, Field(ge=0, le=100_000)] = 250
     """Confirmation runs of all candidates together; 0: no confirmation."""
     budget_runs: Annotated[int | None, Field(ge=1, le=10_000_000)] = None

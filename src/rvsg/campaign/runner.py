@@ -18,6 +18,7 @@ from rvsg.campaign.observation import RunObservation, observe
 from rvsg.campaign.worker_pool import Processes
 from rvsg.core.errors import SimulationError
 from rvsg.evaluation.metrics.registry import measure
+from rvsg.evaluation.realism import PEOPLE_REALISM
 from rvsg.evaluation.verdict import DEFAULT, Procedure, Verdict, judge, objective
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
@@ -37,6 +38,7 @@ class Evaluator:
         world: where the runs took place; metrics that concern obstacles need it.
         procedure: the error rates and the budget of a verdict.
         time_limit_s: the time limit of the route, which bounds the intervals of times.
+        least_realism: runs in which somebody does what fewer recorded people do (percent) have no objective.
     """
 
     def __init__(
@@ -46,7 +48,9 @@ class Evaluator:
         *,
         procedure: Procedure = DEFAULT,
         time_limit_s: float | None = None,
+        least_realism: float | None = None,
     ) -> None:
+        self.least_realism = least_realism
         self.requirement = requirement
         self.time_limit_s = time_limit_s
         self.world = world
@@ -60,6 +64,9 @@ class Evaluator:
         """
         world = self.world if place is None else place
         values, metric = measure(run, world=world), self.requirement.metric
+        share = values[PEOPLE_REALISM]
+        if self.least_realism is not None and share is not None and share < self.least_realism:
+            return Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values=values)
         known = metric is not None and metric in values and run.outcome is not Outcome.STACK_FAILED
         return Measurement(
             run_id=run.id,

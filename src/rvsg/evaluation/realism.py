@@ -1,0 +1,177 @@
+"""Realism of simulated people: how far each person of a run goes, beside recorded people.
+
+The recordings are ETH and HOTEL (Pellegrini et al. 2009), ZARA 1, ZARA 2 and students 3 (Lerner et al. 2007): some
+1,400 people on streets and a campus, sampled every 0.4 s as simulated people are here. Members of one group do not
+count for distances. Positions in the recordings are marked by hand, so the accelerations include that noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.core.records import Record
+from rvsg.evaluation.metrics.metric import Metric
+from rvsg.evaluation.sampled import Sampled
+from rvsg.simulation.run import PersonPaused, Run
+
+Floats = NDArray[np.float64]
+SAMPLE_S = 0.4
+WALKING_M_S = 0.2
+"""Slower people stand."""
+RARE_PERCENT = 1.0
+"""What fewer recorded people did is named."""
+PERCENTILES = (0.0, 0.5, 1.0, 2.5, 5.0, 10.0, 25.0, 50.0, 75.0, 90.0, 95.0, 97.5, 99.0, 99.5, 100.0)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What is compared: words, unit, whether large values are unusual, and recorded values at `PERCENTILES`."""
+
+    words: str
+    unit: str
+    high: bool
+    recorded: tuple[float, ...]
+
+    def rarity(self, value: float) -> float:
+        """Return the percentage of recorded people who go as far as this value or farther."""
+        below = float(np.interp(value, self.recorded, PERCENTILES))
+        return 100.0 - below if self.high else below
+
+
+QUANTITIES = {
+    "speed": Quantity(
+        "walks at", "m/s", True,
+        (0.2, 0.27, 0.32, 0.45, 0.54, 0.63, 0.87, 1.24, 1.51, 1.73, 1.84, 1.92, 2.04, 2.12, 2.6),
+    ),
+    "acceleration": Quantity(
+        "accelerates with", "m/s²", True,
+        (0.0, 0.005, 0.01, 0.28, 0.39, 0.53, 0.82, 1.21, 1.78, 2.46, 2.84, 3.34, 4.28, 4.96, 8.0),
+    ),
+    "distance": Quantity(
+        "comes within", "m of another person's centre", False,
+        (0.2, 0.25, 0.28, 0.31, 0.35, 0.41, 0.55, 0.78, 1.1, 1.54, 1.91, 2.36, 3.49, 3.91, 8.0),
+    ),
+    "standing": Quantity(
+        "stands on the way for", "s", True,
+        (0.0, 0.001, 0.002, 0.003, 0.004, 0.005, 0.006, 0.007, 0.008, 2.8, 8.6, 18.7, 41.6, 77.6, 160.0),
+    ),
+}  # fmt: skip
+
+
+class Motion(Record):
+    """How far one person of a run goes in one quantity: the value, when, and how many recorded people go as far."""
+
+    person: str
+    quantity: str
+    value: float
+    time_s: float
+    recorded_percent: float
+
+    @property
+    def is_rare(self) -> bool:
+        """Whether fewer than 1 in 100 recorded people go as far."""
+        return self.recorded_percent < RARE_PERCENT
+
+    @property
+    def sentence(self) -> str:
+        """Who does what when, and how many recorded people do."""
+        kind = QUANTITIES[self.quantity]
+        share = "no" if self.recorded_percent <= 0.0 else f"{self.recorded_percent:.1f} % of the"
+        what = f"{self.person} {kind.words} {self.value:.2g} {kind.unit} at {self.time_s:.1f} s"
+        return f"{what}; {share} recorded people go as far."
+
+
+def motions(run: Run) -> tuple[Motion, ...]:
+    """Return how far each person of a run goes, in every quantity that the run shows."""
+    path = run.trajectory
+    times = np.arange(float(path.t[0]), float(path.t[-1]), SAMPLE_S) if len(path.t) else np.empty(0)
+    if len(times) < 4:
+        return ()
+    places = np.stack(
+        [[np.interp(times, path.t, axis[:, h]) for axis in (path.human_x, path.human_y)]
+         for h in range(len(run.human_names))]
+    ) if run.human_names else np.empty((0, 2, len(times)))  # fmt: skip
+    found: list[Motion] = []
+
+    def add(person: str, quantity: str, value: float, time_s: float) -> None:
+        rarity = QUANTITIES[quantity].rarity(value)
+        found.append(Motion(person=person, quantity=quantity, value=round(value, 3), time_s=round(time_s, 2),
+                            recorded_percent=round(rarity, 2)))  # fmt: skip
+
+    groups = run.human_groups or (None,) * len(run.human_names)
+    for h, name in enumerate(run.human_names):
+        velocity = np.diff(places[h], axis=1) / SAMPLE_S
+        speed = np.hypot(*velocity)
+        walking = speed > WALKING_M_S
+        if walking.sum() >= 4:
+            pace = float(np.median(speed[walking]))
+            add(name, "speed", pace, float(times[np.flatnonzero(walking)[0]]))
+        acceleration = np.hypot(*(np.diff(velocity, axis=1) / SAMPLE_S))
+        row = int(acceleration.argmax())
+        add(name, "acceleration", float(acceleration[row]), float(times[row + 1]))
+        others = [
+            np.hypot(*(places[h] - places[o]))
+            for o in range(len(places))
+            if o != h and (groups[h] is None or groups[o] != groups[h])
+        ]
+        if others:
+            nearest = np.min(others, axis=0)
+            add(name, "distance", float(nearest.min()), float(times[int(nearest.argmin())]))
+        paused = [(e.time_s, e.until_s) for e in run.events if isinstance(e, PersonPaused) and e.person == name]
+        add(name, "standing", *_longest(times[:-1], ~walking, paused))
+    return tuple(found)
+
+
+def _longest(times: Floats, standing: NDArray[np.bool_], paused: Iterable[tuple[float, float]]) -> tuple[float, float]:
+    """Return the longest time of standing that is no pause, and when it begins; before the first step nobody stands."""
+    counts = standing.copy()
+    for begin, end in paused:
+        counts &= ~((times >= begin - SAMPLE_S) & (times <= end))
+    steps = np.flatnonzero(~standing)
+    counts[: steps[0] if len(steps) else len(counts)] = False
+    best, at, length = 0, 0, 0
+    for k, stands in enumerate(counts):
+        length = length + 1 if stands else 0
+        if length > best:
+            best, at = length, k - length + 1
+    return best * SAMPLE_S, float(times[at])
+
+
+def rarest(found: Iterable[Motion]) -> Motion | None:
+    """Return the motion that the fewest recorded people show; None where there is nobody."""
+    return min(found, key=lambda motion: motion.recorded_percent, default=None)
+
+
+def people_realism(s: Sampled) -> float | None:
+    """The percentage of recorded people who go as far as the person of the run who is least usual in speed,
+    acceleration, distance from others or standing."""
+    rare = rarest(motions(s.run))
+    return None if rare is None else rare.recorded_percent
+
+
+PEOPLE_REALISM = "people_realism"
+METRICS = (
+    Metric(
+        id=PEOPLE_REALISM,
+        title="Recorded people who move like the least usual person",
+        unit="%",
+        worse="neither",
+        source="recordings ETH, HOTEL, ZARA 1 and 2, students 3",
+        of=people_realism,
+        most=100.0,
+        of_people=True,
+        moved_by="People who start, stop or pass each other as few people do.",
+    ),
+)
+
+
+def summary(found: Iterable[Motion]) -> str:
+    """Return in one sentence whether anybody does what fewer than 1 in 100 recorded people do; empty without people."""
+    rare = rarest(found)
+    if rare is None:
+        return ""
+    return rare.sentence if rare.is_rare else "No person does what fewer than 1 in 100 recorded people did."
