@@ -292,7 +292,8 @@ def test_a_violation_says_whether_it_recurs_without_people(alone: float | None, 
 
 
 def test_the_answer_tells_of_contacts_in_other_confirmations_and_in_the_search() -> None:
-    the_plan, attempts, ledger = default_campaign()
+    ledger = MemoryLedger()
+    the_plan, attempts = campaign(ledger, seed=2)
     facts = facts_of(attempts, REQUIREMENT, warehouse(), ledger.run)
     confirmed = next(each for each in facts if each.attempt.purpose == "confirmation")
     searched = [each for each in facts if each.attempt.purpose == "search"]

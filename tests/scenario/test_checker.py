@@ -77,7 +77,7 @@ def test_a_task_name_is_read_however_its_arrow_and_case_are_written(name: str) -
 
 def beside_the_robot(gap_m: float, axis: int) -> Mission:
     """Return the mission with the robot this far from A1 along an axis: its front, or its side."""
-    reach = max(abs(corner[axis]) for corner in MISSION.robot_record.outline) + human(*GOOD).radius_m
+    reach = max(abs(corner[axis]) for corner in MISSION.robot_record.outline) + human(*GOOD).body_radius_m
     x, y = WORLD.grid.position("A1")
     away = (reach + gap_m, 0.0) if axis == 0 else (0.0, reach + gap_m)
     start = MISSION.route.start.replace(x=x + away[0], y=y + away[1], yaw=0.0)

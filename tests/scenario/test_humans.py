@@ -83,8 +83,8 @@ def test_a_kind_brings_its_size_and_speed() -> None:
 
 def test_a_trolley_lies_ahead_of_who_pushes_it() -> None:
     outline = of(trolley={"length_m": 1.0, "width_m": 0.5}).outline
-    assert min(x for x, _ in outline) == 0.5
-    assert max(x for x, _ in outline) == 1.5
+    assert min(x for x, _ in outline) == 0.35
+    assert max(x for x, _ in outline) == 1.35
     assert {y for _, y in outline} == {-0.25, 0.25}
 
 

@@ -91,8 +91,8 @@ def route(start: tuple[float, ...], goal: tuple[float, ...], limit_s: float = 25
     return Route(name="test", start=begin, goal=end, time_limit_s=limit_s)
 
 
-def standing(x: float, y: float, radius_m: float = 0.4) -> HumanAgent:
-    return HumanAgent(name="ann", start=(x, y), goals=((x, y),), pauses_s=(1000.0,), radius_m=radius_m)
+def standing(x: float, y: float, radius_m: float = 0.4, **more: Any) -> HumanAgent:
+    return HumanAgent(name="ann", start=(x, y), goals=((x, y),), pauses_s=(1000.0,), radius_m=radius_m, **more)
 
 
 PUBLISHED = PeopleOptions(published_defects=True, leg_phase_noise=False)

@@ -12,11 +12,12 @@ from tests.simulation.parts import Constant, crowd_of, human, room_cells, route,
 import rvsg
 from rvsg.core.kernels import kernel
 from rvsg.core.references import refer
-from rvsg.scenario.scenario import Behaviour, HumanAgent, reaction_of
+from rvsg.scenario.scenario import BODY_RADIUS_M, Behaviour, HumanAgent, reaction_of
 from rvsg.simulation.archive import run_from_json, run_to_json
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.people.contact import events_of, touch_people
 from rvsg.simulation.embedded.people.crowd import Crowd
+from rvsg.simulation.embedded.profiles import profile
 from rvsg.simulation.embedded.simulator import empty_room, simulate_agents
 from rvsg.simulation.run import ObstacleContact, Outcome, Recovery, RobotContact, Run
 from rvsg.stacks import StackChoice
@@ -102,7 +103,7 @@ class TestBase:
     def test_a_standing_person_holds_the_base_back(self, speed: float) -> None:
         crowd = crowd_of(human((2.0, 0.0)))
         body = driven(crowd, speed, int(4.0 / speed / 0.01))
-        assert body[base.X] == pytest.approx(2.0 - 0.4 - HALF_LENGTH_M, abs=0.001)
+        assert body[base.X] == pytest.approx(2.0 - BODY_RADIUS_M - HALF_LENGTH_M, abs=0.001)
         assert body[base.V] == pytest.approx(0.0, abs=0.01)
         assert crowd.x[0] == 2.0
         (contact,) = events_of(crowd, ["a"], [Behaviour.REGULAR])
@@ -110,7 +111,7 @@ class TestBase:
         assert contact.moved_by == "robot"
         assert contact.closing_speed_m_s == pytest.approx(speed)
         assert contact.bearing_rad == 0.0
-        assert contact.x == pytest.approx(1.6, abs=0.01)
+        assert contact.x == pytest.approx(2.0 - BODY_RADIUS_M, abs=0.01)
         assert contact.overlap_m < 0.001
 
     def test_somebody_who_walks_gives_way(self) -> None:
@@ -118,14 +119,14 @@ class TestBase:
         crowd.stands[0] = 0
         body = driven(crowd, 0.5, 400)
         assert body[base.X] == pytest.approx(2.0)
-        assert crowd.x[0] == pytest.approx(2.0 + HALF_LENGTH_M + 0.4, abs=0.001)
+        assert crowd.x[0] == pytest.approx(2.0 + HALF_LENGTH_M + BODY_RADIUS_M, abs=0.001)
 
     def test_somebody_at_a_wall_cannot_give_way(self) -> None:
         crowd = crowd_of(human((2.0, 0.0)), world=world_with((2.4, 0.0, 0.4, 4.0)))
         crowd.stands[0] = 0
         body = driven(crowd, 0.5, 400)
         assert crowd.x[0] < 2.2 - 0.14
-        assert body[base.X] + HALF_LENGTH_M + 0.4 == pytest.approx(crowd.x[0], abs=0.001)
+        assert body[base.X] + HALF_LENGTH_M + BODY_RADIUS_M == pytest.approx(crowd.x[0], abs=0.001)
 
     def test_the_base_turns_away_while_it_is_held_back(self) -> None:
         crowd = crowd_of(human((0.8, 0.0)))
@@ -139,7 +140,7 @@ class TestBase:
 def test_the_recovery_backs_out_of_a_contact(people: int) -> None:
     bump = StackChoice.of(Constant((0.3, 0.0), until_s=7.0))  # then Nav2 recovers
     way, pinned = route((1.2, 0.0), (2.0, -2.0), 21.0), [standing(2.5, 0.0)][:people]
-    run = simulate_agents(empty_room(), way, pinned, stack=bump)
+    run = simulate_agents(empty_room(), way, pinned, stack=bump, options=profile("hunavsim"))
     assert any(isinstance(event, RobotContact if people else ObstacleContact) for event in run.events)
     (back,) = [event for event in run.events if isinstance(event, Recovery) and event.action == "back_up"]
     t, x = run.trajectory.t, run.trajectory.x

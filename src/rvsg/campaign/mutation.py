@@ -259,7 +259,7 @@ class Operators:
             return None
         new = lent.model_copy(update={"name": humans[out].name})
         people = HumanConfiguration(humans=(*humans[:out], new, *humans[out + 1 :]))
-        starts = [(human.radius_m, human.starts_at(self.world.grid)) for human in people.humans]
+        starts = [(human.body_radius_m, human.starts_at(self.world.grid)) for human in people.humans]
         near = any(at is not None and start_gap_m(r, at, self.mission) < START_CLEARANCE_M for r, at in starts)
         if near or check(people, self.mission, self.world):
             return None

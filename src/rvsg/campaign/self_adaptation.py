@@ -228,7 +228,7 @@ class DeclaredRules:
             at = human.starts_at(self.world.grid)
             if at is None:
                 continue
-            gap = start_gap_m(human.radius_m, at, planned.scenario.mission)
+            gap = start_gap_m(human.body_radius_m, at, planned.scenario.mission)
             if gap < self.rules.start_gap_m:
                 yield f"safety: {human.name} starts {gap:.2f} m from the robot, at least {self.rules.start_gap_m:g} m"
 

@@ -27,7 +27,7 @@ from rvsg.evaluation.verdict import Verdict, load_requirement
 from rvsg.scenario.builder import check_valid
 from rvsg.scenario.repair import repair
 from rvsg.scenario.requirement import Requirement
-from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, HumanConfiguration, Scenario, Task
+from rvsg.scenario.scenario import Attention, Behaviour, ForceFactors, Human, HumanConfiguration, Scenario, Task
 from rvsg.scenario.validity import check
 from rvsg.scenario.world_lookup import world_of
 from rvsg.simulation.simulators import Simulator, simulator_of
@@ -176,6 +176,7 @@ def size(people: HumanConfiguration) -> tuple[int, int, int, int, int]:
         (h.start_delay_s > 0.0)
         + (h.group is not None)
         + (h.behaviour is not Behaviour.REGULAR)
+        + (h.attention is not Attention.ATTENTIVE)
         + (h.factors != ForceFactors())
         for h in people.humans
     ]
@@ -214,6 +215,8 @@ def _simpler_human(human: Human, grid: Grid) -> Iterator[tuple[str, Human]]:
         yield "without its group", human.replace(group=None)
     if human.behaviour is not Behaviour.REGULAR:
         yield "as a regular person", human.replace(behaviour=Behaviour.REGULAR)
+    if human.attention is not Attention.ATTENTIVE:
+        yield "paying attention", human.replace(attention=Attention.ATTENTIVE)
     if human.factors != ForceFactors():
         yield "with the usual forces", human.replace(factors=ForceFactors())
 

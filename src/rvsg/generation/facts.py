@@ -18,11 +18,13 @@ from rvsg.scenario.placement import start_gap_m
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.rules import SPEED_RANGE_M_S, START_CLEARANCE_M
 from rvsg.scenario.scenario import (
+    BODY_RADIUS_M,
     LIMITS,
     TROLLEY_LENGTHS_M,
     TROLLEY_SPEEDS_M_S,
     TROLLEY_WIDTHS_M,
     WHEELCHAIR,
+    Attention,
     Behaviour,
     Human,
     HumanConfiguration,
@@ -66,6 +68,12 @@ MEANINGS = {
     "within 4.5 m and in view; does not make room for it then",
 }
 """What HuNavSim's behaviours do, with the default distances and durations of `rvsg.scenario.scenario`."""
+ATTENTIONS = {
+    Attention.ATTENTIVE: "looks ahead and keeps clear of others and of the robot in time",
+    Attention.DISTRACTED: "looks at a phone or over a load, so notices others and the robot late, "
+    "about a second before",
+    Attention.UNSEEING: "walks backwards or behind a tall load and sees nobody; only contact stops them",
+}
 PROVOKING = frozenset({Behaviour.THREATENING})
 """Behaviours against the robot: offered only where the generator's option `provoking` allows them."""
 
@@ -149,7 +157,7 @@ def brief_facts(
     requirement, mission, grid = brief.requirement, brief.mission, world.grid
     passes = passes_of(undisturbed, grid)
     fields = Human.model_fields
-    radius = fields["radius_m"].default
+    radius = BODY_RADIUS_M
     # Where nobody may start because of the robot, and the nearest waypoints where people may.
     start = mission.route.start
     free = [waypoint for waypoint in grid.waypoints if waypoint.human]
@@ -172,6 +180,7 @@ def brief_facts(
         "humans": brief.humans,
         "names": list(human_names(brief.humans)),
         "behaviours": [{"name": b.value, "meaning": MEANINGS[b]} for b in offered(provoking)],
+        "attentions": [{"name": a.value, "meaning": meaning} for a, meaning in ATTENTIONS.items()],
         "provoking": provoking,
         "speed_range": list(SPEED_RANGE_M_S),
         "longest_delay_s": LONGEST_DELAY_S,
@@ -334,6 +343,8 @@ def configuration_object(
             "speed_m_s": human.speed_m_s,
             "start_delay_s": human.start_delay_s,
         }
+        if human.attention is not Attention.ATTENTIVE:
+            chosen["attention"] = human.attention.value
         if human.group is not None:
             chosen["group"] = human.group
         if human.kind is not PersonKind.ADULT:
@@ -366,7 +377,8 @@ def _remembered(earlier: Remembered) -> dict[str, Any]:
     how = {}
     for human in earlier.scenario.people.humans:
         waits = f", sets off after {human.start_delay_s:g} s" if human.start_delay_s else ""
-        how[human.name] = f"{human.behaviour.value}, {human.speed_m_s:g} m/s{waits}"
+        looks = "" if human.attention is Attention.ATTENTIVE else f", {human.attention.value}"
+        how[human.name] = f"{human.behaviour.value}{looks}, {human.speed_m_s:g} m/s{waits}"
     return {
         "description": earlier.description,
         "tasks": [{"name": name, "how": how.get(name, ""), "tasks": list(t)} for name, t in earlier.tasks.items()],

@@ -317,17 +317,19 @@ class _Plan:
         begins, at = human.tasks[0].path[0], self.ground.at
         if not self._free_start(begins, human):
             return False
-        return all(math.dist(at[begins], at[o.tasks[0].path[0]]) >= human.radius_m + o.radius_m for o in others)
+        return all(
+            math.dist(at[begins], at[o.tasks[0].path[0]]) >= human.body_radius_m + o.body_radius_m for o in others
+        )
 
     def _free_start(self, begins: str, human: Human) -> bool:
         """Return whether a person who is alone may start at a waypoint; remembered."""
-        key = (begins, human.radius_m)
+        key = (begins, human.body_radius_m)
         if key not in self.free:
             known = {} if human.outline else _free.setdefault(self.world, {})  # an outline is not told by its radius
             asked = (self.brief.mission.id, *key)
             if asked not in known:
                 at, mission = self.ground.at[begins], self.brief.mission
-                gap = start_gap_m(human.radius_m, at, mission)
+                gap = start_gap_m(human.body_radius_m, at, mission)
                 known[asked] = gap >= START_CLEARANCE_M and not spawn_finding(human, at, [], mission, self.world)
             self.free[key] = known[asked]
         return self.free[key]

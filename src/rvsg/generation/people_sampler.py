@@ -19,6 +19,7 @@ from rvsg.generation.workplaces import Place, WalkingGraph, handles_goods
 from rvsg.scenario.requirement import Aim
 from rvsg.scenario.scenario import (
     LIMITS,
+    Attention,
     Behaviour,
     ForceFactors,
     Human,
@@ -52,25 +53,28 @@ REACH_M = 2.0
 
 @dataclass(frozen=True, kw_only=True)
 class Role:
-    """A way of working. Speeds m/s, pauses s. `far`: between places apart along the robot's route, not
-    side by side; `heedless`: how often such a person does not step aside for a robot (HuNavSim's impassive
-    behaviour); `weights`: how often it is tried for each of `AIMS`."""
+    """A way of working. Speeds m/s, pauses s. `far`: between places apart along the robot's route, not side by side.
+
+    `heedless`: how often such a person does not step aside for a robot (HuNavSim's impassive behaviour); `distracted`:
+    how often they look at something else than the way; `weights`: how often it is tried for each of `AIMS`.
+    """
 
     speeds: tuple[float, float]
     pauses: tuple[float, float] | None = None
     far: bool = True
     heedless: float = 0.0
+    distracted: float = 0.15
     weights: tuple[float, ...]
 
 
 AIMS = (Aim.SHARE, Aim.MEET, Aim.DISTURB, Aim.DELAY, Aim.NONE)
 """The order of the weights of roles."""
 ROLES = (
-    Role(speeds=(0.5, 0.75), heedless=0.5, weights=(4, 1, 1, 3, 1)),  # pushes a trolley
+    Role(speeds=(0.5, 0.75), heedless=0.5, distracted=0.4, weights=(4, 1, 1, 3, 1)),  # pushes a trolley
     Role(speeds=(1.0, 1.5), heedless=0.3, weights=(3, 4, 3, 2, 1)),  # carries
     Role(speeds=(0.7, 1.2), pauses=(2.0, 12.0), weights=(2, 1, 1, 4, 1)),  # checks
     Role(speeds=(0.8, 1.4), far=False, weights=(2, 3, 4, 1, 1)),  # sorts
-    Role(speeds=(0.35, 0.5), heedless=0.7, weights=(0, 0, 0, 4, 0)),  # moves something heavy
+    Role(speeds=(0.35, 0.5), heedless=0.7, distracted=0.4, weights=(0, 0, 0, 4, 0)),  # moves something heavy
 )
 
 
@@ -117,7 +121,9 @@ class PeopleSampler:
         if self.aim in UNDERWAY and self.rng.random() < UNDERWAY[self.aim]:
             tasks = self.underway(tasks)
         behaviour = Behaviour.IMPASSIVE if heedless else Behaviour.REGULAR
+        attention = Attention.DISTRACTED if self.rng.random() < role.distracted else Attention.ATTENTIVE
         given = {"name": name, "tasks": tasks, "behaviour": behaviour, "speed_m_s": speed, "start_delay_s": delay}
+        given["attention"] = attention
         return SOMEBODY.model_copy(update=given)  # hundreds are drawn for each one kept, within the bounds of a Human
 
     def _stops(self, role: Role) -> list[Stop]:

@@ -18,10 +18,8 @@ from rvsg.generation.workplaces import Place, places_of
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.placement import robot_reach_m
 from rvsg.scenario.rules import START_CLEARANCE_M
-from rvsg.scenario.scenario import ForceFactors, Human, HumanConfiguration, Task
+from rvsg.scenario.scenario import BODY_RADIUS_M, ForceFactors, Human, HumanConfiguration, Task
 from rvsg.world.world import World
-
-HUMAN_RADIUS_M = 0.4
 
 
 class RandomGenerator(Generator):
@@ -68,8 +66,8 @@ class RandomGenerator(Generator):
         """One person: a cyclic list of tasks between random places, from a start that is clear of everybody else."""
         number = int(rng.integers(self.tasks[0], self.tasks[1] + 1))
         robot, grid = brief.mission.route.start, world.grid
-        taken = [((robot.x, robot.y), robot_reach_m(brief.mission) + HUMAN_RADIUS_M + START_CLEARANCE_M)]
-        taken += [(grid.position(o.tasks[0].path[0]), o.radius_m + HUMAN_RADIUS_M) for o in others]
+        taken = [((robot.x, robot.y), robot_reach_m(brief.mission) + BODY_RADIUS_M + START_CLEARANCE_M)]
+        taken += [(grid.position(o.tasks[0].path[0]), o.body_radius_m + BODY_RADIUS_M) for o in others]
         for _ in range(100):  # then whatever came
             drawn = _draw(places, set(), set(), rng)
             assert drawn is not None
@@ -93,7 +91,6 @@ class RandomGenerator(Generator):
         return Human(
             name=f"Human {len(others) + 1}",
             tasks=tuple(tasks),
-            radius_m=HUMAN_RADIUS_M,
             factors="random_normal" if self.individuals and others else ForceFactors(),
         )
 

@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
@@ -22,6 +22,7 @@ from rvsg.scenario.scenario import (
     LIMITS,
     TROLLEY_LENGTHS_M,
     TROLLEY_WIDTHS_M,
+    Attention,
     Behaviour,
     Human,
     HumanConfiguration,
@@ -64,17 +65,20 @@ _ALIASES = {
     "speed_m_s": ("speed_m_s", "speed", "walking_speed", "walking_speed_m_s", "max_speed"),
     "start_delay_s": ("start_delay_s", "start_delay", "delay", "delay_s"),
     "behaviour": ("behaviour", "behavior"),
+    "attention": ("attention", "attentiveness"),
     "description": ("description", "scenario", "scenario_description"),
     "lesson": ("lesson", "lessons", "lesson_learnt", "lessons_learned"),
     "analysis": ("analysis", "reasoning", "thoughts", "explanation"),
 }
 """The names models give to our keys where no schema holds them to ours."""
-_OF_PERSON = ("name", "tasks", "speed_m_s", "start_delay_s", "behaviour")
+_OF_PERSON = ("name", "tasks", "speed_m_s", "start_delay_s", "behaviour", "attention")
 _KNOWN_HUMAN = {*(alias for key in _OF_PERSON for alias in _ALIASES[key]), "group", "role", "start", "note", "plan"}
 _STUDY_KEY = re.compile(
     r"^\s*((?:worker|human|person|agent|pedestrian)\s*_?\s*\w+?)[\s_]*(?:tasks?)?\s*$", re.IGNORECASE
 )
 _BETWEEN = re.compile(r"\s*(?:→|⟶|➔|➜|⇒|-+>|=+>|,|;|\||\s)\s*")
+
+Choice = TypeVar("Choice", Attention, Behaviour)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -293,7 +297,8 @@ class _Reader:
         return Human(
             name=name,
             tasks=tuple(tasks),
-            behaviour=self._behaviour(_get(value, "behaviour")),
+            behaviour=self._choice(value, "behaviour", Behaviour.REGULAR),
+            attention=self._choice(value, "attention", Attention.ATTENTIVE),
             speed_m_s=self._in_range(value, "speed_m_s", SPEED_RANGE_M_S, usual),
             start_delay_s=self._in_range(value, "start_delay_s", (0.0, LONGEST_DELAY_S), 0.0),
             group=self._group(_get(value, "group")),
@@ -360,15 +365,16 @@ class _Reader:
                 self.note("bad-trolley", "the trolley has no size that a trolley has.", sizes)
         return found
 
-    def _behaviour(self, value: Any) -> Behaviour:
-        text = _scalar(value).casefold()
-        known = [each.value for each in Behaviour]
+    def _choice(self, person: Mapping[str, Any], key: str, usual: Choice) -> Choice:
+        """Return the behaviour or the attention of a person; the usual one where there is none of that name."""
+        text = _scalar(_get(person, key)).casefold()
+        known = {each.value: each for each in type(usual)}
         if text in known:
-            return Behaviour(text)
+            return known[text]
         if text not in ("", "none", "null"):
-            reason, better = f'there is no behaviour "{text[:40]}".', f"Choose one of {', '.join(known)}."
-            self.note("unknown-behaviour", reason, better, f'behaviour "{text[:40]}" became regular')
-        return Behaviour.REGULAR
+            reason, better = f'there is no {key} "{text[:40]}".', f"Choose one of {', '.join(known)}."
+            self.note(f"unknown-{key}", reason, better, f'{key} "{text[:40]}" became {usual.value}')
+        return usual
 
     def _in_range(self, person: Any, key: str, limits: tuple[float, float], usual: float) -> float:
         what, unit, rule = ("the speed", "m/s", "speed") if key == "speed_m_s" else ("the start delay", "s", "delay")

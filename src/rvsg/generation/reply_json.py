@@ -16,7 +16,7 @@ from typing import Any
 from json_repair import repair_json
 
 from rvsg.core.inputs import whole_text
-from rvsg.scenario.scenario import Behaviour, PersonKind
+from rvsg.scenario.scenario import Attention, Behaviour, PersonKind
 
 MAX_DEPTH = 40
 MAX_STARTS = 2000
@@ -198,6 +198,7 @@ def configuration_schema(
     human = {
         "name": TEXT,
         "behaviour": {"type": "string", "enum": [b.value for b in behaviours]},
+        "attention": {"type": "string", "enum": [a.value for a in Attention]},
         "speed_m_s": NUMBER,
         "start_delay_s": NUMBER,
         "group": {"type": ["integer", "null"]},

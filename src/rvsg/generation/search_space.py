@@ -92,7 +92,7 @@ class TuningSpace:
         people = HumanConfiguration(humans=tuple(humans))
         for human in people.humans:
             at = self.ground.at[human.tasks[0].path[0]]
-            if start_gap_m(human.radius_m, at, self.mission) < START_CLEARANCE_M:
+            if start_gap_m(human.body_radius_m, at, self.mission) < START_CLEARANCE_M:
                 return None
         return None if check(people, self.mission, self.world) else people
 

@@ -29,7 +29,7 @@ from rvsg.report.run_facts import AttemptFacts, Cause, cause_of, footprint_of
 from rvsg.report.stills import Look, Turn
 from rvsg.report.summary import Summary, in_short
 from rvsg.scenario.brief import Feedback
-from rvsg.scenario.scenario import Behaviour, Human
+from rvsg.scenario.scenario import Attention, Behaviour, Human
 from rvsg.world.drawing.svg import FloorPlan
 from rvsg.world.world import World
 
@@ -165,6 +165,7 @@ REACTS = {
     Behaviour.THREATENING: "blocks the robot's way (threatening)",
 }
 """How a person reacts to the robot, with the name of the behaviour in HuNavSim."""
+LOOKS = {Attention.DISTRACTED: "notices others late (distracted)", Attention.UNSEEING: "does not see others (unseeing)"}
 
 
 def people_rows(subject: AttemptFacts) -> list[dict[str, Any]]:
@@ -192,6 +193,8 @@ def _tasks(human: Human) -> dict[str, Any]:
 def manner(human: Human) -> str:
     """Return how a person walks and reacts, in a few words."""
     ways = [f"{REACTS[human.behaviour]}, {number(human.speed_m_s, 'm/s')}"]
+    if human.attention is not Attention.ATTENTIVE:
+        ways.append(LOOKS[human.attention])
     if human.start_delay_s:
         ways.append(f"starts after {number(human.start_delay_s, 's')}")
     if human.group is not None:

@@ -19,7 +19,17 @@ from rvsg.core.inputs import parse_json, read_text
 from rvsg.robots.robot import Robot, load_robot
 from rvsg.scenario import validity
 from rvsg.scenario.rules import Finding
-from rvsg.scenario.scenario import ROBOT, Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task
+from rvsg.scenario.scenario import (
+    ROBOT,
+    Attention,
+    Behaviour,
+    Human,
+    HumanConfiguration,
+    Mission,
+    Pause,
+    Scenario,
+    Task,
+)
 from rvsg.scenario.variation import REACH_M, ScenarioFamily, family_of, migrate
 from rvsg.scenario.world_lookup import as_world, doors_in, folder_of, load_moved, load_world, world_of
 from rvsg.world.routes import fitted
@@ -84,6 +94,7 @@ def walk(
     *waypoints: str,
     pauses_s: Mapping[str, float] | None = None,
     behaviour: Behaviour | str = Behaviour.REGULAR,
+    attention: Attention | str = Attention.ATTENTIVE,
     speed_m_s: float = 1.5,
     start_delay_s: float = 0.0,
     group: int | None = None,
@@ -93,17 +104,20 @@ def walk(
     Args:
         pauses_s: seconds to stand still at a waypoint that the person passes or reaches.
         behaviour: how the person reacts to the robot: regular, impassive, surprised, scared, curious, threatening.
+        attention: how far ahead the person looks: attentive, distracted, unseeing (default profile only).
+        speed_m_s: the speed of the person at a brisk walk.
 
     Raises:
-        InputError: fewer than two waypoints, or an unknown behaviour.
+        InputError: fewer than two waypoints, or an unknown behaviour or attention.
     """
     stops = waypoints[:-1] if len(waypoints) > 2 and waypoints[0] == waypoints[-1] else waypoints
     if len(stops) < 2:
         raise InputError(f"{name} needs at least two waypoints to walk between, e.g. walk({name!r}, 'E15', 'H15').")
-    known = [each.value for each in Behaviour]
-    if behaviour not in known:
-        raise UnknownName("behaviour", str(behaviour), known)
-    given = {"name": name, "behaviour": Behaviour(behaviour), "speed_m_s": speed_m_s}
+    for what, value, kind in (("behaviour", behaviour, Behaviour), ("attention", attention, Attention)):
+        known = [each.value for each in kind]
+        if value not in known:
+            raise UnknownName(what, str(value), known)
+    given = {"name": name, "behaviour": behaviour, "attention": attention, "speed_m_s": speed_m_s}
     return Walk(stops, dict(pauses_s or {}), {**given, "start_delay_s": start_delay_s, "group": group})
 
 

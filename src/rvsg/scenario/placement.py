@@ -30,9 +30,9 @@ def size_findings(human: Human, world: World) -> Iterator[Finding]:
         reason = f"Only adults push a trolley, and this is a {kind.value}."
         yield Finding.of("trolley-pusher", reason, "Leave the trolley out, or make the person an adult.", human=name)
     limits = LIMITS.get(kind)
-    if limits is not None and not limits.radii_m[0] <= human.radius_m <= limits.radii_m[1]:
+    if limits is not None and not limits.radii_m[0] <= human.body_radius_m <= limits.radii_m[1]:
         low, high = limits.radii_m
-        reason = f"A {kind.value} has a radius of {low:g} to {high:g} m, not {human.radius_m:g} m."
+        reason = f"A {kind.value} has a radius of {low:g} to {high:g} m, not {human.body_radius_m:g} m."
         yield Finding.of("size-out-of-range", reason, f"Take {limits.radius_m:g} m.", human=name)
     if not human.outline:
         return
@@ -106,7 +106,7 @@ def spawn_finding(
     human: Human, at: Point, others: list[tuple[Human, Point]], mission: Mission, world: World
 ) -> Finding | None:
     """Return what is wrong with a person starting at a point (metres, world frame), given who is placed; or None."""
-    gap, start = start_gap_m(human.radius_m, at, mission), mission.route.start
+    gap, start = start_gap_m(human.body_radius_m, at, mission), mission.route.start
     if gap < 0.0:
         reason = f"The person's body overlaps the robot's by {-gap:.2f} m at the start."
         better = f"Start farther from ({start.x:g}, {start.y:g}), where the robot stands."
@@ -115,7 +115,7 @@ def spawn_finding(
         reason = "What the person pushes or sits in stands on the robot at the start."
         return Finding.of("spawn-on-robot", reason, "Start farther away, or on the way out.")
     for other, where in others:
-        apart = human.radius_m + other.radius_m
+        apart = human.body_radius_m + other.body_radius_m
         if math.dist(at, where) < apart:
             reason = f"The start is {math.dist(at, where):.2f} m from that of {other.name}."
             return Finding.of("spawn-on-human", reason, f"Start at least {apart:.2f} m apart.")

@@ -84,6 +84,14 @@ class Behaviour(str, Enum):
     THREATENING = "threatening"
 
 
+class Attention(str, Enum):
+    """How far ahead a person looks: `unseeing` walks backwards or behind a load."""
+
+    ATTENTIVE = "attentive"
+    DISTRACTED = "distracted"
+    UNSEEING = "unseeing"
+
+
 class Pause(Record):
     """The human stands still at a waypoint of the task's path ("inspects for 5 s").
 
@@ -140,6 +148,10 @@ class Reaction(Record):
 
 GOAL_RADIUS_M = 0.3
 """HuNavSim's usual goal radius."""
+BODY_RADIUS_M = 0.25
+"""Half of the shoulder width of an adult. Personal space is a matter of the model, not of the body."""
+HUNAVSIM_RADIUS_M = 0.4
+"""Radius of HuNavSim's people."""
 
 
 class Human(Record):
@@ -153,7 +165,8 @@ class Human(Record):
     tasks: Annotated[tuple[Task, ...], Field(min_length=1)]
     behaviour: Behaviour = Behaviour.REGULAR
     speed_m_s: Annotated[float, Field(gt=0, le=3.0)] = 1.5
-    radius_m: Annotated[float, Field(gt=0, le=1.0)] = 0.4
+    radius_m: Annotated[float, Field(gt=0, le=1.0, exclude_if=lambda radius: radius is None)] | None = None
+    """Half of the width of the body; None: that of an adult in the simulator's profile (`BODY_RADIUS_M`)."""
     start_delay_s: Annotated[float, Field(ge=0, le=600)] = 0.0
     group: int | None = None
     factors: ForceFactors | Literal["random_normal", "random_uniform"] = ForceFactors()
@@ -173,6 +186,8 @@ class Human(Record):
     """Who the person is; a child or a wheelchair brings its own radius and speed where none are given."""
     trolley: Annotated[Trolley | None, Field(exclude_if=lambda trolley: trolley is None)] = None
     """What the person pushes."""
+    attention: Annotated[Attention, Field(exclude_if=lambda value: value is Attention.ATTENTIVE)] = Attention.ATTENTIVE
+    """How far ahead the person looks; people of the default profile only."""
 
     @model_validator(mode="before")
     @classmethod
@@ -185,7 +200,12 @@ class Human(Record):
     @property
     def outline(self) -> Outline:
         """The corners of what the person sits in or pushes, in the person's frame; empty for the body alone."""
-        return outline_of(self.kind, self.trolley, self.radius_m)
+        return outline_of(self.kind, self.trolley, self.body_radius_m)
+
+    @property
+    def body_radius_m(self) -> float:
+        """Half of the width of the body, where nothing is given that of an adult."""
+        return BODY_RADIUS_M if self.radius_m is None else self.radius_m
 
     def starts_at(self, grid: Grid) -> Point | None:
         """Return where the person starts; None if the first path is empty or names no place."""
@@ -352,7 +372,7 @@ class HumanAgent(Record):
     start_pause_s: Annotated[float, Field(ge=0)] = 0.0
     """How long the person stands at the start, once."""
     speed_m_s: float = 1.5
-    radius_m: float = 0.4
+    radius_m: float = BODY_RADIUS_M
     goal_radius_m: float = GOAL_RADIUS_M
     """A goal counts as reached from this near."""
     behaviour: Behaviour = Behaviour.REGULAR
@@ -362,6 +382,7 @@ class HumanAgent(Record):
     start_delay_s: float = 0.0
     outline: Annotated[Outline, Field(exclude_if=lambda outline: not outline)] = ()
     """Corners of what the person sits in or pushes, in the person's frame."""
+    attention: Annotated[Attention, Field(exclude_if=lambda value: value is Attention.ATTENTIVE)] = Attention.ATTENTIVE
 
     @property
     def stays(self) -> bool:
@@ -369,16 +390,16 @@ class HumanAgent(Record):
         return self.pauses_s[-1] >= FOREVER_S
 
 
-def decode(people: HumanConfiguration, grid: Grid) -> tuple[HumanAgent, ...]:
+def decode(people: HumanConfiguration, grid: Grid, body_radius_m: float = BODY_RADIUS_M) -> tuple[HumanAgent, ...]:
     """Return the people in coordinates; raises UnknownName for a waypoint that the grid does not know.
 
     The goals of a person are the waypoints of all tasks in order. Where a task starts at the waypoint at which the one
     before ended, that waypoint is one goal, not two, and its pause is held once: the sum of what both tasks ask for.
     A person pauses at the start of the run only if the first task asks for a pause at its first waypoint. The pause
     at the end of the last task is held when the person comes back there. A person whose tasks are
-    not cyclic stays at the last goal.
+    not cyclic stays at the last goal. `body_radius_m`: of people for whom the scenario gives none.
     """
-    return tuple(_agent(human, grid) for human in people.humans)
+    return tuple(_agent(human, grid, body_radius_m) for human in people.humans)
 
 
 def goal_names(human: Human) -> tuple[str, ...]:
@@ -417,7 +438,8 @@ def _goals(human: Human) -> tuple[list[str], list[float], dict[int, str], float]
     return names, pauses, ends, at_start
 
 
-def _agent(human: Human, grid: Grid) -> HumanAgent:
+def _agent(human: Human, grid: Grid, body_radius_m: float) -> HumanAgent:
+    radius = body_radius_m if human.radius_m is None else human.radius_m
     names, pauses, _, at_start = _goals(human)
     if not human.cyclic:
         pauses[-1] = FOREVER_S
@@ -429,12 +451,13 @@ def _agent(human: Human, grid: Grid) -> HumanAgent:
         pauses_s=tuple(pauses),
         start_pause_s=at_start,
         speed_m_s=human.speed_m_s,
-        radius_m=human.radius_m,
+        radius_m=radius,
         goal_radius_m=human.goal_radius_m,
         behaviour=human.behaviour,
         reaction=human.reaction or reaction_of(human.behaviour, human.speed_m_s),
         factors=human.factors,
         group=human.group,
         start_delay_s=human.start_delay_s,
-        outline=human.outline,
+        outline=outline_of(human.kind, human.trolley, radius),
+        attention=human.attention,
     )

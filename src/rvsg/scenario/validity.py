@@ -52,7 +52,7 @@ def warnings(people: HumanConfiguration, mission: Mission, world: World) -> tupl
                 found += [each.model_copy(update=named) for each in _end_findings(task, world)]
     for human in people.humans:
         at = human.starts_at(world.grid)
-        gap = start_gap_m(human.radius_m, at, mission) if at is not None else math.inf
+        gap = start_gap_m(human.body_radius_m, at, mission) if at is not None else math.inf
         if 0.0 <= gap < START_CLEARANCE_M:
             reason = f"The start is only {gap:.2f} m from the robot, edge to edge."
             start = {"human": human.name, "task": human.tasks[0].name, "position": 0}

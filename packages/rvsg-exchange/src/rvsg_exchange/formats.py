@@ -25,7 +25,7 @@ from rvsg.core.plugins import Spec, ignore
 from rvsg.core.records import Pose
 from rvsg.scenario.builder import load_scenario_in, read_scenario
 from rvsg.scenario.builder import scenario as scenario_of
-from rvsg.scenario.scenario import Human, HumanAgent, Pause, Scenario, Task, decode
+from rvsg.scenario.scenario import HUNAVSIM_RADIUS_M, Human, HumanAgent, Pause, Scenario, Task, decode
 from rvsg.scenario.world_lookup import as_world, world_of
 from rvsg.simulation.archive import once, read_runs
 from rvsg.simulation.embedded.trace import trace as traced_run
@@ -233,7 +233,7 @@ class HunavAgents(Exporter):
     def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
         """Write the agents; return what HuNavSim does not hold of them."""
         scenario, world = _scenario_in(source)
-        agents = decode(scenario.people, world.grid)
+        agents = decode(scenario.people, world.grid, HUNAVSIM_RADIUS_M)
         text, notes = hunav_agents.agents_yaml(agents, map_name=world.name, dialect=self.dialect)
         write_whole(path, text)
         return notes

@@ -19,7 +19,7 @@ from pydantic import Field
 from rvsg.core.errors import InputError, SimulationError
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import ignore
-from rvsg.scenario.scenario import HumanAgent, PersonKind, Scenario, decode
+from rvsg.scenario.scenario import HUNAVSIM_RADIUS_M, HumanAgent, PersonKind, Scenario, decode
 from rvsg.simulation.run import Outcome, Run, Trajectory
 from rvsg.simulation.simulators import Simulator
 from rvsg.world.world import Route, World
@@ -272,7 +272,7 @@ class Ros2World(Simulator):
                 of agents cannot say: trolleys, wheelchairs, children, doors that move, objects that were moved.
         """
         _refuse_bodies(scenario, world)
-        agents = decode(scenario.people, world.grid)
+        agents = decode(scenario.people, world.grid, HUNAVSIM_RADIUS_M)
         with tempfile.TemporaryDirectory(prefix="rvsg-world-") as folder:
             session = self._start(agents, world, Path(folder))
             try:

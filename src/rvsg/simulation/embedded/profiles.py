@@ -1,4 +1,4 @@
-"""Options of the embedded simulator, its two profiles, and the numbers that are drawn for one run."""
+"""Options of the embedded simulator, its profiles, and the numbers that are drawn for one run."""
 
 from __future__ import annotations
 
@@ -12,12 +12,15 @@ from rvsg.core.documents import invalid_options
 from rvsg.core.errors import UnknownName
 from rvsg.core.records import Record
 from rvsg.core.seeds import stream
+from rvsg.scenario.scenario import BODY_RADIUS_M, HUNAVSIM_RADIUS_M
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.localisation import Localisation, known_offset, particle_filter
 from rvsg.simulation.embedded.people.crowd import (
+    KEEP_RIGHT_M,
     PERIOD_S,
     PUBLISHED_EARLY_START,
     PUBLISHED_START_S,
+    Anticipation,
     PeopleOptions,
     beginning,
     begins_early,
@@ -57,8 +60,10 @@ class Noise(Record):
 class SimulatorOptions(Record):
     """The simulator's options. The defaults are the profile `default`: how things should be.
 
-    `clock_ratio` and `clock_ratio_sd`: simulated over wall seconds of a run (the log and the time limit count wall
-    seconds); a `clock_slow_share` of the runs has `clock_slow_ratio` instead.
+    `human_model`: people anticipate each other and the robot as recorded people do, or follow HuNavSim's social force.
+    `keep_right_m`: how far to the right of their way people who anticipate still pass on the right of who comes
+    towards them; negative: on the left. `clock_ratio` and `clock_ratio_sd`: simulated over wall seconds of a run (the
+    log and the time limit count wall seconds); a `clock_slow_share` of the runs has `clock_slow_ratio` instead.
     `yaw_gain`: true over commanded yaw rate. `goals_in_map_frame`: a route's goal is given in the frame
     of the robot's map, not of the world. `localisation`: the robot knows where its map lies, up to an offset that is
     constant in a run and spreads by `localisation_sd_m` per axis, or it finds out by AMCL, beginning with its start
@@ -74,7 +79,13 @@ class SimulatorOptions(Record):
     enter what its lidars see.
     """
 
-    profile: Literal["default", "published-study"] = "default"
+    profile: Literal["default", "hunavsim", "published-study"] = "default"
+    human_model: Annotated[
+        Literal["anticipation", "social-force"], Field(exclude_if=lambda model: model == "social-force")
+    ] = "anticipation"
+    keep_right_m: Annotated[float, Field(ge=-1.0, le=1.0, exclude_if=lambda value: value == KEEP_RIGHT_M)] = (
+        KEEP_RIGHT_M
+    )
     clock_ratio: Annotated[float, Field(gt=0.2, le=2.0)] = 1.0
     clock_ratio_sd: Annotated[float, Field(ge=0, le=0.1)] = 0.0
     clock_slow_ratio: Annotated[float, Field(gt=0.2, le=2.0)] = 1.0
@@ -99,6 +110,7 @@ class SimulatorOptions(Record):
 
 
 _PUBLISHED: dict[str, Any] = {
+    "human_model": "social-force",
     # Speeds of straight driving in the logs: two kinds of runs, as if on two machines or days.
     "clock_ratio": 0.9853,
     "clock_ratio_sd": 0.0022,
@@ -119,7 +131,11 @@ _PUBLISHED: dict[str, Any] = {
     "robot_start_s": (-0.06, 0.03),
 }
 
-PROFILES: dict[str, dict[str, Any]] = {"default": {}, "published-study": _PUBLISHED}
+PROFILES: dict[str, dict[str, Any]] = {
+    "default": {},
+    "hunavsim": {"human_model": "social-force"},
+    "published-study": _PUBLISHED,
+}
 
 
 def profile(name: str = "default", **changes: Any) -> SimulatorOptions:
@@ -141,12 +157,19 @@ LONG_INTERVALS = 0.57
 """The share of the log's rows that come 0.51 s after the one before, not 0.50 s; from 20 892 intervals in the logs."""
 
 
+def body_radius_m(options: SimulatorOptions) -> float:
+    """Return half of the width of people for whom a scenario gives none."""
+    return BODY_RADIUS_M if options.human_model == "anticipation" else HUNAVSIM_RADIUS_M
+
+
 def people_options(options: SimulatorOptions) -> PeopleOptions:
     """Return what of the options concerns people."""
     low, high = options.human_start_s
     middle, scale = 0.5 * (low + high), options.noise.human_start
+    anticipates = options.human_model == "anticipation"
     return PeopleOptions(
         published_defects=options.human_defects,
+        anticipation=Anticipation(keep_right_m=options.keep_right_m) if anticipates else None,
         factor_noise=options.noise.human_factors,
         start_jitter_s=(middle + scale * (low - middle), middle + scale * (high - middle)),
         early_start=min(1.0, options.noise.human_start) * options.human_early_start,

@@ -33,6 +33,7 @@ from rvsg.simulation.embedded.people.crowd import initial
 from rvsg.simulation.embedded.profiles import (
     PROFILES,
     SimulatorOptions,
+    body_radius_m,
     draw_intervals,
     draw_phases,
     draw_settings,
@@ -133,8 +134,9 @@ _ROLLOUTS: OrderedDict[str, Rollouts] = OrderedDict()
 class EmbeddedSimulator(Simulator):
     """The in-process simulator behind the `Simulator` protocol.
 
-    `profile` is `default` (how things should be) or `published-study` (with the defects of the published runs);
-    further options are those of `SimulatorOptions`, e.g. `noise={"lidar": 0}`. `stack`: what drives the robot.
+    `profile` is `default` (how things should be), `hunavsim` (the same with HuNavSim's people) or `published-study`
+    (with the defects of the published runs); further options are those of `SimulatorOptions`, e.g.
+    `noise={"lidar": 0}`. `stack`: what drives the robot.
     """
 
     name = NAME
@@ -176,7 +178,7 @@ class EmbeddedSimulator(Simulator):
 
         `outside`: what else is computed by the caller, such as a recorder.
         """
-        mission, agents = scenario.mission, decode(scenario.people, world.grid)
+        mission, agents = scenario.mission, decode(scenario.people, world.grid, body_radius_m(self._options))
         return simulate_agents(
             world, mission.route, agents, options=self._options, seed=seed, scenario_id=scenario.id,
             robot=mission.robot_record, stack=self._stack, outside=outside,

@@ -9,6 +9,7 @@ from itertools import pairwise
 from rvsg.core.kernels import inner, kernel
 from rvsg.core.references import refer
 from rvsg.scenario.scenario import HumanAgent
+from rvsg.simulation.embedded.people.anticipation import acceleration, limited
 from rvsg.simulation.embedded.people.contact import TOUCH_M, may_touch, note_overlap, note_touch, robot_gap, separate
 from rvsg.simulation.embedded.people.crowd import (
     CURIOUS,
@@ -42,7 +43,6 @@ from rvsg.simulation.embedded.people.social_force import (
     or_zero,
     push_pairs,
     sum_groups,
-    total_force,
     wrap,
 )
 from rvsg.world.world import World
@@ -58,6 +58,8 @@ SCARE_SIGMA_M = 0.2
 SCARE_GAP_M = 0.1
 STEP_BACK_M_S = 0.5
 WAITED_S = 15.0
+SUDDEN_M_S2 = 2.5
+"""The most that anticipating people accelerate where the robot surprises or scares them."""
 
 
 @kernel
@@ -89,7 +91,10 @@ def tick(
     sum_groups(crowd)
     for i in range(n):
         find_obstacle(crowd, i, robot)
-    if not crowd.published:
+    if crowd.anticipates:
+        for i in range(n):
+            crowd.sway[i] += crowd.sway_rate[i] * dt_s
+    elif not crowd.published:
         push_pairs(crowd)
     for i in range(n):
         _act(crowd, i, t_s, dt_s, robot)
@@ -181,7 +186,11 @@ def _react(crowd: Crowd, i: int, dt: float, robot: RobotState) -> bool:
 
 @inner
 def _stand(crowd: Crowd, i: int, dt: float, robot: RobotState) -> None:
-    """Stand still; in the default profile, step back from a robot that touches."""
+    """Stand still; step back from a robot that touches, but for the published profile. Who anticipates brakes first."""
+    if crowd.anticipates and crowd.old_vx[i] ** 2 + crowd.old_vy[i] ** 2 > 0.1**2:
+        fx, fy = limited(-crowd.old_vx[i] / dt, -crowd.old_vy[i] / dt, SUDDEN_M_S2)
+        step(crowd, i, dt, fx, fy, crowd.speed[i])
+        return
     crowd.vx[i] = 0.0
     crowd.vy[i] = 0.0
     if crowd.published:
@@ -217,7 +226,7 @@ def _be_scared(crowd: Crowd, i: int, dt: float, robot: RobotState) -> None:
     if not crowd.published:
         goal_x, goal_y = aim(crowd, i)
         goal_x, goal_y = around(crowd, i, goal_x, goal_y)
-    fx, fy = total_force(
+    fx, fy = acceleration(
         crowd, i, crowd.published, goal_x, goal_y, crowd.goal_radius[i], crowd.react_speed[i], False, robot
     )
     dx = crowd.x[i] - robot.x
@@ -229,7 +238,11 @@ def _be_scared(crowd: Crowd, i: int, dt: float, robot: RobotState) -> None:
         gap = max(gap, SCARE_GAP_M)
     size = crowd.react_force[i] * SCARE_SIGMA_M / gap
     sx, sy = or_zero(size * dx / distance, size * dy / distance)
-    step(crowd, i, dt, fx + sx, fy + sy, crowd.react_speed[i])
+    fx += sx
+    fy += sy
+    if crowd.anticipates:
+        fx, fy = limited(fx, fy, SUDDEN_M_S2)
+    step(crowd, i, dt, fx, fy, crowd.react_speed[i])
     if crowd.published and distance_to(crowd, i, goal_x, goal_y) <= crowd.goal_radius[i]:
         next_goal(crowd, i)
 
@@ -246,7 +259,7 @@ def _be_curious(crowd: Crowd, i: int, dt: float, robot: RobotState) -> None:
     goal_x, goal_y = robot.x, robot.y
     if not crowd.published:
         goal_x, goal_y = around(crowd, i, robot.x, robot.y)
-    fx, fy = total_force(crowd, i, crowd.published, goal_x, goal_y, crowd.robot_radius, speed, False, robot)
+    fx, fy = acceleration(crowd, i, crowd.published, goal_x, goal_y, crowd.robot_radius, speed, False, robot)
     step(crowd, i, dt, fx, fy, speed)
 
 
@@ -262,7 +275,7 @@ def _be_threatening(crowd: Crowd, i: int, dt: float, robot: RobotState) -> None:
     goal_y = robot.y + crowd.react_distance[i] * ahead_y
     if not crowd.published:
         goal_x, goal_y = around(crowd, i, goal_x, goal_y)
-    fx, fy = total_force(
+    fx, fy = acceleration(
         crowd, i, crowd.published, goal_x, goal_y, THREATENING_GOAL_RADIUS_M, THREATENING_SPEED_M_S, False, robot
     )
     step(crowd, i, dt, fx, fy, THREATENING_SPEED_M_S)

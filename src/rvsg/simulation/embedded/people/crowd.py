@@ -17,7 +17,7 @@ from rvsg.core.records import Record
 from rvsg.core.seeds import stream
 from rvsg.robots.polygons import reach, rectangle
 from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
-from rvsg.scenario.scenario import Behaviour, ForceFactors, HumanAgent, Reaction
+from rvsg.scenario.scenario import Attention, Behaviour, ForceFactors, HumanAgent, Reaction
 from rvsg.simulation.embedded.people.obstacles import Surfaces, boxes_of
 from rvsg.world.world import World
 
@@ -43,8 +43,50 @@ CODES = {behaviour: code for code, behaviour in enumerate(Behaviour, start=1)}
 """How a behaviour is named in `Crowd.behaviour`: as above."""
 
 
+ACCELERATION_M_S2, RELAXATION, FIRST_S, SWAY_RAD, HEADWAY_M, HEADWAY_S, FORMATION_M, AHEAD, CROSSING = range(9)
+"""Places of `Crowd.manner`: what all anticipating people share, see `Anticipation`."""
+KEEP_RIGHT_M = 0.05
+
+
+class Anticipation(Record):
+    """How people of the default profile anticipate, fitted to recorded people by `benchmarks/people.py`.
+
+    Each person draws a clearance (between centres, log-normal), a horizon (log-normal), a speed (a share of the
+    scenario's, normal) and the period of the sway. `crossing`: the share by which the clearance is larger where ways
+    cross at a right angle. `first_s`: time to the closest approach at which a person has turned
+    off in full. `headway_m`, `headway_s`: the gap to who is ahead is `headway_m` and `headway_s` of walking.
+    """
+
+    clearance_m: float = 0.75
+    clearance_spread: float = 0.48
+    crossing: float = 2.0
+    least_clearance_m: float = 0.6
+    horizon_s: float = 3.2
+    horizon_spread: float = 0.3
+    first_s: float = 1.7
+    relaxation_s: float = 0.4
+    acceleration_m_s2: float = 1.5
+    speed_share: float = 0.893
+    speed_spread: float = 0.173
+    speed_shares: tuple[float, float] = (0.5, 1.2)
+    company_m_s: float = 0.04
+    sway_rad: float = 0.05
+    sway_s: float = 2.7
+    keep_right_m: float = KEEP_RIGHT_M
+    headway_m: float = -0.3
+    headway_s: float = 0.6
+    formation_m: float = 0.7
+    ahead_m: float = 3.0
+
+
+ATTENTION = {Attention.ATTENTIVE: 1.0, Attention.DISTRACTED: 0.35, Attention.UNSEEING: 0.0}
+"""How far ahead people look, as a share of the horizon of somebody attentive."""
+
+
 class PeopleOptions(Record):
     """How people are simulated.
+
+    `anticipation`: people anticipate; None: they follow HuNavSim's social force.
 
     `published_defects` replicates HuNavSim as the published study ran it (docs/explanation/people.md lists the
     defects one by one). `factor_noise` scales the spread of drawn force factors (0: everybody has the mean).
@@ -55,6 +97,7 @@ class PeopleOptions(Record):
     """
 
     published_defects: bool = False
+    anticipation: Anticipation | None = None
     factor_noise: Annotated[float, Field(ge=0)] = 1.0
     start_jitter_s: tuple[float, float] = (0.0, 0.0)
     early_start: Annotated[float, Field(ge=0, le=1)] = 0.0
@@ -144,6 +187,13 @@ class Crowd(NamedTuple):
     raster_x: float
     raster_y: float
     published: bool
+    anticipates: bool
+    manner: Floats  # numbers of `Anticipation` that all share
+    clearance: Floats  # between centres, that the person likes
+    horizon: Floats  # s, how far ahead the person looks
+    keep_right: Floats
+    sway: Floats  # phase, rad
+    sway_rate: Floats  # rad/s
     neglect: float
     robot_box: Floats  # (4,) rear, front, right, left side of the robot's body in its base frame
     robot_height: float
@@ -245,7 +295,7 @@ def initial(
         pauses=pauses,
         goal_count=codes(len(agent.goals) for agent in agents),
         start_time=column(agent.start_delay_s + begin for agent in agents),
-        speed=column(agent.speed_m_s for agent in agents),
+        **_individuals(agents, drawn, options, seed),
         radius=column(agent.radius_m for agent in agents),
         goal_radius=column(agent.goal_radius_m for agent in agents),
         height=column(_HEIGHTS[i % len(_HEIGHTS)] for i in range(n)),
@@ -272,6 +322,7 @@ def initial(
         raster_x=surfaces.x if surfaces else 0.0,
         raster_y=surfaces.y if surfaces else 0.0,
         published=published,
+        anticipates=options.anticipation is not None,
         neglect=0.0 if published else options.neglect_m_s2,
         robot_box=np.array([left, right, low, high]),
         robot_height=robot.body_height_m,
@@ -287,6 +338,38 @@ def initial(
         event_count=np.zeros(2, np.int64),
         open=np.full((n, KINDS), -1, np.int64),
     )
+
+
+def _individuals(
+    agents: Sequence[HumanAgent], drawn: Sequence[tuple[ForceFactors, Reaction]], options: PeopleOptions, seed: int
+) -> dict[str, Any]:
+    """Draw what differs from person to person who anticipate; others walk at the scenario's speed."""
+    manner = options.anticipation
+    n = len(agents)
+    speed = np.array([agent.speed_m_s for agent in agents], np.float64)
+    if manner is None:
+        none = {name: np.zeros(n) for name in ("clearance", "horizon", "keep_right", "sway", "sway_rate")}
+        return {"speed": speed, "manner": np.zeros(9), **none}
+    normal = np.array([stream(seed, f"people/individual/{i}").standard_normal(4) for i in range(n)]).reshape(-1, 4)
+    normal *= options.factor_noise
+    company = np.array([sum(a.group == b.group for b in agents) - 1 if a.group is not None else 0 for a in agents])
+    share = np.clip(manner.speed_share + manner.speed_spread * normal[:, 0], *manner.speed_shares)
+    social = np.array([factors.social for factors, _ in drawn], np.float64)
+    clearance = manner.clearance_m * np.exp(manner.clearance_spread * normal[:, 1]) * np.sqrt(social / 5.0)
+    attention = np.array([ATTENTION[agent.attention] for agent in agents], np.float64)
+    swaying = options.leg_phase_noise and options.factor_noise > 0.0
+    phase = stream(seed, "people/sway").uniform(0.0, 2.0 * math.pi, n)
+    return {
+        "speed": np.maximum(share * speed - manner.company_m_s * company, 0.2 * speed),
+        "manner": np.array([manner.acceleration_m_s2, manner.relaxation_s, manner.first_s,
+                            manner.sway_rad * math.sqrt(2.0) * swaying, manner.headway_m, manner.headway_s,
+                            manner.formation_m, manner.ahead_m, manner.crossing]),
+        "clearance": np.maximum(clearance, manner.least_clearance_m),
+        "horizon": attention * manner.horizon_s * np.exp(manner.horizon_spread * normal[:, 2]),
+        "keep_right": np.full(n, manner.keep_right_m),
+        "sway": phase,
+        "sway_rate": 2.0 * math.pi / (manner.sway_s * np.clip(1.0 + 0.2 * normal[:, 3], 0.5, 1.5)),
+    }  # fmt: skip
 
 
 ZEROS = (

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 
 from rvsg.core.kernels import inner
+from rvsg.simulation.embedded.people.anticipation import acceleration, towards, way_given
 from rvsg.simulation.embedded.people.crowd import (
+    AHEAD,
     IMPASSIVE,
     PAUSED,
     REACHED,
@@ -25,10 +27,15 @@ WALL_GAP_M = 0.15
 """The nearest a person's centre comes to a wall: half of the depth of a body, for who turns sideways."""
 SUBSTEP_M = 0.05
 AHEAD_M = 1.0
+HURRY = 1.15
 """People steer for the point this far ahead on the line between two waypoints."""
 PASSED_M = 0.8
 """A waypoint without a pause also counts as reached when a person passes beside it at this distance."""
 SETTLE_S = 0.6
+NEAR_PUSH, TOUCH_PUSH = 0.6, 0.95
+BACK_M_S = 0.3
+"""Who stands steps back from a robot that comes within a hand (the share of the push of a body that touches), who does
+not see it when it touches."""
 STEADY_M_S2 = 1.0
 """Somebody who stands takes a step aside only for a push above this."""
 PROGRESS_M = 0.1
@@ -193,8 +200,8 @@ def walk(crowd: Crowd, i: int, t: float, dt: float, robot: RobotState) -> None:
         return
     aim_x, aim_y = aim(crowd, i)
     aim_x, aim_y = around(crowd, i, aim_x, aim_y)
-    fx, fy = total_force(crowd, i, False, aim_x, aim_y, 0.0, crowd.speed[i], social, robot)
-    step(crowd, i, dt, fx, fy, crowd.speed[i])
+    fx, fy = acceleration(crowd, i, False, aim_x, aim_y, 0.0, crowd.speed[i], social, robot)
+    step(crowd, i, dt, fx, fy, (HURRY if crowd.anticipates else 1.0) * crowd.speed[i])
 
 
 @inner
@@ -212,7 +219,8 @@ def aim(crowd: Crowd, i: int) -> tuple[float, float]:
     if length < 1e-9:
         return goal_x, goal_y
     along = ((crowd.x[i] - crowd.from_x[i]) * dx + (crowd.y[i] - crowd.from_y[i]) * dy) / length
-    along = min(length, max(0.0, along) + AHEAD_M)
+    ahead = crowd.manner[AHEAD] if crowd.anticipates else AHEAD_M
+    along = min(length, max(0.0, along) + ahead)
     return crowd.from_x[i] + along * dx / length, crowd.from_y[i] + along * dy / length
 
 
@@ -236,7 +244,7 @@ def around(crowd: Crowd, i: int, aim_x: float, aim_y: float) -> tuple[float, flo
     x = crowd.old_x[i]
     y = crowd.old_y[i]
     distance = math.sqrt((aim_x - x) ** 2 + (aim_y - y) ** 2)
-    if distance < 1e-9:
+    if crowd.anticipates or distance < 1e-9:
         return aim_x, aim_y
     ex = (aim_x - x) / distance
     ey = (aim_y - y) / distance
@@ -271,6 +279,18 @@ def stand_at_place(crowd: Crowd, i: int, dt: float, social: bool, robot: RobotSt
     dx = crowd.place_x[i] - crowd.x[i]
     dy = crowd.place_y[i] - crowd.y[i]
     away = math.sqrt(dx * dx + dy * dy)
+    if crowd.anticipates:
+        gx, gy = way_given(crowd, i, robot, social)
+        fx, fy = body_force(crowd, i, robot)
+        push = math.sqrt(fx * fx + fy * fy)
+        if push > crowd.factor_obstacle[i] * (NEAR_PUSH if crowd.horizon[i] > 0.0 else TOUCH_PUSH):
+            gx += BACK_M_S * fx / push
+            gy += BACK_M_S * fy / push
+        crowd.stands[i] = 1
+        pace = min(crowd.speed[i], away / SETTLE_S) / away if away > 0.05 and gx == 0.0 and gy == 0.0 else 0.0
+        fx, fy = towards(crowd, i, pace * dx + gx, pace * dy + gy)
+        step(crowd, i, dt, fx, fy, crowd.speed[i])
+        return
     push_x, push_y, _, _ = social_forces(crowd, i, False, social, robot)
     body_x, body_y = body_force(crowd, i, robot)
     push_x += body_x

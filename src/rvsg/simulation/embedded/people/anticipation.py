@@ -1,0 +1,326 @@
+"""Anticipation: how people of the default profile keep clear of each other and of the robot before they meet.
+
+People regulate the distance at which they expect to pass (Olivier et al., Minimal predicted distance, 2012) and act
+ahead of time (Karamouzas, Skinner, Guy, Universal power law, 2014). Each person looks at the distance at closest
+approach if they walked on as they prefer and the other as at present, and changes their velocity by what is missing to
+the clearance they like over the time that is left, the sooner the more urgent. Whoever likes more room makes it.
+`benchmarks/people.py` fits the numbers to recorded people.
+"""
+
+from __future__ import annotations
+
+import math
+
+from rvsg.core.kernels import inner
+from rvsg.simulation.embedded.people.crowd import (
+    ACCELERATION_M_S2,
+    CROSSING,
+    FIRST_S,
+    FORMATION_M,
+    HEADWAY_M,
+    HEADWAY_S,
+    RELAXATION,
+    SWAY_RAD,
+    Crowd,
+    RobotState,
+)
+from rvsg.simulation.embedded.people.obstacles import on_outline
+from rvsg.simulation.embedded.people.social_force import body_force, total_force, wall_force, within
+
+EVASION = 0.8
+"""The most by which a person changes their velocity for others, as a share of the preferred speed."""
+LEAST_PACE = 0.7
+"""Somebody held up by who is ahead looks for a way past as if they walked at this share of their speed at least."""
+CLOSE_S = 0.5
+"""What is missing to a clearance is made up over this time at least."""
+TOUCHING_M = 0.05
+"""People of the same way keep this gap between bodies."""
+STANDING_SHARE = 0.7
+"""The share of the clearance that people keep from who stands."""
+CROWD_M = 2.0
+CROWD = 2.0
+"""People make do with less room the more others there are ahead within `CROWD_M`: half of it for `CROWD` more."""
+ABREAST = 0.6
+ONCOMING_M_S = 0.2
+"""Somebody is ahead who is within this share of both bodies off the way, and does not come towards the person."""
+ROBOT_GAP_M = 0.3
+"""The gap that people keep to a robot ahead."""
+OFF_ROBOT_M = 3.0
+STOP_S = 0.8
+STOP_HORIZON_S = 2.0
+BACK_M_S = 0.6
+"""Within `OFF_ROBOT_M` people close the gap to the robot's body in `STOP_S` at the fastest, who looks less than
+`STOP_HORIZON_S` ahead later; they step back from it at up to `BACK_M_S`."""
+YIELD_M = 0.4
+"""People who would pass close before the robot pass behind it, even where they would be first (Vassallo 2017)."""
+STANDING_S = 1.5
+STANDING_GAP_M = 0.1
+"""Somebody who stands gives way to who would come within this gap within this time."""
+COMPANY_M = 4.0
+COMPANY_M_S = 0.5
+"""Members of a group within this distance of its centre look for their place in it, up to this fast."""
+DEPTH = 0.7
+"""How far the middle of a group of three or four stays back, as a share of the distance between neighbours."""
+
+
+@inner
+def acceleration(
+    crowd: Crowd, i: int, live: bool, goal_x: float, goal_y: float, goal_radius: float, speed: float,
+    robot_in_social: bool, robot: RobotState,
+) -> tuple[float, float]:  # fmt: skip
+    """Return the acceleration of a person towards a goal by the model of the profile, m/s²; see `total_force`."""
+    if not crowd.anticipates:
+        return total_force(crowd, i, live, goal_x, goal_y, goal_radius, speed, robot_in_social, robot)
+    dx = goal_x - crowd.old_x[i]
+    dy = goal_y - crowd.old_y[i]
+    distance = math.sqrt(dx * dx + dy * dy)
+    ex = ey = 0.0
+    if distance > max(goal_radius, 1e-9):
+        sway = crowd.manner[SWAY_RAD] * math.sin(crowd.sway[i])
+        ex = (dx * math.cos(sway) - dy * math.sin(sway)) / distance
+        ey = (dx * math.sin(sway) + dy * math.cos(sway)) / distance
+    pace = speed * headway(crowd, i, ex, ey, speed, robot_in_social, robot) if distance > goal_radius else 0.0
+    bold = max(pace, LEAST_PACE * speed)
+    vx, vy = evasion(crowd, i, bold * ex, bold * ey, robot_in_social, robot)
+    gx, gy = formation(crowd, i, ex, ey)
+    vx += pace * ex + gx
+    vy += pace * ey + gy
+    if robot_in_social:
+        vx, vy = off_robot(crowd, i, vx, vy, robot)
+    ax, ay = towards(crowd, i, vx, vy)
+    pull = speed / crowd.manner[RELAXATION]
+    fx, fy = wall_force(crowd, i)
+    fx, fy = within(fx, fy, dx, dy, pull)
+    px, py = body_force(crowd, i, robot)
+    px, py = within(px, py, dx, dy, pull)
+    return limited(ax + fx + px, ay + fy + py, crowd.manner[ACCELERATION_M_S2])
+
+
+@inner
+def off_robot(crowd: Crowd, i: int, vx: float, vy: float, robot: RobotState) -> tuple[float, float]:
+    """Return a velocity that does not close the gap to the robot's body faster than a person can stop before it.
+
+    Whom the robot comes near steps back, at most at `BACK_M_S`.
+    """
+    x, y = crowd.old_x[i], crowd.old_y[i]
+    if crowd.horizon[i] <= 0.0 or (x - robot.x) ** 2 + (y - robot.y) ** 2 > OFF_ROBOT_M * OFF_ROBOT_M:
+        return vx, vy
+    px, py, inside = on_outline(crowd.outline, x, y, robot.x, robot.y, robot.yaw)
+    dx, dy = x - px, y - py
+    distance = math.sqrt(dx * dx + dy * dy)
+    if inside or distance < 1e-6:
+        return vx, vy
+    nx, ny = dx / distance, dy / distance
+    gap = distance - crowd.radius[i] - TOUCHING_M
+    look = STOP_S * min(1.0, crowd.horizon[i] / STOP_HORIZON_S)
+    least = robot.vx * nx + robot.vy * ny - gap / look
+    least = min(least, BACK_M_S)
+    away = vx * nx + vy * ny
+    if away >= least:
+        return vx, vy
+    return vx + (least - away) * nx, vy + (least - away) * ny
+
+
+@inner
+def towards(crowd: Crowd, i: int, vx: float, vy: float) -> tuple[float, float]:
+    """Return the acceleration to a velocity within a person's limits."""
+    rate = 0.5 * crowd.factor_goal[i] / crowd.manner[RELAXATION]
+    return limited(rate * (vx - crowd.old_vx[i]), rate * (vy - crowd.old_vy[i]), crowd.manner[ACCELERATION_M_S2])
+
+
+@inner
+def limited(x: float, y: float, most: float) -> tuple[float, float]:
+    """Return a vector, shortened to a length."""
+    length = math.sqrt(x * x + y * y)
+    if length > most:
+        return x * most / length, y * most / length
+    return x, y
+
+
+@inner
+def evasion(crowd: Crowd, i: int, vx: float, vy: float, with_robot: bool, robot: RobotState) -> tuple[float, float]:
+    """Return by how much a person changes the preferred velocity (vx, vy) to pass others and the robot, m/s."""
+    sum_x = sum_y = 0.0
+    x, y = crowd.old_x[i], crowd.old_y[i]
+    horizon = crowd.horizon[i]
+    speed = math.sqrt(vx * vx + vy * vy)
+    reach = horizon * (speed + 2.0)
+    ahead = 0
+    for j in range(crowd.x.size):
+        rx = crowd.old_x[j] - x
+        ry = crowd.old_y[j] - y
+        if j != i and rx * rx + ry * ry < CROWD_M * CROWD_M and rx * vx + ry * vy > 0.0:
+            ahead += 1
+    room = 1.0 / (1.0 + max(0, ahead - 1) / CROWD)
+    for j in range(crowd.x.size):
+        rx = crowd.old_x[j] - x
+        ry = crowd.old_y[j] - y
+        if j == i or rx * rx + ry * ry > reach * reach or (crowd.group[i] >= 0 and crowd.group[i] == crowd.group[j]):
+            continue
+        bodies = crowd.radius[i] + crowd.radius[j] + TOUCHING_M
+        keep_right = 0.5 * (crowd.keep_right[i] + crowd.keep_right[j])
+        dx, dy = turn_off(
+            crowd,
+            i,
+            rx,
+            ry,
+            vx,
+            vy,
+            crowd.old_vx[j],
+            crowd.old_vy[j],
+            bodies,
+            bodies + room * (crowd.clearance[i] - bodies),
+            keep_right,
+            False,
+        )
+        sum_x += dx
+        sum_y += dy
+    if with_robot:
+        bodies = crowd.radius[i] + crowd.robot_radius + TOUCHING_M
+        clearance = crowd.clearance[i] + crowd.robot_radius - crowd.radius[i]
+        keep_right = crowd.keep_right[i]
+        dx, dy = turn_off(
+            crowd, i, robot.x - x, robot.y - y, vx, vy, robot.vx, robot.vy, bodies, clearance, keep_right, True
+        )
+        sum_x += dx
+        sum_y += dy
+    return limited(sum_x, sum_y, EVASION * max(speed, 0.5))
+
+
+@inner
+def turn_off(
+    crowd: Crowd, i: int, rx: float, ry: float, vx: float, vy: float, other_vx: float, other_vy: float,
+    bodies: float, clearance: float, keep_right: float, is_robot: bool,
+) -> tuple[float, float]:  # fmt: skip
+    """Return the change of velocity to pass somebody at (rx, ry) from here at a clearance (m between centres).
+
+    The clearance is for who comes the other way; people of the same way keep `bodies` only.
+
+    `keep_right` moves the offset (m) at which people change the side on which they pass.
+    """
+    wx = other_vx - vx
+    wy = other_vy - vy
+    closing = -(rx * wx + ry * wy)
+    square = wx * wx + wy * wy
+    if closing <= 0.0 or square < 1e-6:
+        return 0.0, 0.0
+    left = closing / square
+    horizon = crowd.horizon[i]
+    first = crowd.manner[FIRST_S]
+    if left >= horizon:
+        return 0.0, 0.0
+    urgency = min(1.0, (horizon - left) / max(horizon - first, 0.1))
+    size = math.sqrt(square)
+    nx = -wy / size
+    ny = wx / size
+    offset = rx * nx + ry * ny
+    # Both see the present velocities alike, so both choose the same side.
+    ux = other_vx - crowd.old_vx[i]
+    uy = other_vy - crowd.old_vy[i]
+    seen = (ry * ux - rx * uy) / max(math.sqrt(ux * ux + uy * uy), 1e-6)
+    side = 1.0 if seen >= keep_right else -1.0
+    if is_robot and abs(offset) < YIELD_M:
+        across = vx * other_vy - vy * other_vx
+        fast = math.sqrt((vx * vx + vy * vy) * (other_vx * other_vx + other_vy * other_vy))
+        if fast > 0.05 and abs(across) > 0.5 * fast:
+            # Behind the robot: its velocity points away from where the person passes.
+            side = 1.0 if nx * other_vx + ny * other_vy >= 0.0 else -1.0
+    faced = math.sqrt((vx * vx + vy * vy) * (other_vx * other_vx + other_vy * other_vy))
+    facing = 1.0 if is_robot else STANDING_SHARE
+    if faced > 0.0 and not is_robot:
+        facing = 0.5 - 0.5 * (vx * other_vx + vy * other_vy) / faced
+        facing *= 1.0 + crowd.manner[CROSSING] * ((vx * other_vy - vy * other_vx) / faced) ** 2
+    clearance = max(bodies, facing * clearance)
+    missing = clearance - side * offset
+    if missing <= 0.0:
+        return 0.0, 0.0
+    change = -side * missing * urgency / max(left, CLOSE_S)
+    return change * nx, change * ny
+
+
+@inner
+def headway(crowd: Crowd, i: int, ex: float, ey: float, speed: float, with_robot: bool, robot: RobotState) -> float:
+    """Return the share of a person's speed at which they keep their distance from who is ahead (Tordeux 2016)."""
+    manner = crowd.manner
+    full = manner[HEADWAY_S] * speed
+    if crowd.horizon[i] <= 0.0 or full <= 0.0:
+        return 1.0
+    x, y = crowd.old_x[i], crowd.old_y[i]
+    free = full
+    for j in range(crowd.x.size + 1):
+        if j < crowd.x.size:
+            rx, ry, bodies = crowd.old_x[j] - x, crowd.old_y[j] - y, crowd.radius[i] + crowd.radius[j]
+            if crowd.old_vx[j] * ex + crowd.old_vy[j] * ey < -ONCOMING_M_S:
+                continue  # Both turn off; waiting for each other would help neither.
+        else:
+            rx, ry, bodies = robot.x - x, robot.y - y, crowd.radius[i] + crowd.robot_radius
+        along = rx * ex + ry * ey
+        reach = bodies + (manner[HEADWAY_M] if j < crowd.x.size else ROBOT_GAP_M)
+        if j == i or along <= 0.0 or along > free + reach or abs(ry * ex - rx * ey) > ABREAST * bodies:
+            continue
+        if j < crowd.x.size or with_robot:
+            free = min(free, max(0.0, math.sqrt(rx * rx + ry * ry) - reach))
+    return free / full
+
+
+@inner
+def formation(crowd: Crowd, i: int, ex: float, ey: float) -> tuple[float, float]:
+    """Return the change of velocity to the own place in a group: two walk abreast, three in a V, four in a U.
+
+    Moussaïd et al., The walking behaviour of pedestrian social groups (2010). People who are too far from the group
+    to walk in it, or stand, do not look for their place.
+    """
+    group = crowd.group[i]
+    if group < 0 or crowd.group_sum[group, 2] < 2.0 or (ex == 0.0 and ey == 0.0):
+        return 0.0, 0.0
+    members = crowd.group_sum[group, 2]
+    cx = crowd.group_sum[group, 0] / members - crowd.old_x[i]
+    cy = crowd.group_sum[group, 1] / members - crowd.old_y[i]
+    if cx * cx + cy * cy > COMPANY_M * COMPANY_M:
+        return 0.0, 0.0
+    # Places are taken from the right in the order in which the members walk, so nobody crosses another's way.
+    rank = 0
+    mine = cx * ey - cy * ex
+    for j in range(crowd.x.size):
+        if j != i and crowd.group[j] == group:
+            other = (crowd.old_x[i] + cx - crowd.old_x[j]) * ey - (crowd.old_y[i] + cy - crowd.old_y[j]) * ex
+            if other < mine or (other == mine and j < i):
+                rank += 1
+    middle = 0.5 * (members - 1.0)
+    aside = (rank - middle) * crowd.manner[FORMATION_M]
+    behind = 0.0
+    if members >= 3.0:
+        behind = DEPTH * crowd.manner[FORMATION_M] * (2.0 / 3.0 - abs(rank - middle) / middle)
+    gx = cx - aside * ey - behind * ex
+    gy = cy + aside * ex - behind * ey
+    return limited(gx, gy, COMPANY_M_S)
+
+
+@inner
+def way_given(crowd: Crowd, i: int, robot: RobotState, with_robot: bool) -> tuple[float, float]:
+    """Return the velocity at which somebody who stands steps aside for who would walk into them, m/s."""
+    sum_x = sum_y = 0.0
+    x, y = crowd.old_x[i], crowd.old_y[i]
+    n = crowd.x.size
+    for j in range(n + 1):
+        if j == i or (j == n and not with_robot):
+            continue
+        if j < n:
+            rx, ry, wx, wy = crowd.old_x[j] - x, crowd.old_y[j] - y, crowd.old_vx[j], crowd.old_vy[j]
+            room = crowd.radius[i] + crowd.radius[j] + STANDING_GAP_M
+        else:
+            rx, ry, wx, wy = robot.x - x, robot.y - y, robot.vx, robot.vy
+            room = crowd.radius[i] + crowd.robot_radius + STANDING_GAP_M
+        square = wx * wx + wy * wy
+        closing = -(rx * wx + ry * wy)
+        if square < 0.04 or closing <= 0.0 or closing > STANDING_S * square or crowd.horizon[i] <= 0.0:
+            continue
+        size = math.sqrt(square)
+        offset = (ry * wx - rx * wy) / size
+        side = 1.0 if offset >= crowd.keep_right[i] else -1.0
+        missing = room - side * offset
+        if missing > 0.0:
+            change = -side * missing / max(closing / square, CLOSE_S)
+            sum_x -= change * wy / size
+            sum_y += change * wx / size
+    return limited(sum_x, sum_y, 1.0)

@@ -1,0 +1,117 @@
+"""People of the default profile: they see each other coming, differ from one another, and keep company."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from tests.simulation.test_people import world_with
+
+from rvsg.core.references import refer
+from rvsg.scenario.scenario import Attention, Behaviour, HumanAgent, reaction_of
+from rvsg.simulation.embedded.people.behaviour import tick
+from rvsg.simulation.embedded.people.crowd import Anticipation, PeopleOptions, initial
+
+OPTIONS = PeopleOptions(anticipation=Anticipation())
+EVEN = OPTIONS.model_copy(update={"factor_noise": 0.0})
+FAR = (1000.0, 1000.0, 0.0, 0.0, 0.0)
+
+
+def somebody(x: float, y: float, to_x: float, to_y: float, **more: object) -> HumanAgent:
+    fields = {"name": "human", "start": (x, y), "goals": ((x, y), (to_x, to_y)), "pauses_s": (0.0, 36_000.0)}
+    return HumanAgent.model_validate({**fields, "reaction": reaction_of(Behaviour.REGULAR, 1.5), **more})
+
+
+def walk(
+    *agents: HumanAgent, seconds: float = 12.0, seed: int = 1, options: PeopleOptions = OPTIONS,
+    robot: tuple[float, float, float, float, float] = FAR,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Return positions (T, N, 2) and the peak acceleration of each person after the first second."""
+    crowd = initial(agents, world_with(), options=options, seed=seed)
+    reference, places, speeds = refer(crowd), [], []
+    for k in range(round(seconds / 0.1)):
+        tick(reference, 0.1 * (k + 1), 0.1, *robot)
+        places.append(np.column_stack([crowd.x, crowd.y]))
+        speeds.append(np.column_stack([crowd.vx, crowd.vy]))
+    peaks = np.hypot(*np.moveaxis(np.diff(speeds[10:], axis=0) / 0.1, 2, 0)).max(axis=0)
+    return np.array(places), peaks
+
+
+def apart(places: np.ndarray) -> np.ndarray:
+    return np.hypot(*(places[:, 0] - places[:, 1]).T)
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("turn", [180, 150, 90, 60])
+def test_people_who_meet_keep_apart_without_haste(turn: int, seed: int) -> None:
+    x, y = 7.0 * math.cos(math.radians(turn)), 7.0 * math.sin(math.radians(turn))
+    places, peaks = walk(somebody(-7.0, 0.0, 7.0, 0.0), somebody(-x, -y, x, y), seed=seed)
+    assert apart(places).min() > 0.5
+    assert peaks.max() <= 1.7
+
+
+def test_people_share_the_work_and_choose_the_same_side() -> None:
+    places, _ = walk(somebody(-7.0, 0.0, 7.0, 0.0), somebody(7.0, 0.0, -7.0, 0.0), options=EVEN)
+    row = int(apart(places).argmin())
+    assert places[row, 0, 1] < -0.2  # to the right of their way
+    assert places[row, 1, 1] == pytest.approx(-places[row, 0, 1], abs=0.02)
+
+
+def test_attention_is_how_early_people_turn_off() -> None:
+    """A robot stands in the way of three people."""
+
+    def turned(attention: Attention) -> float:
+        places, _ = walk(somebody(-6.0, 0.02, 6.0, 0.02, attention=attention), options=EVEN, robot=(0.0, 0, 0, 0, 0))
+        aside = np.flatnonzero(np.abs(places[:, 0, 1] - 0.02) > 0.15)
+        return -float(places[aside[0], 0, 0]) if len(aside) else -math.inf
+
+    attentive, distracted, unseeing = (turned(each) for each in Attention)
+    assert attentive > distracted + 0.5 > unseeing + 0.5
+    assert unseeing < 1.0
+
+
+def test_a_group_of_two_walks_abreast_and_opens_for_who_comes() -> None:
+    pair = [somebody(-8.0, y, 8.0, y, group=1) for y in (-0.2, 0.2)]
+    places, _ = walk(*pair, seconds=6.0, options=EVEN)
+    side = np.abs(places[-20:, 0, 1] - places[-20:, 1, 1])
+    assert side.mean() == pytest.approx(Anticipation().formation_m, abs=0.15)
+    assert np.abs(places[-20:, 0, 0] - places[-20:, 1, 0]).max() < 0.3
+    alone = somebody(8.0, 0.0, -8.0, 0.0)
+    places, _ = walk(*pair, alone)
+    for k in (0, 1):
+        assert np.hypot(*(places[:, k] - places[:, 2]).T).min() > 0.5
+
+
+def test_who_stands_gives_way_and_comes_back() -> None:
+    stands = somebody(0.0, 0.1, 0.0, 0.1).model_copy(update={"goals": ((0.0, 0.1),), "pauses_s": (36_000.0,)})
+    walker = somebody(-6.0, 0.0, 6.0, 0.0, attention=Attention.UNSEEING)
+    places, _ = walk(stands, walker, options=EVEN)
+    away = np.hypot(places[:, 0, 0], places[:, 0, 1] - 0.1)
+    assert away.max() > 0.2
+    assert away[-1] < 0.1
+
+
+def test_people_differ_from_run_to_run_and_not_within_one() -> None:
+    agent = somebody(-6.0, 0.0, 6.0, 0.0)
+    first, again, other = (walk(agent, seed=seed, seconds=3.0)[0] for seed in (1, 1, 2))
+    assert np.array_equal(first, again)
+    assert abs(first[-1, 0, 0] - other[-1, 0, 0]) > 0.05
+    crowds = [initial([agent] * 40, world_with(), options=OPTIONS, seed=seed) for seed in range(10)]
+    speeds = np.concatenate([crowd.speed for crowd in crowds])
+    assert speeds.mean() == pytest.approx(1.34, abs=0.04)  # Weidmann's free walking
+    assert speeds.std() == pytest.approx(0.26, abs=0.03)
+
+
+def test_people_slow_down_behind_who_is_slower() -> None:
+    slow = somebody(-4.0, 0.0, 12.0, 0.0, speed_m_s=0.4)
+    followers = [somebody(-5.5 - k, 0.0, 12.0, 0.0, speed_m_s=1.5) for k in range(2)]
+    _, peaks = walk(slow, *followers, options=EVEN)
+    assert peaks.max() <= 1.7
+
+
+def test_a_surprised_person_brakes_as_people_can() -> None:
+    agent = somebody(-6.0, 0.3, 6.0, 0.3, behaviour="surprised", reaction=reaction_of(Behaviour.SURPRISED, 1.5))
+    places, peaks = walk(agent, robot=(0.0, 0.0, 0.0, 0.0, 0.0))
+    assert peaks.max() < 3.0
+    assert np.ptp(places[-10:, 0, 0]) < 0.01
