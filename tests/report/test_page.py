@@ -7,6 +7,7 @@ import json
 import re
 import xml.etree.ElementTree as ET
 from functools import cache
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from rvsg.campaign.findings import findings
 from rvsg.campaign.strategies import RandomStrategy, StudyStrategy
 from rvsg.cli.tables import ranked_table
 from rvsg.core.errors import InputError
+from rvsg.evaluation.realism import PEOPLE_REALISM, motions, rarest
 from rvsg.evaluation.verdict import Status, how_sure, judge, number
 from rvsg.generation.generator import Proposal
 from rvsg.generation.vlm.recording import Recording
@@ -126,6 +128,23 @@ def test_words_of_a_model_stay_words() -> None:
     assert Reader.of(text).tags.count("script") == 2 and "img" not in Reader.of(text).tags
     assert len(ET.fromstring(junit_xml(the_plan, summarise(the_plan, attempts)))[0]) == the_plan.scenarios
     assert data_of(text)["groups"][0]["people"][0]["name"].startswith("</script>")
+
+
+@pytest.mark.parametrize("objective", [0.5, 2.0], ids=["violated", "not violated"])
+def test_page_terminal_and_json_say_in_the_same_words_how_far_people_go(objective: float) -> None:
+    the_plan, made, ledger = default_campaign()
+    attempts = [_with_objectives(a, objective) if a.purpose == "confirmation" else a for a in made]
+    (confirmed,) = (a for a in attempts if a.purpose == "confirmation")
+    shares = {PEOPLE_REALISM: 60.0}, {PEOPLE_REALISM: 0.1}, {PEOPLE_REALISM: None}
+    measured = [m.replace(values=each) for m, each in zip(confirmed.measurements, cycle(shares), strict=False)]
+    attempts = [a.replace(measurements=tuple(measured)) if a is confirmed else a for a in attempts]
+    least = measured[1]
+    motion = rarest(motions(ledger.run(least.run_id)))
+    (found,) = findings(the_plan, attempts, run_of=ledger.run, world=warehouse())
+    assert motion is not None and found.realism == f"With seed {least.seed}, {motion.sentence}"
+    assert f"  {found.realism}" in list(describe_finding(found, the_plan.requirement, brief=True))
+    text = html.unescape(page(the_plan, attempts, ledger))
+    assert text.count(unbroken(found.realism)) == 1 and f"#run={least.run_id}&t={motion.time_s:.1f}" in text
 
 
 def test_page_terminal_json_and_junit_say_in_the_same_words_how_sure_the_verdict_is() -> None:

@@ -27,6 +27,7 @@ from rvsg.report.stills import beside, box_around, free_place, pins, spread
 from rvsg.scenario.brief import Encounter
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.scenario.scenario import Mission
+from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.simulation.run import ObstacleContact, Run
 from rvsg.world.world import Door
 from rvsg.world.world_folder import load_world
@@ -107,7 +108,12 @@ def test_a_door_that_the_robot_hits_is_named_where_it_is_that_alone(
 
 def stack_run(**stack: Any) -> Run:
     options = {"stack": {"name": "ros2", "options": {"launch": "ros2 launch x", "params": None}}}
-    how = {"id": str(stack), "details": {"stack": stack}, "stack_warnings": stack.get("warnings", ())}
+    how = {
+        "id": str(stack),
+        "simulator": "gazebo",
+        "details": {"stack": stack},
+        "stack_warnings": stack.get("warnings", ()),
+    }
     return cast(Run, SimpleNamespace(options=options, **how))
 
 
@@ -130,8 +136,23 @@ def test_refused_velocities_are_counted_and_the_built_in_stack_says_nothing() ->
     assert told.repeatable
     assert dict(told.rows)["Velocities beyond the limits of the robot, cut"] == "5 in 2 runs"
     assert dict(told.rows)["Velocities that are no numbers, left out"] == "2 in 1 run"
-    built_in = cast(Run, SimpleNamespace(id="", details={}, options={}, stack_warnings=()))
+    built_in = cast(Run, SimpleNamespace(id="", simulator="kinematic", details={}, options={}, stack_warnings=()))
     assert under_test([built_in]).rows == ()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (EmbeddedSimulator().options, "default profile"),
+        (EmbeddedSimulator("hunavsim").options, "hunavsim"),
+        (EmbeddedSimulator("published-study").options, "published-study"),
+        ({"profile": "default"}, "hunavsim"),
+    ],
+    ids=["default", "hunavsim", "published-study", "stored by 0.2"],
+)
+def test_the_profile_of_the_people_is_named(options: dict[str, object], said: str) -> None:
+    run = SimpleNamespace(id="", simulator="embedded", details={}, options=options, stack_warnings=())
+    assert under_test([cast(Run, run)]).rows == (("People", said),)
 
 
 def test_only_the_calibrated_robot_is_called_calibrated() -> None:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Annotated, Literal
 
 from pydantic import Field
 
-from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.attempt import Attempt, Measurement, Plan
 from rvsg.campaign.observation import FailureMode, mode_of, usual
 from rvsg.campaign.ranking import confirmations
 from rvsg.campaign.suite import CaseResult
 from rvsg.core.records import Record
+from rvsg.evaluation.realism import PEOPLE_REALISM, Motion, motions, rarest, summary
 from rvsg.evaluation.statistics import share_difference
 from rvsg.evaluation.story import story_of
 from rvsg.evaluation.verdict import (
@@ -129,6 +130,9 @@ class Finding(Record):
     """What happens in the run that is worst for the robot."""
     story_run: str | None = None
     """The id of that run."""
+    realism: str = ""
+    """Whether anybody in the violating runs does what fewer than 1 in 100 recorded people did; without violating runs,
+    in all."""
 
     @property
     def also_alone(self) -> bool:
@@ -155,6 +159,24 @@ def findings(
     confirmed = [a for a in confirmations(attempts) if a.verdict is not None]
     made = [_finding(plan, attempt, attempts, run_of, modes, world, procedure) for attempt in confirmed]
     return tuple(sorted(made, key=lambda f: badness(f.verdict, procedure), reverse=True))
+
+
+def rarest_motion(measurements: Iterable[Measurement], run_of: RunOf) -> tuple[Run, Motion] | None:
+    """Return what the fewest recorded people do as far, of all people in simulated runs, and the run that shows it."""
+    shares = {m.run_id: share for m in measurements if (share := m.values.get(PEOPLE_REALISM)) is not None}
+    if not shares:
+        return None
+    run = run_of(min(shares, key=lambda run_id: shares[run_id]))
+    motion = rarest(motions(run))
+    return (run, motion) if motion is not None and run.simulator != "recording" else None
+
+
+def realism_in_words(found: tuple[Run, Motion] | None) -> str:
+    """Return the rarest motion as a sentence, empty where there is none."""
+    if found is None:
+        return ""
+    run, motion = found
+    return f"With seed {run.seed}, {motion.sentence}" if motion.is_rare else summary([motion])
 
 
 class DistinctFailure(Record):
@@ -269,6 +291,7 @@ def _finding(
         failure=usual(modes(m.run_id) for m in attempt.violating(requirement)),
         story=tuple(sentence.text for sentence in story_of(worst, world=world, scenario=scenario)),
         story_run=worst.id,
+        realism=realism_in_words(rarest_motion(attempt.violating(requirement) or attempt.measurements, run_of)),
     )
 
 

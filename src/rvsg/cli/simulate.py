@@ -138,7 +138,7 @@ def evaluate(
         say(f"Page: {html}")
     if json:
         print_json(judged.to_dict() | {"notes": list(notes)})
-    for line in describe_judgement(judged):
+    for line in describe_judgement(judged, loaded):
         say(line)
     if fail_on_violation and judged.violated:
         raise typer.Exit(1)

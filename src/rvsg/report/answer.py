@@ -10,6 +10,7 @@ from string import Formatter
 from typing import Any, NamedTuple
 
 from rvsg.campaign.attempt import Plan
+from rvsg.campaign.findings import realism_in_words
 from rvsg.evaluation.metrics.registry import find_metric
 from rvsg.evaluation.run_events import Contact, place_name
 from rvsg.evaluation.story import Sentence, what_is_hit
@@ -79,12 +80,22 @@ class UnderTest:
 
 
 def under_test(runs: Iterable[Run]) -> UnderTest:
-    """Return what the runs tell of their stack; no rows where it is the built-in one and nothing went wrong."""
+    """Return what the runs tell of their people and their stack; of the built-in stack only what went wrong."""
     made = {run.id: run for run in runs}.values()  # attempts share runs
     told = [(run, facts) for run in made if isinstance(facts := run.details.get("stack"), Mapping)]
     kept, runs = [facts for _, facts in told], [run for run, _ in told]
-    rows = (*_start(runs), *_pace(kept), *_trouble(kept, runs))
+    rows = (*_people(made), *_start(runs), *_pace(kept), *_trouble(kept, runs))
     return UnderTest(all(facts.get("repeatable", True) for facts in kept), rows)
+
+
+def _people(runs: Iterable[Run]) -> Iterable[tuple[str, str]]:
+    """Yield the profile of the people of the embedded simulator; what 0.2 stored as `default` is `hunavsim` today."""
+    found = set()
+    for options in (run.options for run in runs if run.simulator == "embedded"):
+        old = "published-study" if options.get("profile") == "published-study" else "hunavsim"
+        found.add("default profile" if options.get("human_model") == "anticipation" else old)
+    if found:
+        yield "People", ", ".join(sorted(found))
 
 
 def _start(runs: list[Run]) -> Iterable[tuple[str, str]]:
@@ -385,7 +396,8 @@ def answer(
     where = _where(confirmed)
     recurs = cause is not None and cause.finding.about_people == "no"
     told = [*because, *where] if recurs else [*where, *because]  # who is near matters less where nobody is needed
-    sentences = [*_judged(plan, confirmed, "confirmation run"), *told, *seen, *elsewhere(others, searched)]
+    seen += [*_realism(confirmed), *elsewhere(others, searched)]
+    sentences = [*_judged(plan, confirmed, "confirmation run"), *told, *seen]
     return Answer(**top, badges=[*why, *badges], sentences=sentences)
 
 
@@ -394,7 +406,7 @@ def answer_of_runs(plan: Plan, facts: AttemptFacts) -> Answer:
     verdict, requirement = facts.attempt.verdict, plan.requirement
     assert verdict is not None
     badges, seen = seen_beside(facts.runs, plan, "run")
-    sentences = [*_judged(plan, facts, "run"), *_where(facts), *seen]
+    sentences = [*_judged(plan, facts, "run"), *_where(facts), *seen, *_realism(facts)]
     if verdict.status is Status.UNJUDGED:
         text = f"{requirement.name} has no limit. The runs measure {value_in_words(verdict, requirement.unit)}."
         return Answer(tone="quiet", chip="no limit", text=text, badges=badges, sentences=sentences)
@@ -405,6 +417,14 @@ def answer_of_runs(plan: Plan, facts: AttemptFacts) -> Answer:
         text = f"{verdict.violations or 'None'} of {counted(verdict.runs, 'run')} {verb} {requirement.name}"
     text += f"; {OPEN} ({verdict.status.value})." if still_open(verdict) else "."
     return Answer(tone=tone_of(verdict), chip=_chip(verdict), text=text, badges=badges, sentences=sentences)
+
+
+def _realism(facts: AttemptFacts) -> list[Pieces]:
+    """Return whether anybody does what few recorded people did; the sentence opens the run and the moment."""
+    if (found := facts.rarest_motion) is None:
+        return []
+    run, motion = found
+    return [[Piece(realism_in_words(found), (run.id,) if motion.is_rare else (), motion.time_s)]]
 
 
 def _judged(plan: Plan, facts: AttemptFacts, kind: str) -> list[Pieces]:

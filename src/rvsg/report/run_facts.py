@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.campaign.attempt import Attempt, Measurement
-from rvsg.campaign.findings import Finding
+from rvsg.campaign.findings import Finding, rarest_motion
 from rvsg.evaluation.detection import events_of, place_namer
 from rvsg.evaluation.metrics.registry import find_metric
+from rvsg.evaluation.realism import Motion
 from rvsg.evaluation.run_events import Contact, Event, ObstacleContact, Place, Recovery, StandStill, place_name
 from rvsg.evaluation.sampled import sampled, stretches
 from rvsg.evaluation.story import Sentence, story_of
@@ -233,6 +234,12 @@ class AttemptFacts:
     def not_arrived(self) -> tuple[RunFacts, ...]:
         """The runs that end before the goal."""
         return tuple(run for run in self.runs if not run.arrived)
+
+    @cached_property
+    def rarest_motion(self) -> tuple[Run, Motion] | None:
+        """What the fewest recorded people do as far, of the people in the violating runs, or in all."""
+        shown = {run.id: run for run in self.violating or self.runs}
+        return rarest_motion((each.measurement for each in shown.values()), lambda run_id: shown[run_id].run)
 
     def worst(self, requirement: Requirement) -> RunFacts | None:
         """Return the run with the worst objective; the first of equals."""

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
 from rvsg.campaign.exploration import FEWEST, Exploration
-from rvsg.campaign.findings import DistinctFailure, Finding, Removal
+from rvsg.campaign.findings import DistinctFailure, Finding, Removal, rarest_motion, realism_in_words
 from rvsg.campaign.run_set import Judgement
 from rvsg.campaign.suite import CaseResult
 from rvsg.evaluation.verdict import (
@@ -24,6 +24,7 @@ from rvsg.generation.generator import Call, Proposal
 from rvsg.generation.vlm.model import Spending
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.validity import warnings
+from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
 NEXT_STEP = {
@@ -55,6 +56,8 @@ def describe_finding(finding: Finding, requirement: Requirement, *, brief: bool 
         yield f"  No run touches a person; the smallest gap is {metres(finding.least_clearance_m)}."
     if arrived.runs < arrived.of:
         yield f"  {arrived.of - arrived.runs} of {counted(arrived.of, 'run')} did not reach the goal."
+    if finding.realism:
+        yield f"  {finding.realism}"
     if brief:
         return
     yield from _removals(finding.cause)
@@ -175,11 +178,15 @@ def describe_exploration(found: Exploration) -> str:
     return "\n".join(lines)
 
 
-def describe_judgement(judged: Judgement) -> Iterator[str]:
-    """Yield a line for each run, one for the verdict, and one for what can decide it."""
+def describe_judgement(judged: Judgement, runs: Iterable[Run]) -> Iterator[str]:
+    """Yield a line for each run, one for the verdict, one on the people, and one for what can decide it."""
     for measured in judged.measurements:
         yield f"seed {measured.seed}: {number(measured.objective, judged.requirement.unit)}, {measured.outcome}"
     yield str(judged)
+    by_id, violated_by = {run.id: run for run in runs}, judged.requirement.violated_by
+    bad = [m for m in judged.measurements if m.objective is not None and violated_by(m.objective)]
+    if realism := realism_in_words(rarest_motion(bad or judged.measurements, by_id.__getitem__)):
+        yield realism
     if judged.more_runs:
         procedure, verdict = judged.procedure, judged.verdict
         left = procedure.max_runs - len(judged.measurements)
