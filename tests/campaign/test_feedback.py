@@ -10,6 +10,7 @@ from tests.evaluation.runs import run_of, trajectory
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.feedback import decisive_moments, feedback_of, separable
 from rvsg.campaign.observation import passings_of, stops_of, touches_of
+from rvsg.evaluation.realism import motions, rarest
 from rvsg.evaluation.sampled import sampled
 from rvsg.evaluation.verdict import Verdict, judge
 from rvsg.scenario.brief import Brief, Feedback
@@ -118,6 +119,14 @@ def test_the_series_is_of_the_worst_run_and_names_everybodys_place_every_second(
         assert sample.robot_at == warehouse().grid.nearest(path.x[k], path.y[k])
         assert sample.value == pytest.approx(nearest, abs=1e-3)
     assert len(told.series) == int(path.t[-1]) + 1
+
+
+def test_what_few_recorded_people_do_is_told_with_the_number_of_runs() -> None:
+    attempt, runs = attempt_of(3)
+    found = [rarest(motions(run)) for run in runs]
+    told = told_of(attempt, runs)
+    assert told.unusual_runs == sum(motion.is_rare for motion in found if motion is not None) > 0
+    assert told.unusual == min((m for m in found if m), key=lambda motion: motion.recorded_percent).sentence
 
 
 def test_a_waypoint_that_never_met_the_robot_is_idle_and_one_that_did_is_not() -> None:

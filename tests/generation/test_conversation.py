@@ -315,6 +315,8 @@ def test_feedback_tells_the_truth(ask: Asking, brief: Brief, first: Scenario) ->
         "touched": 2,
         "touches": (Touched(who="Human 2", at="D20", time_s=4.1, until_s=4.6, moved_by="robot"),),
         "touches_elsewhere": (Touched(who="Human 1", at="E3", time_s=9.0, until_s=9.0, moved_by="neither"),),
+        "unusual": "Human 2 accelerates with 5.1 m/s² at 4.2 s; no recorded people go as far.",
+        "unusual_runs": 1,
         "best": first,
         "best_mean": 1.1,
         "best_runs": 1,
@@ -331,6 +333,8 @@ def test_feedback_tells_the_truth(ask: Asking, brief: Brief, first: Scenario) ->
         "arrived in 1 of 2 runs",
         'touched in 2 of 2 runs: in the run that was worst for the robot at 4.1 s to 4.6 s "Human 2" at D20 (the robot',
         'in the other first at 9 s "Human 1" at E3.',
+        "In 1 of 2 runs somebody did what fewer than 1 in 100 recorded people did: "
+        '"Human 2 accelerates with 5.1 m/s² at 4.2 s; no recorded people go as far."',
         '| 4 | F13, stands: "Human 2" ahead of it | 0.5 | D20, leg 3 of 12, 1.25 left |',
         "also stands from 6.5 to 7.6 s at F14 (a recovery of its navigation)",
         '4.2 s at F13 "Human 2" head-on, 0.31 m left.',

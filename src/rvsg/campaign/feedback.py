@@ -30,6 +30,7 @@ from rvsg.campaign.ranking import measured, standing
 from rvsg.core.errors import SimulationError
 from rvsg.core.records import Record
 from rvsg.core.seeds import seed_for
+from rvsg.evaluation.realism import rarest
 from rvsg.evaluation.run_events import WaypointNames
 from rvsg.evaluation.sampled import sampled, stretches
 from rvsg.evaluation.signals import series_name, series_of
@@ -121,6 +122,8 @@ def _feedback(
     mild = min(valued, key=lambda each: requirement.badness(each[1]))[0] if several else None
     mildest = run_of(mild.run_id) if mild is not None else None
     touched = {each.run_id: each.touches for each in observations if each.touches}
+    rare = [each.rarest for each in observations if each.rarest is not None and each.rarest.is_rare]
+    unusual = rarest(rare)
     judged = verdict.runs > 0 and requirement.threshold is not None
     values = series_of(worst, requirement, world=world)
     return Feedback(
@@ -151,6 +154,8 @@ def _feedback(
         touched=len(touched),
         touches=touched.get(worst.id, ()),
         touches_elsewhere=tuple(touches[0] for run_id, touches in touched.items() if run_id != worst.id),
+        unusual="" if unusual is None else unusual.sentence,
+        unusual_runs=len(rare),
     )
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from rvsg.core.records import Record
 from rvsg.evaluation.detection import blocked_goals, contacts, encounters_of, place_namer, standstills
+from rvsg.evaluation.realism import Motion, motions, rarest
 from rvsg.evaluation.run_events import StandStill, WaypointNames, place_name
 from rvsg.evaluation.sampled import Sampled, sampled, stretches
 from rvsg.scenario.brief import Arrival, Encounter, Passing, Stop, Touched
@@ -370,6 +371,8 @@ class RunObservation:
     """What it shows at the closest approach; None without people."""
     people: tuple[PersonObservation, ...]
     touches: tuple[Touched, ...]
+    rarest: Motion | None
+    """What the fewest recorded people do as far; None without people."""
 
 
 def observe(run: Run, world: World) -> RunObservation:
@@ -393,6 +396,7 @@ def observe(run: Run, world: World) -> RunObservation:
         encounter=_encounter(run, mode),
         people=tuple(people),
         touches=touches_of(run, world),
+        rarest=rarest(motions(run)),
     )
 
 

@@ -274,6 +274,8 @@ def feedback_facts(feedback: Feedback, requirement: Requirement | None, passes: 
             for moment in feedback.moments
         ],
         **feedback.model_dump(mode="json", include=set(TOLD_AS_MEASURED)),
+        "unusual": feedback.unusual,
+        "unusual_runs": feedback.unusual_runs,
         "rows": rows,
         "stops_between": [s.model_dump(mode="json") for k, s in enumerate(feedback.stops) if k not in shown],
         "planned": any(feedback.planned.values()),

@@ -367,6 +367,7 @@ def _feedback(feedback: Feedback | None, unit: str) -> list[str]:
         f"{'; ' + moment.note.replace('m/s2', 'm/s²') if moment.note else ''}."
         for moment in feedback.moments
     ]
+    lines += [feedback.unusual] if feedback.unusual else []
     lines += [
         f"{each.name}: closest gap {metres(each.closest_gap_m)}, within 2 m for {percent(each.share_within_2_m)} of "
         "the time."

@@ -206,6 +206,10 @@ class Feedback(Record):
     """All touches in the run that is worst for the robot."""
     touches_elsewhere: tuple[Touched, ...] = ()
     """The first touch of each other run that has one."""
+    unusual: Annotated[str, Field(exclude_if=lambda words: not words)] = ""
+    """What somebody does and the fewest recorded people do as far, if it is fewer than 1 in 100."""
+    unusual_runs: Annotated[int, Field(exclude_if=lambda runs: runs == 0)] = 0
+    """Runs in which somebody does what fewer than 1 in 100 recorded people did."""
     capped: int = 0
     """Runs whose value is only a bound: it is what the time limit leaves of it."""
     analysis: str = ""
