@@ -76,6 +76,7 @@ def _content() -> dict[str, bytes]:
         ("run @ --strategy studdy", {"kind": "strategy", "name": "studdy", "nearest": "study"}),
         ("run @ --simulator embeded", {"kind": "simulator", "name": "embeded", "nearest": "embedded"}),
         ("run --simulator-option profile=published_study", {"nearest": "published-study"}),
+        ("run --simulator-option profile=nosuch", {"kind": "simulator profile", "name": "nosuch"}),
         ("run misspelt.yaml", {"path": "misspelt.yaml", "line": 3}),
         ("run wrong.yaml", {"lines": [1, 2, 3]}),
         ("run list.yaml", {"path": "list.yaml"}),
@@ -143,6 +144,9 @@ def test_bad_input_is_refused_with_what_and_where(refused: Refused, command: str
         ("--budget-runs", "0"),
         ("--shrink-runs", "-1"),
         ("--conversation", "chat"),
+        ("--realism", "80"),
+        ("--realism", "-1"),
+        ("--realism", "many"),
     ],
 )
 def test_a_number_or_word_that_makes_no_sense_is_refused(refused: Refused, option: str, value: str) -> None:
@@ -259,6 +263,8 @@ HUMAN = ("people", "humans", 0)
         ((*HUMAN, "speed_m_s"), float("nan"), "json", ""),
         (("mission", "route", "time_limit_s"), -1, "record-invalid", ""),
         (("mission",), lambda of: of | {"world_id": "world-0", "parts": None}, "world-changed", ""),
+        ((*HUMAN, "attention"), "asleep", "record-invalid", "expected 'attentive', 'distracted' or 'unseeing', got 'asleep'"),
+        ((*HUMAN, "radius_m"), 0.95, "invalid-scenario", "The person is 1.90 m wide; the way from"),
         (HUMAN, lambda of: of | {"speed": 1.0}, "record-invalid",
          'there is no key "speed" in people.humans[0]. Did you mean "speed_m_s"? Known: name, tasks,'),
         (HUMAN, lambda of: of | {"speed_m_s": "fast", "moods": []}, "record-invalid",

@@ -96,6 +96,7 @@ def test_a_trolley_lies_ahead_of_who_pushes_it() -> None:
         ("size-out-of-range", {"kind": "child", "radius_m": 0.4}),
         ("trolley-pusher", {"kind": "child", "trolley": {}}),
         ("too-wide", {"trolley": {"width_m": 1.2}}),
+        ("person-too-wide", {"radius_m": 0.9}),
     ],
 )
 def test_each_limit_is_found_and_named(rule: str, changes: dict[str, object]) -> None:

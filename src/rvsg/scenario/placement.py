@@ -11,7 +11,16 @@ import numpy as np
 from rvsg.core.records import Pose
 from rvsg.robots.polygons import distance, inside
 from rvsg.scenario.rules import ROBOT_RADIUS_M, SPEED_RANGE_M_S, Finding
-from rvsg.scenario.scenario import LIMITS, TROLLEY_SPEEDS_M_S, Human, HumanConfiguration, Mission, PersonKind, Point
+from rvsg.scenario.scenario import (
+    HUNAVSIM_RADIUS_M,
+    LIMITS,
+    TROLLEY_SPEEDS_M_S,
+    Human,
+    HumanConfiguration,
+    Mission,
+    PersonKind,
+    Point,
+)
 from rvsg.world.space import Space, driving_space, frame_of, human_space, world_map
 from rvsg.world.world import Route, SolidObject, World
 
@@ -34,19 +43,22 @@ def size_findings(human: Human, world: World) -> Iterator[Finding]:
         low, high = limits.radii_m
         reason = f"A {kind.value} has a radius of {low:g} to {high:g} m, not {human.body_radius_m:g} m."
         yield Finding.of("size-out-of-range", reason, f"Take {limits.radius_m:g} m.", human=name)
-    if not human.outline:
-        return
+    if not human.outline and human.body_radius_m <= HUNAVSIM_RADIUS_M:
+        return  # who turns sideways; scenarios of 0.2 give everybody this radius
     space = human_space(world)
-    half = max(abs(y) for _, y in human.outline)
-    what = "wheelchair" if kind is PersonKind.WHEELCHAIR else "trolley"
+    half = max((abs(y) for _, y in human.outline), default=human.body_radius_m)
+    what = ("wheelchair" if kind is PersonKind.WHEELCHAIR else "trolley") if human.outline else "person"
     for task in human.tasks:
         for position, (a, b) in enumerate(pairwise(task.path), start=1):
             start, end = human.position(a, world.grid), human.position(b, world.grid)
             if start is None or end is None or space.segment_free(start, end, half - space.frame.resolution):
                 continue
             reason = f"The {what} is {2 * half:.2f} m wide; the way from {a} to {b} is narrower."
-            better = "Choose another way, or a narrower trolley."
-            yield Finding.of("too-wide", reason, better, human=name, task=task.name, position=position)
+            place = {"human": name, "task": task.name, "position": position}
+            if not human.outline:
+                yield Finding.of("person-too-wide", reason, "Choose a smaller radius_m, or another way.", **place)
+                return  # one size, one finding
+            yield Finding.of("too-wide", reason, "Choose another way, or a narrower trolley.", **place)
 
 
 def _outline_on_robot(human: Human, at: Point, mission: Mission, world: World) -> bool:
