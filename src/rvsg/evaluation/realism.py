@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.records import Record
-from rvsg.evaluation.metrics.metric import Metric
-from rvsg.evaluation.sampled import Sampled
 from rvsg.simulation.run import PersonPaused, Run
 
 Floats = NDArray[np.float64]
+PEOPLE_REALISM = "people_realism"
+"""The metric."""
 SAMPLE_S = 0.4
 WALKING_M_S = 0.2
 """Slower people stand."""
@@ -144,29 +144,6 @@ def _longest(times: Floats, standing: NDArray[np.bool_], paused: Iterable[tuple[
 def rarest(found: Iterable[Motion]) -> Motion | None:
     """Return the motion that the fewest recorded people show; None where there is nobody."""
     return min(found, key=lambda motion: motion.recorded_percent, default=None)
-
-
-def people_realism(s: Sampled) -> float | None:
-    """The percentage of recorded people who go as far as the person of the run who is least usual in speed,
-    acceleration, distance from others or standing."""
-    rare = rarest(motions(s.run))
-    return None if rare is None else rare.recorded_percent
-
-
-PEOPLE_REALISM = "people_realism"
-METRICS = (
-    Metric(
-        id=PEOPLE_REALISM,
-        title="Recorded people who move like the least usual person",
-        unit="%",
-        worse="neither",
-        source="recordings ETH, HOTEL, ZARA 1 and 2, students 3",
-        of=people_realism,
-        most=100.0,
-        of_people=True,
-        moved_by="People who start, stop or pass each other as few people do.",
-    ),
-)
 
 
 def summary(found: Iterable[Motion]) -> str:

@@ -9,14 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from rvsg.core.registry import Registry
-from rvsg.evaluation import realism
 from rvsg.evaluation.metrics import hunav, performance, safety
 from rvsg.evaluation.metrics.metric import Metric
 from rvsg.evaluation.sampled import Sampled, sampled
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
-BUILT_IN = (*performance.METRICS, *safety.METRICS, *realism.METRICS, *hunav.METRICS)
+BUILT_IN = (*performance.METRICS, *safety.METRICS, *hunav.METRICS)
 
 METRICS: Registry[Metric] = Registry("metric", Metric, {info.id: info for info in BUILT_IN})
 """Every metric by its id: those that ship, in the order they are listed, then those of plug-ins."""

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 
 from rvsg.evaluation.metrics.metric import Metric, measures
+from rvsg.evaluation.realism import PEOPLE_REALISM, motions, rarest
 from rvsg.evaluation.sampled import STILL_SPEED_M_S, Flags, Sampled, stretches
 from rvsg.scenario.requirement import Aim
 
@@ -202,3 +203,20 @@ def time_share(s: Sampled) -> float | None:
         return None
     taken = s.duration_s if s.run.completed else max(s.duration_s, s.run.time_limit_s)
     return taken / s.run.time_limit_s
+
+
+@_of_people(
+    PEOPLE_REALISM,
+    "Recorded people who move like the least usual person",
+    "%",
+    "neither",
+    Aim.SHARE,
+    source="recordings ETH, HOTEL, ZARA 1 and 2, students 3",
+    moved_by="People who start, stop or pass each other as few people do.",
+    most=100.0,
+)
+def people_realism(s: Sampled) -> float | None:
+    """The percentage of recorded people who go as far as the person of the run who is least usual in speed,
+    acceleration, distance from others or standing."""
+    rare = rarest(motions(s.run))
+    return None if rare is None else rare.recorded_percent
