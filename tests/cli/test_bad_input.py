@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 import sqlite3
 import subprocess
@@ -152,6 +153,14 @@ def test_bad_input_is_refused_with_what_and_where(refused: Refused, command: str
 def test_a_number_or_word_that_makes_no_sense_is_refused(refused: Refused, option: str, value: str) -> None:
     told = refused("run", *SMALL, option, value)
     assert option in told.err or option.removeprefix("--").replace("-", "_") in told.err
+
+
+def test_a_realism_that_leaves_no_run_says_so_in_terminal_and_report(terminal: Terminal) -> None:
+    terminal("run", *SMALL, "--realism 1 --repeats 2 --seed 3 --confirmations 0 --out c", code=2)
+    assert "does what fewer than 1 % of recorded people did. Choose a smaller --realism" in terminal.err
+    assert re.search(
+        r"Runs not judged.* of recorded people did</th><td class=\"n\">[12]<", Path("c/report.html").read_text()
+    )
 
 
 def test_a_campaign_file_that_is_absent_is_named(refused: Refused) -> None:

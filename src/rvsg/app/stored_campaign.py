@@ -171,6 +171,11 @@ class StoredCampaign:
                 f"{self.requirement.name} has no value in any of {counted(runs, 'run')}; the first ended so: "
                 f"{first.outcome.value}{fault}. Mend the stack under test or choose another requirement"
             )
+            if runs == len(set().union(*(attempt.left_out(self.plan.realism) for attempt in searched))):
+                why = (
+                    f"somebody in each of {counted(runs, 'run')} does what fewer than {self.plan.realism:g} % of "
+                    "recorded people did. Choose a smaller --realism"
+                )
         else:
             problems = searched[0].proposal.problems
             reason = problems[0] if problems else "the generator gave no reason."

@@ -10,6 +10,7 @@ from typing import Annotated, Literal, TypeVar
 from pydantic import Field
 
 from rvsg.core.records import Record
+from rvsg.evaluation.realism import PEOPLE_REALISM
 from rvsg.evaluation.verdict import Verdict
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
@@ -96,6 +97,11 @@ class Attempt(Record):
     def violating(self, requirement: Requirement) -> list[Measurement]:
         """Return the measurements that violate a requirement by their objective."""
         return [m for m in self.measurements if m.objective is not None and requirement.violated_by(m.objective)]
+
+    def left_out(self, realism: float | None) -> set[str]:
+        """Return the ids of runs that are not judged: somebody does what fewer recorded people (percent) do."""
+        shares = {m.run_id: m.values.get(PEOPLE_REALISM) for m in self.measurements if realism is not None}
+        return {run_id for run_id, share in shares.items() if share is not None and share < (realism or 0.0)}
 
     def worst(self, requirement: Requirement) -> Measurement:
         """Return the measurement whose objective is worst for the robot; the first of equals."""

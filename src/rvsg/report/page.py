@@ -243,6 +243,7 @@ def render_page(
         simulator=simulator,
         stack=under_test(run.run for facts in shown.facts for run in facts.runs),
         overview=overview,
+        left_out=len(set().union(*(attempt.left_out(plan.realism) for attempt in attempts))),
         traces=[script_safe(trace) for trace in traces],
     )
 
