@@ -5,6 +5,7 @@ import pytest
 from tests.scenario.small_world import MISSION, WORLD, human
 
 from rvsg.generation.forecast import (
+    PACE,
     ROBOT_SPEED_M_S,
     SOCIAL_WEIGHT,
     STARTS_AFTER_S,
@@ -99,9 +100,9 @@ def test_paces_are_fitted_to_what_was_measured() -> None:
     )
     scenario = Scenario(mission=MISSION, people=HumanConfiguration(humans=(person,)))
     feedback = Feedback(scenario=scenario, objectives=(1.0,), mean=1.0, interval=(1.0, 1.0), series=series)
-    assert Forecaster(GROUND, 20.0).fitted(feedback).pace == pytest.approx(0.8, abs=0.11)
+    assert Forecaster(GROUND, 20.0).fitted(feedback).pace == pytest.approx(0.8 * PACE, abs=0.1)
     bare = feedback.model_copy(update={"series": ()})
-    assert Forecaster(GROUND, 20.0).fitted(bare).pace == 1.0
+    assert Forecaster(GROUND, 20.0).fitted(bare).pace == PACE
 
 
 def robot_at(t: float) -> str:

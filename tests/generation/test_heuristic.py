@@ -156,7 +156,7 @@ def test_people_are_expected_nearer_to_the_robot_than_by_chance() -> None:
     briefs = [Brief(mission=MISSION, requirement=None, seed=seed) for seed in range(10)]
     by_chance = [gap(RandomGenerator().propose(brief, WORLD).scenario) for brief in briefs]
     blind = [gap(scenario(seed, requirement=None)) for seed in range(10)]
-    assert max(aimed) < min(sum(by_chance) / 10, 1.0)
+    assert max(aimed) < min(sum(by_chance) / 10, 1.5)
     assert sum(blind) > 2 * sum(aimed) and "Unguided" in proposal(requirement=None).reasoning
 
 

@@ -24,7 +24,7 @@ from rvsg.core.kernels import inner, kernel
 from rvsg.generation.workplaces import Point, WalkingGraph, walking_graph
 from rvsg.scenario.brief import Feedback
 from rvsg.scenario.requirement import Aim
-from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission
+from rvsg.scenario.scenario import BODY_RADIUS_M, Behaviour, Human, HumanConfiguration, Mission
 from rvsg.world.world import World
 
 Floats = NDArray[np.float64]
@@ -272,8 +272,9 @@ def run_all(
 
 ROBOT_SPEED_M_S = 0.49
 """An undisturbed run of the study's robot: 0.5 m/s along the way, less the start, and a turn at the goal."""
-PERSON_M = 0.4
-"""Radius of a person."""
+PERSON_M = BODY_RADIUS_M
+PACE = 0.9
+"""Radius of a person, and the share of a scenario's speed at which people walk on average."""
 
 
 AIMED = 8
@@ -302,7 +303,7 @@ class Forecaster:
         time_limit_s: float,
         *,
         robot_speed_m_s: float = ROBOT_SPEED_M_S,
-        pace: float = 1.0,
+        pace: float = PACE,
         robot_radius_m: float = 0.35,
     ) -> None:
         self.ground = ground
@@ -345,7 +346,7 @@ class Forecaster:
             return self
         scale = self.robot_speed / ROBOT_SPEED_M_S
         speeds = [speed * scale for speed in (0.42, 0.46, 0.49)]
-        choices = [(speed, pace) for speed in speeds for pace in (0.8, 0.9, 0.95, 1.0, 1.05, 1.1, 1.2)]
+        choices = [(speed, pace) for speed in speeds for pace in (0.7, 0.8, 0.85, 0.9, 0.95, 1.0, 1.1)]
         wanted = np.round([t / STEP_S for t, _ in seen]).astype(int)
         speeds, paces = [c[0] for c in choices], [c[1] for c in choices]
         _, track = self._run([humans] * len(choices), speeds, paces, keep=True, most=1 + int(wanted.max()))
