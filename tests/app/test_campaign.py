@@ -122,6 +122,18 @@ def test_a_record_of_another_version_is_refused(tmp_path: Path) -> None:
             CampaignRecord.read(other)
 
 
+def test_a_campaign_of_0_2_keeps_the_people_it_began_with(tmp_path: Path) -> None:
+    campaign = rvsg.Campaign.create(tmp_path / "c", strategy="study", scenarios=1, refinements=0, repeats=1)
+    data = campaign.record.data()
+    assert data["simulator"]["options"].pop("human_model") == "anticipation"
+    earlier = CampaignRecord.read(data)
+    assert earlier is not None
+    assert earlier.settings.simulator_options == {"human_model": "social-force"}
+    data["simulator"]["options"]["profile"] = "published-study"
+    published = CampaignRecord.read(data)
+    assert published is not None and published.settings.simulator_options == {}
+
+
 def test_every_campaign_of_a_store_is_listed_and_can_be_opened(tmp_path: Path) -> None:
     one = create(tmp_path / "one")
     with SqliteLedger(tmp_path / "one" / "ledger.sqlite") as ledger:

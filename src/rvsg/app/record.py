@@ -23,6 +23,16 @@ from rvsg.robots.robot import shipped_robots
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.world.world_folder import shipped_worlds
 
+
+def _with_its_people(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the stored settings of a campaign, with the people of 0.2 where it began with them as the default."""
+    config = dict(settings["config"])
+    options = dict(dict(settings["simulator"]).get("options") or {})
+    if options.get("profile") == "default" and "human_model" not in options:
+        config["simulator_options"] = {**config.get("simulator_options", {}), "human_model": "social-force"}
+    return config
+
+
 WORDS = ("title", "text", "unit", "measured_as", "note", "source")
 """Fields of a requirement that decide no verdict."""
 
@@ -74,7 +84,7 @@ class CampaignRecord(Record):
         if "plan" not in settings or "config" not in settings:
             return None
         try:
-            config = CampaignConfig.model_validate(settings["config"])
+            config = CampaignConfig.model_validate(_with_its_people(settings))
             return cls.model_validate({**settings, "config": config.deciding()})
         except (ValidationError, TypeError) as error:
             version = dict(settings.get("provenance") or {}).get("version", "another version of RVSG")
