@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from itertools import combinations
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -10,8 +12,10 @@ from tests.simulation.test_people import world_with
 
 from rvsg.core.references import refer
 from rvsg.scenario.scenario import Attention, Behaviour, HumanAgent, reaction_of
+from rvsg.simulation.embedded.people.anticipation import past_body
 from rvsg.simulation.embedded.people.behaviour import tick
 from rvsg.simulation.embedded.people.crowd import Anticipation, PeopleOptions, initial
+from rvsg.world.world import World
 
 OPTIONS = PeopleOptions(anticipation=Anticipation())
 EVEN = OPTIONS.model_copy(update={"factor_noise": 0.0})
@@ -25,10 +29,10 @@ def somebody(x: float, y: float, to_x: float, to_y: float, **more: object) -> Hu
 
 def walk(
     *agents: HumanAgent, seconds: float = 12.0, seed: int = 1, options: PeopleOptions = OPTIONS,
-    robot: tuple[float, float, float, float, float] = FAR,
+    robot: tuple[float, float, float, float, float] = FAR, world: World | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Return positions (T, N, 2) and the peak acceleration of each person after the first second."""
-    crowd = initial(agents, world_with(), options=options, seed=seed)
+    crowd = initial(agents, world or world_with(), options=options, seed=seed)
     reference, places, speeds = refer(crowd), [], []
     for k in range(round(seconds / 0.1)):
         tick(reference, 0.1 * (k + 1), 0.1, *robot)
@@ -115,3 +119,41 @@ def test_a_surprised_person_brakes_as_people_can() -> None:
     places, peaks = walk(agent, robot=(0.0, 0.0, 0.0, 0.0, 0.0))
     assert peaks.max() < 3.0
     assert np.ptp(places[-10:, 0, 0]) < 0.01
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_people_who_meet_in_a_corridor_keep_apart_though_walls_push_them_to_its_middle(seed: int) -> None:
+    corridor = world_with((0.0, 1.6, 20.0, 1.0), (0.0, -1.6, 20.0, 1.0))
+    people = [somebody(-7.0, 0.1, 7.0, 0.1), somebody(7.0, -0.1, -7.0, -0.1), somebody(-8.2, -0.2, 7.0, -0.2)]
+    places, peaks = walk(*people, seed=seed, world=corridor)
+    for other in (0, 2):
+        assert np.hypot(*(places[:, 1] - places[:, other]).T).min() > 0.5
+    assert peaks.max() <= 1.7
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_four_people_who_cross_at_one_point_do_not_touch(seed: int) -> None:
+    ends = [(6.0 * math.cos(a), 6.0 * math.sin(a)) for a in (0.3, 1.7, 3.3, 4.9)]
+    places, peaks = walk(*(somebody(x, y, -x, -y) for x, y in ends), seed=seed)
+    for i, j in combinations(range(4), 2):
+        assert np.hypot(*(places[:, i] - places[:, j]).T).min() > 0.5
+    assert peaks.max() <= 1.7
+
+
+@pytest.mark.parametrize("pause_s", [0.0, 5.0])
+def test_people_brake_before_they_turn_round_or_stop_and_do_not_run_into_the_wall_behind(pause_s: float) -> None:
+    wall = world_with((5.0, 0.0, 2.0, 6.0))
+    agent = somebody(-4.0, 0.0, 3.6, 0.0).model_copy(update={"pauses_s": (0.0, pause_s)})
+    places, peaks = walk(agent, world=wall, options=EVEN)
+    assert peaks.max() <= 1.7
+    assert places[:, 0, 0].max() < 3.7
+
+
+def test_a_velocity_that_touches_nobody_stays_and_others_pass_on_the_nearer_side() -> None:
+    change = cast(Any, past_body).py_func
+    assert change(3.0, 0.0, 1.0, 0.4, 0.5, 1.5) == (0.0, 0.0)  # passes beside
+    assert change(3.0, 0.0, 1.0, 0.0, 0.5, 1.5) == (0.0, 0.0)  # touches later
+    assert change(3.0, 0.0, -1.0, 0.0, 0.5, 1.5) == (0.0, 0.0)  # walks away
+    x, y = change(2.0, 0.1, 2.0, 0.0, 0.5, 1.5)
+    assert y < -0.2
+    assert change(2.0, 0.1, 2.0 + 1.01 * x, 1.01 * y, 0.5, 1.5) == (0.0, 0.0)

@@ -51,6 +51,13 @@ STOP_HORIZON_S = 2.0
 BACK_M_S = 0.6
 """Within `OFF_ROBOT_M` people close the gap to the robot's body in `STOP_S` at the fastest, who looks less than
 `STOP_HORIZON_S` ahead later; they step back from it at up to `BACK_M_S`."""
+AVOID_S, AVOID_REACH_M = 1.5, 6.0
+AVOID_M = 0.05
+AVOID_SHARE = 0.9
+"""People avoid to come within `AVOID_M` of bodies within `AVOID_S`; each of two people does this share of the work."""
+WALL_S = 0.9
+WALL_GAP_M = 0.15
+"""People close the gap to a wall in `WALL_S` at the fastest, up to `WALL_GAP_M` between it and their centre."""
 YIELD_M = 0.4
 """People who would pass close before the robot pass behind it, even where they would be first (Vassallo 2017)."""
 STANDING_S = 1.5
@@ -85,15 +92,17 @@ def acceleration(
     gx, gy = formation(crowd, i, ex, ey)
     vx += pace * ex + gx
     vy += pace * ey + gy
-    if robot_in_social:
-        vx, vy = off_robot(crowd, i, vx, vy, robot)
-    ax, ay = towards(crowd, i, vx, vy)
     pull = speed / crowd.manner[RELAXATION]
     fx, fy = wall_force(crowd, i)
     fx, fy = within(fx, fy, dx, dy, pull)
     px, py = body_force(crowd, i, robot)
     px, py = within(px, py, dx, dy, pull)
-    return limited(ax + fx + px, ay + fy + py, crowd.manner[ACCELERATION_M_S2])
+    rate = gain(crowd, i)
+    vx, vy = off_bodies(crowd, i, vx + (fx + px) / rate, vy + (fy + py) / rate, robot)
+    if robot_in_social:
+        vx, vy = off_robot(crowd, i, vx, vy, robot)
+    vx, vy = off_wall(crowd, i, vx, vy)
+    return towards(crowd, i, vx, vy)
 
 
 @inner
@@ -122,9 +131,92 @@ def off_robot(crowd: Crowd, i: int, vx: float, vy: float, robot: RobotState) -> 
 
 
 @inner
+def off_wall(crowd: Crowd, i: int, vx: float, vy: float) -> tuple[float, float]:
+    """Return a velocity that does not close the gap to the nearest wall faster than a person can stop before it."""
+    if crowd.obstacle_near[i] != 1:
+        return vx, vy
+    dx, dy = crowd.old_x[i] - crowd.obstacle_x[i], crowd.old_y[i] - crowd.obstacle_y[i]
+    distance = math.sqrt(dx * dx + dy * dy)
+    if distance < 1e-6:
+        return vx, vy
+    too_fast = -(vx * dx + vy * dy) / distance - max(0.0, distance - WALL_GAP_M) / WALL_S
+    if too_fast <= 0.0:
+        return vx, vy
+    return vx + too_fast * dx / distance, vy + too_fast * dy / distance
+
+
+@inner
+def off_bodies(crowd: Crowd, i: int, vx: float, vy: float, robot: RobotState) -> tuple[float, float]:
+    """Return the velocity, changed as little as it takes to touch neither the robot nor others within `AVOID_S`.
+
+    The members of a group do not avoid each other in this way. Who makes no room for the robot avoids its body only.
+    """
+    look = AVOID_S * min(1.0, crowd.horizon[i] / STOP_HORIZON_S)
+    if look <= 0.0:
+        return vx, vy
+    for j in range(crowd.x.size):
+        rx, ry = crowd.old_x[j] - crowd.old_x[i], crowd.old_y[j] - crowd.old_y[i]
+        mine = crowd.group[i] >= 0 and crowd.group[i] == crowd.group[j]
+        if j == i or mine or rx * rx + ry * ry > AVOID_REACH_M * AVOID_REACH_M:
+            continue
+        bodies = crowd.radius[i] + crowd.radius[j] + AVOID_M
+        ux, uy = past_body(rx, ry, vx - crowd.old_vx[j], vy - crowd.old_vy[j], bodies, look)
+        walks = crowd.old_vx[j] ** 2 + crowd.old_vy[j] ** 2 > ONCOMING_M_S**2
+        share = AVOID_SHARE if walks else 1.0
+        vx += share * ux
+        vy += share * uy
+    x, y = crowd.old_x[i], crowd.old_y[i]
+    reach = crowd.radius[i] + AVOID_M
+    ux, uy = past_body(robot.x - x, robot.y - y, vx - robot.vx, vy - robot.vy, reach + crowd.robot_radius, look)
+    vx += ux
+    vy += uy
+    px, py, inside = on_outline(crowd.outline, x, y, robot.x, robot.y, robot.yaw)
+    if inside:
+        return vx, vy
+    ux, uy = past_body(px - x, py - y, vx - robot.vx, vy - robot.vy, reach, look)
+    return vx + ux, vy + uy
+
+
+@inner
+def past_body(rx: float, ry: float, wx: float, wy: float, bodies: float, look: float) -> tuple[float, float]:
+    """Return the least change of the relative velocity (wx, wy) after which nobody is touched within `look` seconds.
+
+    The velocities that touch somebody at (rx, ry) form a cone with a round end (van den Berg et al., Reciprocal n-body
+    collision avoidance, 2011). `bodies`: distance of centres at which both touch.
+    """
+    square = rx * rx + ry * ry
+    closing = rx * wx + ry * wy
+    if closing <= 0.0 or square < 1e-9:
+        return 0.0, 0.0
+    if square <= bodies * bodies:
+        return -closing * rx / square, -closing * ry / square
+    cx, cy = wx - rx / look, wy - ry / look
+    length = math.sqrt(cx * cx + cy * cy)
+    along = cx * rx + cy * ry
+    if along < 0.0 and along * along > bodies * bodies * length * length:
+        inside = bodies / look - length
+        if inside <= 0.0 or length < 1e-9:
+            return 0.0, 0.0
+        return inside * cx / length, inside * cy / length
+    leg = math.sqrt(square - bodies * bodies)
+    side = 1.0 if rx * cy - ry * cx > 0.0 else -1.0
+    ex, ey = (rx * leg - side * ry * bodies) / square, (ry * leg + side * rx * bodies) / square
+    if side * (ex * wy - ey * wx) >= 0.0:
+        return 0.0, 0.0
+    outside = wx * ex + wy * ey
+    return outside * ex - wx, outside * ey - wy
+
+
+@inner
+def gain(crowd: Crowd, i: int) -> float:
+    """Return how fast a person takes on a velocity, 1/s."""
+    return 0.5 * crowd.factor_goal[i] / crowd.manner[RELAXATION]
+
+
+@inner
 def towards(crowd: Crowd, i: int, vx: float, vy: float) -> tuple[float, float]:
     """Return the acceleration to a velocity within a person's limits."""
-    rate = 0.5 * crowd.factor_goal[i] / crowd.manner[RELAXATION]
+    rate = gain(crowd, i)
     return limited(rate * (vx - crowd.old_vx[i]), rate * (vy - crowd.old_vy[i]), crowd.manner[ACCELERATION_M_S2])
 
 

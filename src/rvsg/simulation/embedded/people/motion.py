@@ -31,6 +31,8 @@ HURRY = 1.15
 """People steer for the point this far ahead on the line between two waypoints."""
 PASSED_M = 0.8
 """A waypoint without a pause also counts as reached when a person passes beside it at this distance."""
+TURN_SHARE, BRAKE_M_S2 = 0.3, 0.8
+"""People brake for a waypoint at which they stop or turn round: to this share of their speed, this fast."""
 SETTLE_S = 0.6
 NEAR_PUSH, TOUCH_PUSH = 0.6, 0.95
 BACK_M_S = 0.3
@@ -200,8 +202,26 @@ def walk(crowd: Crowd, i: int, t: float, dt: float, robot: RobotState) -> None:
         return
     aim_x, aim_y = aim(crowd, i)
     aim_x, aim_y = around(crowd, i, aim_x, aim_y)
-    fx, fy = acceleration(crowd, i, False, aim_x, aim_y, 0.0, crowd.speed[i], social, robot)
+    speed = before_turn(crowd, i) if crowd.anticipates else crowd.speed[i]
+    fx, fy = acceleration(crowd, i, False, aim_x, aim_y, 0.0, speed, social, robot)
     step(crowd, i, dt, fx, fy, (HURRY if crowd.anticipates else 1.0) * crowd.speed[i])
+
+
+@inner
+def before_turn(crowd: Crowd, i: int) -> float:
+    """Return the speed from which a person can still brake for what comes at the next waypoint: a turn or a stop."""
+    g = crowd.goal_index[i]
+    goal_x, goal_y = crowd.goals[i, g, 0], crowd.goals[i, g, 1]
+    following = (g + 1) % crowd.goal_count[i]
+    ax, ay = goal_x - crowd.from_x[i], goal_y - crowd.from_y[i]
+    bx, by = crowd.goals[i, following, 0] - goal_x, crowd.goals[i, following, 1] - goal_y
+    size = math.sqrt((ax * ax + ay * ay) * (bx * bx + by * by))
+    share = 0.0
+    if crowd.pauses[i, g] == 0.0 and crowd.start_pause[i] <= 0.0 and size > 1e-9:
+        share = 0.5 + 0.5 * (ax * bx + ay * by) / size
+    after = max(TURN_SHARE, share) * crowd.speed[i]
+    left = max(0.0, distance_to(crowd, i, goal_x, goal_y) - crowd.goal_radius[i])
+    return min(crowd.speed[i], math.sqrt(after * after + 2.0 * BRAKE_M_S2 * left))
 
 
 @inner
