@@ -373,7 +373,7 @@ class _Reading:
         if header is not None and contents.facts is not None:
             log = log_of(contents.facts, len(names)) or trajectory
             imu = np.array(contents.facts.get("imu", imu), dtype=np.float64)
-            values = header.model_dump(exclude={"same_log", "outcome"})
+            values = {name: getattr(header, name) for name in RunHeader.model_fields.keys() - {"same_log", "outcome"}}
             return Run(**values, outcome=header.outcome, trajectory=trajectory, log=log, imu=imu)
         self.notes.append(_bodies(names, contents.radii))
         goal, limit = self._task(route)
