@@ -13,7 +13,7 @@ from pathlib import Path
 
 from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
-from rvsg.scenario.scenario import HumanAgent
+from rvsg.scenario.scenario import HUNAVSIM_RADIUS_M, HumanAgent
 from rvsg.world.grid import Grid
 from rvsg_study.study_folder import read_people
 
@@ -145,7 +145,12 @@ def study_agents(path: Path, grid: Grid) -> tuple[HumanAgent, ...]:
                 code="no-waypoint",
             )
         pauses = (0.0,) * len(goals)
-        found.append(HumanAgent(name=human.name, start=goals[0], goals=goals, pauses_s=pauses, factors=human.factors))
+        found.append(
+            HumanAgent(
+                name=human.name, start=goals[0], goals=goals, pauses_s=pauses, factors=human.factors,
+                radius_m=HUNAVSIM_RADIUS_M,
+            )
+        )  # fmt: skip
     return tuple(found)
 
 
