@@ -10,7 +10,7 @@ from typing import Annotated, Literal, TypeVar
 from pydantic import Field
 
 from rvsg.core.records import Record
-from rvsg.evaluation.realism import PEOPLE_REALISM
+from rvsg.evaluation.realism import is_left_out
 from rvsg.evaluation.verdict import Verdict
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
@@ -100,8 +100,7 @@ class Attempt(Record):
 
     def left_out(self, realism: float | None) -> set[str]:
         """Return the ids of runs that are not judged: somebody does what fewer recorded people (percent) do."""
-        shares = {m.run_id: m.values.get(PEOPLE_REALISM) for m in self.measurements if realism is not None}
-        return {run_id for run_id, share in shares.items() if share is not None and share < (realism or 0.0)}
+        return {m.run_id for m in self.measurements if is_left_out(m.values, realism)}
 
     def worst(self, requirement: Requirement) -> Measurement:
         """Return the measurement whose objective is worst for the robot; the first of equals."""

@@ -18,7 +18,7 @@ from rvsg.campaign.observation import RunObservation, observe
 from rvsg.campaign.worker_pool import Processes
 from rvsg.core.errors import SimulationError
 from rvsg.evaluation.metrics.registry import measure
-from rvsg.evaluation.realism import PEOPLE_REALISM
+from rvsg.evaluation.realism import is_left_out
 from rvsg.evaluation.verdict import DEFAULT, Procedure, Verdict, judge, objective
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
@@ -64,8 +64,7 @@ class Evaluator:
         """
         world = self.world if place is None else place
         values, metric = measure(run, world=world), self.requirement.metric
-        share = values[PEOPLE_REALISM]
-        if self.least_realism is not None and share is not None and share < self.least_realism:
+        if is_left_out(values, self.least_realism):
             return Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values=values)
         known = metric is not None and metric in values and run.outcome is not Outcome.STACK_FAILED
         return Measurement(

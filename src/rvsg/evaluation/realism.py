@@ -7,7 +7,7 @@ count for distances. Positions in the recordings are marked by hand, so the acce
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -144,6 +144,12 @@ def _longest(times: Floats, standing: NDArray[np.bool_], paused: Iterable[tuple[
 def rarest(found: Iterable[Motion]) -> Motion | None:
     """Return the motion that the fewest recorded people show; None where there is nobody."""
     return min(found, key=lambda motion: motion.recorded_percent, default=None)
+
+
+def is_left_out(values: Mapping[str, float | None], least: float | None) -> bool:
+    """Return whether somebody in a run of these metrics does what fewer than `least` percent of recorded people do."""
+    share = values.get(PEOPLE_REALISM)
+    return least is not None and share is not None and share < least
 
 
 def summary(found: Iterable[Motion]) -> str:

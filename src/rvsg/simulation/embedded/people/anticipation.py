@@ -19,12 +19,13 @@ from rvsg.simulation.embedded.people.crowd import (
     FORMATION_M,
     HEADWAY_M,
     HEADWAY_S,
+    KEEP_RIGHT,
     RELAXATION,
     SWAY_RAD,
     Crowd,
     RobotState,
 )
-from rvsg.simulation.embedded.people.obstacles import on_outline
+from rvsg.simulation.embedded.people.obstacles import WALL_GAP_M, on_outline
 from rvsg.simulation.embedded.people.social_force import body_force, total_force, wall_force, within
 
 EVASION = 0.8
@@ -56,13 +57,16 @@ AVOID_M = 0.05
 AVOID_SHARE = 0.9
 """People avoid to come within `AVOID_M` of bodies within `AVOID_S`; each of two people does this share of the work."""
 WALL_S = 0.9
-WALL_GAP_M = 0.15
 """People close the gap to a wall in `WALL_S` at the fastest, up to `WALL_GAP_M` between it and their centre."""
 YIELD_M = 0.4
 """People who would pass close before the robot pass behind it, even where they would be first (Vassallo 2017)."""
 STANDING_S = 1.5
 STANDING_GAP_M = 0.1
 """Somebody who stands gives way to who would come within this gap within this time."""
+NEAR_PUSH, TOUCH_PUSH = 0.6, 0.95
+STEP_BACK_M_S = 0.3
+"""Who stands steps back from a robot that comes within a hand (the share of the push of a body that touches), who does
+not see it when it touches."""
 COMPANY_M = 4.0
 COMPANY_M_S = 0.5
 """Members of a group within this distance of its centre look for their place in it, up to this fast."""
@@ -250,30 +254,14 @@ def evasion(crowd: Crowd, i: int, vx: float, vy: float, with_robot: bool, robot:
         if j == i or rx * rx + ry * ry > reach * reach or (crowd.group[i] >= 0 and crowd.group[i] == crowd.group[j]):
             continue
         bodies = crowd.radius[i] + crowd.radius[j] + TOUCHING_M
-        keep_right = 0.5 * (crowd.keep_right[i] + crowd.keep_right[j])
-        dx, dy = turn_off(
-            crowd,
-            i,
-            rx,
-            ry,
-            vx,
-            vy,
-            crowd.old_vx[j],
-            crowd.old_vy[j],
-            bodies,
-            bodies + room * (crowd.clearance[i] - bodies),
-            keep_right,
-            False,
-        )
+        clearance = bodies + room * (crowd.clearance[i] - bodies)
+        dx, dy = turn_off(crowd, i, rx, ry, vx, vy, crowd.old_vx[j], crowd.old_vy[j], bodies, clearance, False)
         sum_x += dx
         sum_y += dy
     if with_robot:
         bodies = crowd.radius[i] + crowd.robot_radius + TOUCHING_M
         clearance = crowd.clearance[i] + crowd.robot_radius - crowd.radius[i]
-        keep_right = crowd.keep_right[i]
-        dx, dy = turn_off(
-            crowd, i, robot.x - x, robot.y - y, vx, vy, robot.vx, robot.vy, bodies, clearance, keep_right, True
-        )
+        dx, dy = turn_off(crowd, i, robot.x - x, robot.y - y, vx, vy, robot.vx, robot.vy, bodies, clearance, True)
         sum_x += dx
         sum_y += dy
     return limited(sum_x, sum_y, EVASION * max(speed, 0.5))
@@ -282,13 +270,11 @@ def evasion(crowd: Crowd, i: int, vx: float, vy: float, with_robot: bool, robot:
 @inner
 def turn_off(
     crowd: Crowd, i: int, rx: float, ry: float, vx: float, vy: float, other_vx: float, other_vy: float,
-    bodies: float, clearance: float, keep_right: float, is_robot: bool,
+    bodies: float, clearance: float, is_robot: bool,
 ) -> tuple[float, float]:  # fmt: skip
     """Return the change of velocity to pass somebody at (rx, ry) from here at a clearance (m between centres).
 
     The clearance is for who comes the other way; people of the same way keep `bodies` only.
-
-    `keep_right` moves the offset (m) at which people change the side on which they pass.
     """
     wx = other_vx - vx
     wy = other_vy - vy
@@ -310,18 +296,18 @@ def turn_off(
     ux = other_vx - crowd.old_vx[i]
     uy = other_vy - crowd.old_vy[i]
     seen = (ry * ux - rx * uy) / max(math.sqrt(ux * ux + uy * uy), 1e-6)
-    side = 1.0 if seen >= keep_right else -1.0
-    if is_robot and abs(offset) < YIELD_M:
-        across = vx * other_vy - vy * other_vx
-        fast = math.sqrt((vx * vx + vy * vy) * (other_vx * other_vx + other_vy * other_vy))
-        if fast > 0.05 and abs(across) > 0.5 * fast:
+    side = 1.0 if seen >= crowd.manner[KEEP_RIGHT] else -1.0
+    across = vx * other_vy - vy * other_vx
+    faced = math.sqrt((vx * vx + vy * vy) * (other_vx * other_vx + other_vy * other_vy))
+    facing = STANDING_SHARE
+    if is_robot:
+        facing = 1.0
+        if abs(offset) < YIELD_M and faced > 0.05 and abs(across) > 0.5 * faced:
             # Behind the robot: its velocity points away from where the person passes.
             side = 1.0 if nx * other_vx + ny * other_vy >= 0.0 else -1.0
-    faced = math.sqrt((vx * vx + vy * vy) * (other_vx * other_vx + other_vy * other_vy))
-    facing = 1.0 if is_robot else STANDING_SHARE
-    if faced > 0.0 and not is_robot:
+    elif faced > 0.0:
         facing = 0.5 - 0.5 * (vx * other_vx + vy * other_vy) / faced
-        facing *= 1.0 + crowd.manner[CROSSING] * ((vx * other_vy - vy * other_vx) / faced) ** 2
+        facing *= 1.0 + crowd.manner[CROSSING] * (across / faced) ** 2
     clearance = max(bodies, facing * clearance)
     missing = clearance - side * offset
     if missing <= 0.0:
@@ -390,7 +376,7 @@ def formation(crowd: Crowd, i: int, ex: float, ey: float) -> tuple[float, float]
 
 @inner
 def way_given(crowd: Crowd, i: int, robot: RobotState, with_robot: bool) -> tuple[float, float]:
-    """Return the velocity at which somebody who stands steps aside for who would walk into them, m/s."""
+    """Return the velocity at which somebody who stands gives way to who would walk into them and to the robot, m/s."""
     sum_x = sum_y = 0.0
     x, y = crowd.old_x[i], crowd.old_y[i]
     n = crowd.x.size
@@ -409,10 +395,16 @@ def way_given(crowd: Crowd, i: int, robot: RobotState, with_robot: bool) -> tupl
             continue
         size = math.sqrt(square)
         offset = (ry * wx - rx * wy) / size
-        side = 1.0 if offset >= crowd.keep_right[i] else -1.0
+        side = 1.0 if offset >= crowd.manner[KEEP_RIGHT] else -1.0
         missing = room - side * offset
         if missing > 0.0:
             change = -side * missing / max(closing / square, CLOSE_S)
             sum_x -= change * wy / size
             sum_y += change * wx / size
-    return limited(sum_x, sum_y, 1.0)
+    sum_x, sum_y = limited(sum_x, sum_y, 1.0)
+    fx, fy = body_force(crowd, i, robot)
+    push = math.sqrt(fx * fx + fy * fy)
+    if push > crowd.factor_obstacle[i] * (NEAR_PUSH if crowd.horizon[i] > 0.0 else TOUCH_PUSH):
+        sum_x += STEP_BACK_M_S * fx / push
+        sum_y += STEP_BACK_M_S * fy / push
+    return sum_x, sum_y

@@ -43,7 +43,9 @@ CODES = {behaviour: code for code, behaviour in enumerate(Behaviour, start=1)}
 """How a behaviour is named in `Crowd.behaviour`: as above."""
 
 
-ACCELERATION_M_S2, RELAXATION, FIRST_S, SWAY_RAD, HEADWAY_M, HEADWAY_S, FORMATION_M, AHEAD, CROSSING = range(9)
+(
+    ACCELERATION_M_S2, RELAXATION, FIRST_S, SWAY_RAD, HEADWAY_M, HEADWAY_S, FORMATION_M, AHEAD, CROSSING, KEEP_RIGHT,
+) = range(10)  # fmt: skip
 """Places of `Crowd.manner`: what all anticipating people share, see `Anticipation`."""
 KEEP_RIGHT_M = 0.05
 
@@ -53,8 +55,8 @@ class Anticipation(Record):
 
     Each person draws a clearance (between centres, log-normal), a horizon (log-normal), a speed (a share of the
     scenario's, normal) and the period of the sway. `crossing`: the share by which the clearance is larger where ways
-    cross at a right angle. `first_s`: time to the closest approach at which a person has turned
-    off in full. `headway_m`, `headway_s`: the gap to who is ahead is `headway_m` and `headway_s` of walking.
+    cross at a right angle. `first_s`: time to the closest approach at which a person has turned off in full.
+    `headway_m`, `headway_s`: the gap to who is ahead is `headway_m` and `headway_s` of walking.
     """
 
     clearance_m: float = 0.75
@@ -191,7 +193,6 @@ class Crowd(NamedTuple):
     manner: Floats  # numbers of `Anticipation` that all share
     clearance: Floats  # between centres, that the person likes
     horizon: Floats  # s, how far ahead the person looks
-    keep_right: Floats
     sway: Floats  # phase, rad
     sway_rate: Floats  # rad/s
     neglect: float
@@ -348,8 +349,8 @@ def _individuals(
     n = len(agents)
     speed = np.array([agent.speed_m_s for agent in agents], np.float64)
     if manner is None:
-        none = {name: np.zeros(n) for name in ("clearance", "horizon", "keep_right", "sway", "sway_rate")}
-        return {"speed": speed, "manner": np.zeros(9), **none}
+        none = {name: np.zeros(n) for name in ("clearance", "horizon", "sway", "sway_rate")}
+        return {"speed": speed, "manner": np.zeros(10), **none}
     normal = np.array([stream(seed, f"people/individual/{i}").standard_normal(4) for i in range(n)]).reshape(-1, 4)
     normal *= options.factor_noise
     company = np.array([sum(a.group == b.group for b in agents) - 1 if a.group is not None else 0 for a in agents])
@@ -363,10 +364,9 @@ def _individuals(
         "speed": np.maximum(share * speed - manner.company_m_s * company, 0.2 * speed),
         "manner": np.array([manner.acceleration_m_s2, manner.relaxation_s, manner.first_s,
                             manner.sway_rad * math.sqrt(2.0) * swaying, manner.headway_m, manner.headway_s,
-                            manner.formation_m, manner.ahead_m, manner.crossing]),
+                            manner.formation_m, manner.ahead_m, manner.crossing, manner.keep_right_m]),
         "clearance": np.maximum(clearance, manner.least_clearance_m),
         "horizon": attention * manner.horizon_s * np.exp(manner.horizon_spread * normal[:, 2]),
-        "keep_right": np.full(n, manner.keep_right_m),
         "sway": phase,
         "sway_rate": 2.0 * math.pi / (manner.sway_s * np.clip(1.0 + 0.2 * normal[:, 3], 0.5, 1.5)),
     }  # fmt: skip

@@ -17,27 +17,22 @@ from rvsg.simulation.embedded.people.crowd import (
     RobotState,
     note_until,
 )
-from rvsg.simulation.embedded.people.obstacles import cell_of, on_outline, on_segment
+from rvsg.simulation.embedded.people.obstacles import WALL_GAP_M, cell_of, on_outline, on_segment
 from rvsg.simulation.embedded.people.social_force import RELAXATION_S, body_force, social_forces, total_force, wrap
 
 GOAL_MARGIN_M = 0.1
 YAW_STEP_RAD = math.radians(10.0)
 
-WALL_GAP_M = 0.15
-"""The nearest a person's centre comes to a wall: half of the depth of a body, for who turns sideways."""
 SUBSTEP_M = 0.05
 AHEAD_M = 1.0
-HURRY = 1.15
 """People steer for the point this far ahead on the line between two waypoints."""
 PASSED_M = 0.8
 """A waypoint without a pause also counts as reached when a person passes beside it at this distance."""
+HURRY = 1.15
+"""Anticipating people speed up to this share of their own speed to pass somebody."""
 TURN_SHARE, BRAKE_M_S2 = 0.3, 0.8
 """People brake for a waypoint at which they stop or turn round: to this share of their speed, this fast."""
 SETTLE_S = 0.6
-NEAR_PUSH, TOUCH_PUSH = 0.6, 0.95
-BACK_M_S = 0.3
-"""Who stands steps back from a robot that comes within a hand (the share of the push of a body that touches), who does
-not see it when it touches."""
 STEADY_M_S2 = 1.0
 """Somebody who stands takes a step aside only for a push above this."""
 PROGRESS_M = 0.1
@@ -301,11 +296,6 @@ def stand_at_place(crowd: Crowd, i: int, dt: float, social: bool, robot: RobotSt
     away = math.sqrt(dx * dx + dy * dy)
     if crowd.anticipates:
         gx, gy = way_given(crowd, i, robot, social)
-        fx, fy = body_force(crowd, i, robot)
-        push = math.sqrt(fx * fx + fy * fy)
-        if push > crowd.factor_obstacle[i] * (NEAR_PUSH if crowd.horizon[i] > 0.0 else TOUCH_PUSH):
-            gx += BACK_M_S * fx / push
-            gy += BACK_M_S * fy / push
         crowd.stands[i] = 1
         pace = min(crowd.speed[i], away / SETTLE_S) / away if away > 0.05 and gx == 0.0 and gy == 0.0 else 0.0
         fx, fy = towards(crowd, i, pace * dx + gx, pace * dy + gy)

@@ -13,6 +13,8 @@ from rvsg.world.world import Polygon, SolidObject, World
 
 Floats = NDArray[np.float64]
 
+WALL_GAP_M = 0.15
+"""The nearest a person's centre comes to a wall: half of the depth of a body, for who turns sideways."""
 RASTER_M = 0.1
 REACH_M = 2.0
 """Farther obstacles are neglected: at 2 m from the body's edge the force is 10·exp(-8) = 0.003 m/s²."""
