@@ -19,7 +19,7 @@ from typing import Any
 from rvsg.app.settings import default_text, option_of, settings
 from rvsg.cli import verbs
 from rvsg.cli.frame import EPILOG, full_command, options_of
-from rvsg.evaluation.metrics.registry import METRICS
+from rvsg.evaluation.metrics.measurement import METRICS
 from rvsg.scenario.requirement import shipped_requirements
 
 DOCS = Path(__file__).resolve().parent

@@ -18,7 +18,7 @@ from rvsg.simulation.stacks.protocol import (
     Velocity,
     WholeStack,
 )
-from rvsg.simulation.stacks.registry import Stack, StackChoice, stack_names
+from rvsg.simulation.stacks.stack_choice import Stack, StackChoice, stack_names
 
 __all__ = [
     "Command",

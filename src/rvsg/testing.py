@@ -25,7 +25,7 @@ from rvsg.simulation.archive import arrays_of, run_from_json, run_to_json
 from rvsg.simulation.embedded.simulator import empty_room, simulate_agents
 from rvsg.simulation.run import Outcome, Run, run_id
 from rvsg.simulation.simulators import Simulator
-from rvsg.simulation.stacks.registry import StackChoice, StackLike
+from rvsg.simulation.stacks.stack_choice import StackChoice, StackLike
 from rvsg.store.memory import MemoryLedger
 from rvsg.world.world import Route, World
 

@@ -18,7 +18,7 @@ from rvsg.app.settings import read_campaign_file
 from rvsg.cli import main
 from rvsg.core import permission, plugins
 from rvsg.core.errors import InputError, RvsgError
-from rvsg.simulation.stacks.registry import StackChoice
+from rvsg.simulation.stacks.stack_choice import StackChoice
 
 SMALL = {"scenarios": 1, "refinements": 0, "repeats": 1, "confirmations": 0}
 EVIL = """

@@ -31,7 +31,7 @@ from rvsg.campaign.observation import encounter_of
 from rvsg.campaign.race import Candidate, estimate, in_the_race, last_written, tried, tuning_of
 from rvsg.campaign.ranking import best_attempt, front_of, hypervolume, measured, seeds_of, share_of, undominated
 from rvsg.core.errors import BudgetSpent, NotRecorded
-from rvsg.evaluation.metrics.registry import measure as measure_all
+from rvsg.evaluation.metrics.measurement import measure as measure_all
 from rvsg.generation.generator import Call, Proposal
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Aim, Requirement

@@ -19,7 +19,7 @@ from rvsg.simulation.archive import run_from_json, run_to_json
 from rvsg.simulation.embedded.simulator import empty_room
 from rvsg.world.world import Route
 from rvsg_ros2 import world as ros2_world
-from rvsg_ros2.world import Ros2World
+from rvsg_ros2.ros2_world import Ros2World
 
 HUMANS = (
     HumanAgent(name="Ann", start=(0.5, 2.0), goals=((0.5, 2.0), (0.5, -2.0)), pauses_s=(0.0, 0.0)),

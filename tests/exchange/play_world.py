@@ -31,7 +31,7 @@ from rvsg.world.world import Route
 from rvsg_exchange.hunav_agents import read_agents
 from rvsg_ros2.dds import Bus
 from rvsg_ros2.interfaces import interfaces
-from rvsg_ros2.world import FLAT_HUNAV_TYPES, HUNAV_TYPES
+from rvsg_ros2.ros2_world import FLAT_HUNAV_TYPES, HUNAV_TYPES
 
 SPEED = 3.0
 STEP_S = 0.05

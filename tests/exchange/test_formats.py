@@ -13,7 +13,7 @@ import yaml
 
 from rvsg.core.errors import FileError, UnknownName
 from rvsg.core.records import Pose
-from rvsg.evaluation.metrics.registry import METRICS, measure
+from rvsg.evaluation.metrics.measurement import METRICS, measure
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.exporter import Exportable
 from rvsg.simulation.run import Run

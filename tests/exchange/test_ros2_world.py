@@ -13,7 +13,7 @@ import rvsg
 from rvsg.core.errors import InputError, InvalidOptions, SimulationError
 from rvsg.core.plugins import make
 from rvsg.scenario.scenario import Trolley
-from rvsg_ros2.world import Ros2World
+from rvsg_ros2.ros2_world import Ros2World
 
 DRIVE = Path(__file__).with_name("drive_world.py")
 BUSY = {"start_limit_s": 600.0}  # a process that imports and compiles may start late

@@ -20,7 +20,7 @@ from tests.simulation.ros2.test_real_nav2 import LAUNCH
 from rvsg.core.records import Pose
 from rvsg.simulation.embedded.simulator import empty_room, simulate_agents
 from rvsg.simulation.run import Outcome, Run
-from rvsg.simulation.stacks.registry import StackChoice
+from rvsg.simulation.stacks.stack_choice import StackChoice
 from rvsg.world.world import Route
 from rvsg_ros2.launch import Launched, ros_environment
 from rvsg_ros2.nav2_file import new_nav2_params

@@ -47,7 +47,7 @@ from rvsg.report.run_facts import run_facts
 from rvsg.scenario.builder import as_robot
 from rvsg.simulation.run import Run
 from rvsg.simulation.simulators import make_simulator
-from rvsg.simulation.stacks.registry import StackChoice
+from rvsg.simulation.stacks.stack_choice import StackChoice
 
 
 @dataclass(frozen=True, kw_only=True)

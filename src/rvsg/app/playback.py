@@ -26,7 +26,7 @@ from rvsg.simulation.archive import holds_runs, read_runs
 from rvsg.simulation.embedded.trace import Trace, trace, trace_again
 from rvsg.simulation.exporter import Exportable, Exporter
 from rvsg.simulation.run import Run
-from rvsg.simulation.stacks.registry import StackLike
+from rvsg.simulation.stacks.stack_choice import StackLike
 from rvsg.world.world import World
 
 HEAD = ("format", "version", "run")

@@ -26,7 +26,7 @@ from rvsg.core.records import Record
 from rvsg.evaluation.verdict import DEFAULT, Procedure
 from rvsg.generation.vlm.model import NO_CALL
 from rvsg.robots.robot import DEFAULT_ROBOT
-from rvsg.simulation.stacks.registry import DEFAULT_STACK
+from rvsg.simulation.stacks.stack_choice import DEFAULT_STACK
 from rvsg.world.world import State
 
 TEST = "What to test"

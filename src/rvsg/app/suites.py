@@ -15,7 +15,7 @@ from rvsg.robots.robot import Robot
 from rvsg.scenario.builder import as_robot
 from rvsg.simulation.run import Run
 from rvsg.simulation.simulators import Simulator, simulator_of, with_stack
-from rvsg.simulation.stacks.registry import StackLike
+from rvsg.simulation.stacks.stack_choice import StackLike
 
 
 class Suite(SuiteFolder):

@@ -35,7 +35,7 @@ from rvsg.scenario.world_lookup import as_world, world_of
 from rvsg.simulation.archive import once, read_runs, runs_text
 from rvsg.simulation.run import Outcome, Run
 from rvsg.simulation.simulators import Simulator, simulator_of
-from rvsg.simulation.stacks.registry import StackLike
+from rvsg.simulation.stacks.stack_choice import StackLike
 from rvsg.world.drawing.svg import floor_plan
 from rvsg.world.world import World
 
@@ -81,7 +81,7 @@ class RunSet:
     def measurements(self) -> Sequence[Mapping[str, float | None]]:
         """Every metric of every run; None if a metric has no value for a run."""
         if "all" not in self._values:
-            from rvsg.evaluation.metrics.registry import measure
+            from rvsg.evaluation.metrics.measurement import measure
 
             self._values["all"] = [measure(run, world=self.world) for run in self.runs]
         return self._values["all"]

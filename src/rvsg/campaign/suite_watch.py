@@ -26,7 +26,7 @@ from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
 from rvsg.scenario.variation import waypoints_used
 from rvsg.simulation.simulators import Simulator, make_simulator
-from rvsg.simulation.stacks.registry import StackChoice
+from rvsg.simulation.stacks.stack_choice import StackChoice
 from rvsg.world.world import World
 
 Stamp = tuple[tuple[str, int, int], ...]

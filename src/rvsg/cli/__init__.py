@@ -23,7 +23,7 @@ VERBS: dict[str, Verb] = {
     "simulate": Verb("rvsg.cli.simulate", "Simulate a scenario and write its runs", FIND),
     "evaluate": Verb("rvsg.cli.simulate:evaluate_app", "Measure and judge runs; list the metrics", FIND),
     "replay": Verb("rvsg.cli.simulate:replay_app", "Write a run as a film, pictures or a full trace", FIND),
-    "world": Verb("rvsg.cli.world", "Make, check, draw, describe and compare worlds", BUILD),
+    "world": Verb("rvsg.cli.worlds", "Make, check, draw, describe and compare worlds", BUILD),
     "robots": Verb("rvsg.cli.robots:robots_app", "List, check and draw robots", BUILD),
     "stacks": Verb("rvsg.cli.robots:stacks_app", "List navigation stacks, or compare several", BUILD),
     "scenario": Verb("rvsg.cli.scenario", "Propose, shrink, explore and migrate scenarios", BUILD),

@@ -103,7 +103,7 @@ def stacks(
     Name your own as module:Class, file.py:Class or exec:COMMAND; see docs/how-to/test-your-own-stack.md.
     """
     from rvsg.simulation.stacks.external_process import write_clients_to
-    from rvsg.simulation.stacks.registry import listed_stacks
+    from rvsg.simulation.stacks.stack_choice import listed_stacks
 
     if write_clients is not None:
         for path in write_clients_to(write_clients):
@@ -160,7 +160,7 @@ def _compare(
 def _print_params(path: Path, *, as_json: bool) -> None:
     """Print what every key of a parameter file does, and the stack it asks for."""
     from rvsg.simulation.stacks.nav2_params import read_nav2_params
-    from rvsg.simulation.stacks.registry import StackChoice
+    from rvsg.simulation.stacks.stack_choice import StackChoice
 
     read, chosen = read_nav2_params(path), StackChoice.of(path)
     if as_json:

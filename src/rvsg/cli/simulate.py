@@ -147,7 +147,7 @@ def evaluate(
 def _measure(name: str, files: list[Path], *, as_json: bool) -> None:
     """Print the values of one or all metrics in runs; without runs, what the metrics are."""
     from rvsg.evaluation.metrics import metric
-    from rvsg.evaluation.metrics.registry import METRICS, measure
+    from rvsg.evaluation.metrics.measurement import METRICS, measure
     from rvsg.simulation.archive import read_runs
 
     chosen = list(METRICS.values()) if name == "all" else [metric(name)]

@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from rvsg.core.registry import Registry
-from rvsg.evaluation.metrics.registry import find_metric
+from rvsg.evaluation.metrics.measurement import find_metric
 from rvsg.evaluation.sampled import Floats, Sampled, sampled
 from rvsg.evaluation.temporal import Node, body_of, parse, signals_of
 from rvsg.scenario.requirement import Aim, Requirement

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from rvsg.campaign.attempt import Plan
 from rvsg.campaign.findings import realism_in_words
-from rvsg.evaluation.metrics.registry import find_metric
+from rvsg.evaluation.metrics.measurement import find_metric
 from rvsg.evaluation.run_events import Contact, place_name
 from rvsg.evaluation.story import Sentence, what_is_hit
 from rvsg.evaluation.verdict import (

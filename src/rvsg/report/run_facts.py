@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.findings import Finding, rarest_motion
 from rvsg.evaluation.detection import events_of, place_namer
-from rvsg.evaluation.metrics.registry import find_metric
+from rvsg.evaluation.metrics.measurement import find_metric
 from rvsg.evaluation.realism import Motion
 from rvsg.evaluation.run_events import Contact, Event, ObstacleContact, Place, Recovery, StandStill, place_name
 from rvsg.evaluation.sampled import sampled, stretches

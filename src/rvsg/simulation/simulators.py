@@ -14,7 +14,7 @@ from rvsg.robots.robot import Robot
 from rvsg.scenario.scenario import ROBOT, Mission, Scenario
 from rvsg.simulation.run import Run
 from rvsg.simulation.stacks.protocol import NavigationStack
-from rvsg.simulation.stacks.registry import StackLike
+from rvsg.simulation.stacks.stack_choice import StackLike
 from rvsg.world.world import World
 
 

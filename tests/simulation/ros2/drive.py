@@ -18,7 +18,7 @@ from rvsg.core.records import Pose
 from rvsg.robots.robot import load_robot
 from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.embedded.simulator import empty_room, simulate_agents
-from rvsg.simulation.stacks.registry import StackChoice
+from rvsg.simulation.stacks.stack_choice import StackChoice
 from rvsg.world.world import Route
 from rvsg_ros2 import launch
 from rvsg_ros2.check import check_ros2

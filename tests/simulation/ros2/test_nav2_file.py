@@ -15,7 +15,7 @@ from rvsg.robots.robot import load_robot, shipped_robots
 from rvsg.simulation.embedded.robot_parameters import stack_of
 from rvsg.simulation.stacks.nav2_params import read_nav2_params
 from rvsg.simulation.stacks.nav2_stack import Configured, Nav2Settings
-from rvsg.simulation.stacks.registry import StackChoice
+from rvsg.simulation.stacks.stack_choice import StackChoice
 from rvsg_ros2.interfaces import Release
 from rvsg_ros2.nav2_file import nav2_text, scale_nav2_params
 

@@ -13,7 +13,7 @@ from rvsg.core.errors import InputError, InvalidOptions
 from rvsg.core.plugins import Spec, make
 from rvsg.robots.robot import load_robot
 from rvsg.simulation.simulators import described
-from rvsg.simulation.stacks.registry import StackChoice
+from rvsg.simulation.stacks.stack_choice import StackChoice
 from rvsg_ros2.launch import Launched, ros_environment
 from rvsg_ros2.options import read_options, scan_topic
 from rvsg_ros2.stack import Ros2Stack

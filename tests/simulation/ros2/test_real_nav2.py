@@ -14,7 +14,7 @@ import pytest
 from rvsg.core.records import Pose
 from rvsg.simulation.embedded.simulator import empty_room, simulate_agents
 from rvsg.simulation.run import Outcome
-from rvsg.simulation.stacks.registry import StackChoice
+from rvsg.simulation.stacks.stack_choice import StackChoice
 from rvsg.world.world import Route
 from rvsg_ros2.nav2_file import new_nav2_params
 from rvsg_ros2.stack import Ros2Stack

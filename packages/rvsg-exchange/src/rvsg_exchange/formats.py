@@ -31,7 +31,7 @@ from rvsg.simulation.archive import once, read_runs
 from rvsg.simulation.embedded.trace import trace as traced_run
 from rvsg.simulation.exporter import Exportable, Exporter
 from rvsg.simulation.run import Run
-from rvsg.simulation.stacks.registry import StackLike
+from rvsg.simulation.stacks.stack_choice import StackLike
 from rvsg.world.world import Polygon, Route, SolidObject, World
 from rvsg_exchange import hunav_agents
 from rvsg_exchange.bag import rosbags_types, write_bag

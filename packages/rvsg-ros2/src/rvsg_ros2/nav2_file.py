@@ -32,7 +32,7 @@ from rvsg.simulation.stacks.nav2_params import MONITORED, PLANNING
 from rvsg.simulation.stacks.nav2_stack import Configured, Nav2Dwb, Nav2Settings
 from rvsg.simulation.stacks.protocol import NavigationStack
 from rvsg.simulation.stacks.pure_pursuit import PurePursuit
-from rvsg.simulation.stacks.registry import StackChoice, StackLike
+from rvsg.simulation.stacks.stack_choice import StackChoice, StackLike
 from rvsg_ros2.interfaces import Release
 from rvsg_ros2.options import Ros2Options, scan_topic
 

@@ -50,7 +50,7 @@ from rvsg.simulation.embedded.walls import free_pose, is_stuck, obstacle_contact
 from rvsg.simulation.run import Outcome, Run, Trajectory, in_order
 from rvsg.simulation.simulators import Simulator
 from rvsg.simulation.stacks.protocol import NavigationStack, Task
-from rvsg.simulation.stacks.registry import DEFAULT_STACK, StackChoice, StackLike
+from rvsg.simulation.stacks.stack_choice import DEFAULT_STACK, StackChoice, StackLike
 from rvsg.world.grid import Grid
 from rvsg.world.world import OccupancyMap, Route, World
 

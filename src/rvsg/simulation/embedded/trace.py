@@ -45,7 +45,7 @@ from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.simulation.embedded.state import State
 from rvsg.simulation.run import Run
 from rvsg.simulation.simulators import make_simulator
-from rvsg.simulation.stacks.registry import StackLike
+from rvsg.simulation.stacks.stack_choice import StackLike
 from rvsg.world.world import World
 
 Ints = NDArray[np.int64]
