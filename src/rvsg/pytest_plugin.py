@@ -5,7 +5,7 @@
     pytest --rvsg-suite suite/                 # every case of the suite is a test of its own
 
     def test_robot(rvsg_scenario):             # or your own test, called once for each case and requirement
-        result = rvsg_scenario.run(simulator="embedded")
+        result = rvsg_scenario.run()
         assert not result.state.fails, result.story
 
 Every case carries the marker `rvsg_requirement(NAME)`; `-m rvsg` selects them all. RVSG is imported when a suite is
@@ -44,7 +44,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the options."""
     group = parser.getgroup("rvsg")
     group.addoption("--rvsg-suite", action="append", default=[], metavar="DIR", help="Run the cases of this suite.")
-    group.addoption("--rvsg-simulator", default="embedded", metavar="NAME", help="What runs the cases. [embedded]")
+    group.addoption("--rvsg-simulator", default=None, metavar="NAME", help="What runs the cases. [as found]")
     group.addoption("--rvsg-stack", default=None, metavar="NAME|FILE", help="Navigation stack under test.")
 
 

@@ -11,11 +11,20 @@ from tests.app.parts import crossing
 
 import rvsg
 from rvsg.app.comparison import compare_versions
-from rvsg.campaign.suite import State
+from rvsg.campaign.suite import State, compare
 from rvsg.core.errors import FileError, InputError, UnknownName
+from rvsg.report.comparison_page import changes_markdown
 from rvsg.report.summary import suite_junit
 
 FAST = "kinematic"
+RPP = """\
+controller_server:
+  ros__parameters:
+    controller_plugins: ["FollowPath"]
+    FollowPath:
+      plugin: "nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController"
+      desired_linear_vel: 0.31
+"""
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +79,7 @@ def test_junit_has_a_case_with_a_stable_name_for_each_requirement(suite: rvsg.Su
     (made,) = root
     assert [made.get(key) for key in ("tests", "failures", "skipped")] == ["2", "0", "1"]
     assert [case.get("name") for case in made] == ["aisle", "aisle"]
-    assert all(float(case.get("time", "0")) > 0 for case in made)
+    assert all(case.get("time") is None for case in made), "simulated seconds are no time of the test"
 
 
 def test_results_without_a_common_case_are_refused(suite: rvsg.Suite) -> None:
@@ -133,3 +142,55 @@ def test_suites_that_are_opened_at_once_lose_no_expectation(tmp_path: Path, scen
         list(pool.map(lambda name: opened[name].add(scenario, name, name="same"), opened))
     [case] = rvsg.Suite.open(folder).cases
     assert {each.requirement for each in case.expectations} == {"R1", "R2", "R3"}
+
+
+def test_a_case_keeps_stack_robot_and_requirement_by_content(tmp_path: Path, scenario: rvsg.Scenario) -> None:
+    parameters = tmp_path / "nav2_params.yaml"
+    parameters.write_text(RPP)
+    campaign = rvsg.Campaign.create(
+        tmp_path / "run", stack=str(parameters), robot="turtlebot3_waffle", humans=1, scenarios=1, refinements=0,
+        repeats=1, confirmations=0, shrink_runs=0,
+    )  # fmt: skip
+    list(campaign.run(jobs=1))
+    campaign.report()
+    suite = rvsg.Suite.create(tmp_path / "suite")
+    limits = suite.folder / "limits" / "far.yaml"
+    limits.parent.mkdir()
+    limits.write_text("far: {title: Far, text: Far away., metric: min_distance, worse: smaller, limit: 100}\n")
+    suite = suite.add(tmp_path / "run" / "best_scenario.json", "limits/far.yaml#far", name="mine")
+    parameters.unlink()
+    limits.write_text(limits.read_text().replace("100", "0.001"))
+    said: list[str] = []
+    result = rvsg.Suite.open(suite.folder).run(runs=2, on_message=said.append)
+    [case] = result.cases
+    assert case.stack.startswith("nav2-rpp ") and case.robot.startswith("turtlebot3_waffle (robot-")
+    assert case.simulator is not None and case.simulator.options["stack"]["options"]["desired_linear_vel"] == 0.31
+    assert case.verdict.violations == 2, "the case keeps the limit of 100 m"
+    assert any("limits/far.yaml#far is defined otherwise today" in text for text in said)
+    properties = {each.get("name"): each.get("value") for each in ET.fromstring(suite_junit(result)).iter("property")}
+    assert (properties["stack"], properties["robot"], properties["version"]) == (case.stack, case.robot, case.stack)
+    other = rvsg.Suite.open(suite.folder).run(runs=2, stack="nav2-dwb", on_message=said.append)
+    assert other.cases[0].stack.startswith("nav2-dwb ")
+    assert f"mine was found with {case.stack}; this run tests {other.cases[0].stack}." in said
+    table = changes_markdown(compare([result, other]))
+    assert case.stack in table and other.cases[0].stack in table and case.robot in table
+    again = compare_versions("embedded", "embedded:stack=nav2-dwb", suite=suite.folder, runs=1)
+    assert [each.cases[0].stack for each in again.found.variants] == [case.stack, other.cases[0].stack]
+    assert again.found.variants[0].tested in again.page()
+
+
+def test_code_that_a_case_names_is_not_run_by_itself(suite: rvsg.Suite) -> None:
+    path = suite.folder / "aisle.yaml"
+    stack = "simulator:\n  name: embedded\n  options: {stack: {name: '/x/evil.py:Evil'}}\n"
+    path.write_text(stack + path.read_text())
+    with pytest.raises(InputError) as refused:
+        rvsg.Suite.open(suite.folder).run(runs=1)
+    assert refused.value.code == "code-not-allowed"
+
+
+def test_a_case_that_is_added_again_keeps_its_reason_and_its_name(suite: rvsg.Suite, scenario: rvsg.Scenario) -> None:
+    again = suite.add(scenario, "requirements/far.yaml#far", expected="violation")
+    assert [each.reason for each in again.cases[0].expectations] == ["", "nobody can"]
+    with pytest.raises(InputError) as refused:
+        suite.add(scenario, "R1", name="another")
+    assert refused.value.code == "case-known"

@@ -96,10 +96,11 @@ class VersionComparison:
         seed = next(seed for seed, flag in mine.items() if seed in theirs and flag != theirs[seed])
         shown = []
         for variant in self.found.variants:
-            if variant.asked is None:
+            simulator = next(case.simulator for case in variant.cases if case.key == (change.case, change.requirement))
+            if (simulator := simulator or variant.asked) is None:
                 raise InputError(f"{variant.version}: the results do not say how to make this version again.")
             driven = tested if variant.robot is None else tested.driven_by(variant.robot)
-            (run,) = simulate(driven.case.scenario, [seed], simulator=variant.asked, world=tested.world)
+            (run,) = simulate(driven.case.scenario, [seed], simulator=simulator, world=tested.world)
             shown.append(run_facts(run, measuring.measure(run), requirement, tested.world, driven.case.scenario))
         return ReplayedChange(
             change=change,

@@ -30,7 +30,7 @@ from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.scenario.world_lookup import world_of
 from rvsg.simulation.run import Run
-from rvsg.simulation.simulators import described, with_stack
+from rvsg.simulation.simulators import by_content, described, with_stack
 from rvsg.world.routes import fitted
 from rvsg.world.world import World
 
@@ -74,6 +74,11 @@ class StoredCampaign:
     def simulator(self) -> Spec:
         """What makes its runs, with the stack under test, as `simulate` and `shrink` take it."""
         return with_stack(self.config.simulator_spec, self.config.stack_spec(self._paths))
+
+    @property
+    def found_with(self) -> Spec:
+        """What its scenarios are found with: the simulator as it was given, and the stack by content and version."""
+        return by_content(self.config.simulator_spec, self.record.simulator.options)
 
     @property
     def command(self) -> str:
@@ -224,7 +229,7 @@ class StoredCampaign:
         write_whole(page, text)
         best = best_attempt(attempts, self.requirement)
         if path is None and best is not None and best.proposal.scenario is not None:
-            write_whole(self.folder / BEST, scenario_json(best.proposal.scenario))
+            write_whole(self.folder / BEST, scenario_json(best.proposal.scenario, self.found_with))
         return page
 
     @property

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from itertools import groupby
 from pathlib import Path
 
 from rvsg.campaign.attempt import Measurement
 from rvsg.campaign.runner import Evaluator
-from rvsg.campaign.suite import CaseResult, SuiteResult
-from rvsg.campaign.suite_folder import SuiteCase, SuiteFolder, run_cases
+from rvsg.campaign.suite import Case, CaseResult, SuiteResult
+from rvsg.campaign.suite_folder import SuiteCase, SuiteFolder, requirement_of, run_cases
+from rvsg.core import permission
+from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec, ignore
+from rvsg.evaluation.verdict import counted
 from rvsg.report.film import shot_of_run, write_film
 from rvsg.robots.robot import Robot
 from rvsg.scenario.builder import as_robot
 from rvsg.simulation.run import Run
-from rvsg.simulation.simulators import Simulator, simulator_of, with_stack
+from rvsg.simulation.simulators import Simulator, by_content, simulator_of, stack_in_words
 from rvsg.simulation.stacks.stack_choice import StackLike
 
 
@@ -24,7 +29,7 @@ class Suite(SuiteFolder):
     def run(
         self,
         *,
-        simulator: str | Spec | Simulator = "embedded",
+        simulator: str | Spec | Simulator | None = None,
         stack: StackLike | None = None,
         version: str = "",
         jobs: int = 1,
@@ -40,9 +45,9 @@ class Suite(SuiteFolder):
         Every version meets the same seeds, 0, 1, ..., so that versions can be compared run by run.
 
         Args:
-            simulator: what runs the scenarios: the version under test.
-            stack: the navigation stack under test, by default the simulator's own. Like a simulator, it stays open
-                where it is given as an instance.
+            simulator: what runs the scenarios: the version under test. By default each case runs with the simulator,
+                options and stack that it was found with; options that are given replace those of the case.
+            stack: the navigation stack under test. Like a simulator, it stays open where it is given as an instance.
             version: a label for the results.
             jobs: worker processes; the results are the same.
             runs: runs of every case; by default as few as decide each verdict. Give a number to compare versions.
@@ -76,28 +81,60 @@ class Suite(SuiteFolder):
             write_film(picture, shot_of_run(worst, measured, measuring.requirement, tested.world, scenario))
             return result.replace(picture=picture.as_posix())
 
-        with simulator_of(simulator, stack, on_message=on_message) as made:
-            other = None if robot is None else as_robot(robot, made.robots)
-            cases = [self.tested(case.name) for case in chosen]
-            driven = [each if other is None else each.driven_by(other) for each in cases]
-            for result in run_cases(
-                driven, made, self.head.judging, runs=runs, jobs=jobs, finish=illustrated, on_message=on_message
-            ):
-                results.append(result)
-                on_result(result)
+        other: Robot | str | None = None
+        for given, alike in groupby(chosen, lambda case: _subject(case, simulator, stack)):
+            cases = [self.tested(case.name) for case in alike]
+            asked = given if isinstance(given, Spec) and _is_data(stack) else None
+            with permission.only(simulator, stack), simulator_of(given, stack, on_message=on_message) as made:
+                used = by_content(asked or Spec(made.name), made.options)
+                on_message(f"{stack_in_words(used)}, {made.name}: {counted(len(cases), 'case')}.")
+                for text in _changed_since(cases, used, self.folder):
+                    on_message(text)
+                other = None if robot is None else as_robot(robot, made.robots)
+                driven = [each if other is None else each.driven_by(other) for each in cases]
+                for result in run_cases(
+                    driven, made, self.head.judging, runs=runs, jobs=jobs, finish=illustrated, on_message=on_message
+                ):
+                    results.append(result.replace(simulator=asked and used, stack=stack_in_words(used)))
+                    on_result(results[-1])
         return SuiteResult(
             suite=self.head.title,
-            version=version or str(made.name),
+            version=version or "; ".join(dict.fromkeys(each.stack for each in results)),
             simulator=made.name,
             options=dict(made.options),
-            asked=_asked(simulator, stack),
             robot=other,
             cases=tuple(results),
         )
 
 
-def _asked(simulator: str | Spec | Simulator, stack: StackLike | None) -> Spec | None:
-    """Return what was asked for as data, or None if an object was given."""
-    if not isinstance(simulator, str | Spec) or not isinstance(stack, str | Path | Spec | Mapping | None):
-        return None
-    return with_stack(simulator, stack)
+def _subject(case: Case, simulator: str | Spec | Simulator | None, stack: StackLike | None) -> Spec | Simulator:
+    """Return what runs a case: what is given, with what it leaves open as the case was found with it."""
+    kept = case.simulator or Spec("embedded")
+    if simulator is not None and not isinstance(simulator, str | Spec):
+        return simulator
+    given = kept if simulator is None else Spec.of(simulator)
+    options = {**kept.options, **given.options} if given.name == kept.name else dict(given.options)
+    if stack is not None:
+        options.pop("stack", None)
+    elif isinstance(known := options.get("stack"), Mapping):  # the version under test is the one that is present
+        options["stack"] = {key: value for key, value in known.items() if key != "version"}
+    return Spec(given.name, options)
+
+
+def _is_data(stack: StackLike | None) -> bool:
+    return isinstance(stack, str | Path | Spec | Mapping | None)
+
+
+def _changed_since(cases: Sequence[SuiteCase], used: Spec, folder: Path) -> Iterator[str]:
+    """Yield what is another version today than the cases were found with."""
+    for tested in cases:
+        kept = tested.case.simulator
+        if kept is not None and stack_in_words(kept) != stack_in_words(used):
+            yield f"{tested.case.name} was found with {stack_in_words(kept)}; this run tests {stack_in_words(used)}."
+        for each in tested.case.expectations:
+            with suppress(InputError):  # a file that is gone: the case holds the definition
+                if each.definition not in (None, requirement_of(each.replace(definition=None), folder)):
+                    yield (
+                        f"{tested.case.name}: {each.requirement} is defined otherwise today. The case keeps its "
+                        "definition; to take the new one, add the case again with `rvsg suite add`."
+                    )

@@ -39,6 +39,8 @@ class Expectation(Record):
     expected: Literal["pass", "violation"] = "pass"
     """`violation` marks a known failure; give the reason."""
     reason: str = ""
+    definition: Requirement | None = None
+    """The requirement by content, so that the case stays the same where the file or the shipped one changes."""
 
 
 class Case(Record):
@@ -49,6 +51,8 @@ class Case(Record):
     title: Annotated[str, Field(min_length=1, max_length=200)]
     expectations: Annotated[tuple[Expectation, ...], Field(min_length=1)]
     scenario: Scenario
+    simulator: Spec | None = None
+    """What it was found with: the simulator, and its stack by content and version. A run uses it by default."""
     max_runs: Annotated[int, Field(ge=1, le=10_000)] = DEFAULT.max_runs
     """Runs at most; the sequential procedure stops as soon as the verdict is decided."""
 
@@ -99,6 +103,12 @@ class CaseResult(Record):
     """Where the robot is at the decisive moment of each violating run, m, where that was asked for."""
     attempt: int | None = None
     """The attempt of a campaign that it is; None for a case of a suite."""
+    simulator: Spec | None = None
+    """What ran it, with the stack by content; None if it was given as an object."""
+    stack: str = ""
+    """The stack under test, with its version."""
+    robot: str = ""
+    """The robot, with its content id where it is not one that only its simulator knows."""
 
     @property
     def key(self) -> tuple[str, str]:
@@ -122,10 +132,15 @@ class SuiteResult(Record):
     simulator: str
     options: dict[str, Any] = Field(default_factory=dict)
     asked: Spec | None = None
-    """What makes the simulator again, with the stack under test; None if it was given as an object."""
+    """In results of RVSG 0.2: what makes the simulator of all cases again."""
     robot: Robot | str | None = None
     """The robot that drove every case instead of its own."""
     cases: tuple[CaseResult, ...]
+
+    @property
+    def tested(self) -> str:
+        """Every stack and robot that was tested, with versions."""
+        return "; ".join(dict.fromkeys(f"{case.stack} on {case.robot}" for case in self.cases if case.stack))
 
     @property
     def flags(self) -> dict[tuple[str, str, int], bool]:

@@ -27,12 +27,12 @@ from rvsg.campaign.suite import Case, CaseResult, Expectation, State, SuiteResul
 from rvsg.core.documents import read_document, read_record
 from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.core.files import write_whole
-from rvsg.core.plugins import ignore
+from rvsg.core.plugins import Spec, ignore
 from rvsg.core.records import Record
 from rvsg.evaluation.story import story_of
 from rvsg.evaluation.verdict import DEFAULT, Procedure, load_requirement, next_repeats
 from rvsg.robots.robot import Robot
-from rvsg.scenario.builder import check_valid, load_scenario_in, with_robot
+from rvsg.scenario.builder import check_valid, found_with, load_scenario_in, with_robot
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.world_lookup import folder_of, world_of
@@ -60,6 +60,7 @@ class CaseFile(Record):
     expectations: tuple[Expectation, ...]
     max_runs: int = Field(default=DEFAULT.max_runs, ge=1, le=10_000)
     world: str | None = None
+    simulator: Spec | None = None
     scenario: Scenario
 
 
@@ -111,9 +112,10 @@ class SuiteFolder:
         name: str | None = None,
         title: str | None = None,
         expected: str = "violation",
-        reason: str = "",
+        reason: str | None = None,
         world: World | str | Path | None = None,
         max_runs: int | None = None,
+        simulator: Spec | None = None,
     ) -> Self:
         """Add a scenario, or one more requirement to a case that holds the same scenario; return the new suite.
 
@@ -122,7 +124,9 @@ class SuiteFolder:
             requirement: what it is judged by.
             name: the case's name and file; by default made from the title.
             expected: `violation` for a known failure, `pass` for a scenario the robot must master.
-            reason: why a failure is known.
+            reason: why a failure is known; by default that which the suite holds.
+            simulator: what the scenario was found with, the stack by content (`by_content`); by default what its file
+                says.
 
         Raises:
             UnknownName: there is no such requirement, or `expected` is neither.
@@ -134,20 +138,38 @@ class SuiteFolder:
             scenario, place = source, world_of(source.mission, world)
         else:
             scenario, place = load_scenario_in(source, world)
+            simulator = simulator or found_with(source)
         check_valid(scenario, place)
-        load_requirement(_requirement(requirement, self.folder), scenario.mission.route)
-        expectation = Expectation.model_validate({"requirement": requirement, "expected": expected, "reason": reason})
+        definition = load_requirement(_requirement(requirement, self.folder))
+        asked = {"requirement": requirement, "expected": expected, "definition": definition}
+        expectation = Expectation.model_validate(asked | ({} if reason is None else {"reason": reason}))
         with FileLock(self.folder / ".lock"):  # another `rvsg suite add` may have changed the case
             cases = self.open(self.folder).cases
-            known = next((case for case in cases if case.scenario.id == scenario.id), None)
+            same = [case for case in cases if case.scenario.id == scenario.id]
+            known = next((case for case in same if simulator in (None, case.simulator)), None)
             if known is not None:
-                kept = tuple(each for each in known.expectations if each.requirement != requirement)
-                case = known.replace(expectations=(*kept, expectation))
+                if name not in (None, known.name):
+                    raise InputError(
+                        f'The scenario is the case "{known.name}" already. Leave --name out, or rename its file.',
+                        code="case-known",
+                    )
+                kept = {each.requirement: each for each in known.expectations}
+                if reason is None and requirement in kept and expected == kept[requirement].expected:
+                    expectation = expectation.replace(reason=kept[requirement].reason)
+                expectations = tuple((kept | {requirement: expectation}).values())
+                case = known.replace(expectations=expectations, title=title or known.title)
             else:
                 words = title or _title(scenario)
                 free = _free_name(name or words, {case.name for case in cases}, given=name is not None)
                 runs = max_runs or self.head.judging.max_runs
-                case = Case(name=free, title=words, expectations=(expectation,), scenario=scenario, max_runs=runs)
+                case = Case(
+                    name=free,
+                    title=words,
+                    expectations=(expectation,),
+                    scenario=scenario,
+                    simulator=simulator,
+                    max_runs=runs,
+                )
             self._write(case, place)
             return self.open(self.folder)
 
@@ -186,6 +208,7 @@ class SuiteFolder:
             "title": case.title,
             "expectations": [each.model_dump(mode="json", exclude_defaults=True) for each in case.expectations],
             "max_runs": case.max_runs,
+            "simulator": None if case.simulator is None else case.simulator.model_dump(mode="json"),
             "world": None if folder is None else os.path.relpath(folder.resolve(), self.folder.resolve()),
             "scenario": case.scenario.model_dump(mode="json"),
         }
@@ -208,6 +231,7 @@ def _read_case(path: Path) -> tuple[Case, World]:
             title=file.title,
             expectations=file.expectations,
             scenario=file.scenario,
+            simulator=file.simulator,
             max_runs=file.max_runs,
         )
         for expectation in case.expectations:
@@ -223,8 +247,11 @@ def _read_case(path: Path) -> tuple[Case, World]:
 
 
 def requirement_of(expectation: Expectation, folder: Path, route: Route | None = None) -> Requirement:
-    """Return the requirement of an expectation in the suite of that folder."""
-    return load_requirement(_requirement(expectation.requirement, folder), route)
+    """Return the requirement of an expectation in the suite of that folder: as the case holds it, else by its name."""
+    kept, name = expectation.definition, expectation.requirement.rpartition("#")[2]
+    if kept is not None and kept.name != name and not name.endswith((".yaml", ".yml")):
+        raise InputError(f'the requirement "{name}" has the definition of "{kept.name}".')
+    return load_requirement(kept or _requirement(expectation.requirement, folder), route)
 
 
 def _requirement(name: str, folder: Path) -> str:
@@ -365,6 +392,7 @@ def _result(
         contacts=sum((m.values.get("contacts") or 0.0) > 0.0 for m in row),
         arrived=sum(run.completed for run in made),
         failed=sum(run.outcome is Outcome.STACK_FAILED for run in made),
+        robot=scenario.mission.robot_name + (f" ({record.id})" if (record := scenario.mission.robot_record) else ""),
         seconds=float(sum(run.trajectory.t[-1] for run in made)),
     )
     known = [(requirement.badness(m.objective), -k) for k, m in enumerate(row) if m.objective is not None]

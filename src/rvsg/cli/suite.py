@@ -15,6 +15,7 @@ from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
 from rvsg.cli.options import AsJson, Jobs, Junit, OtherWorld, setting_options
 from rvsg.core.errors import InputError
+from rvsg.core.plugins import Spec
 
 app = verb()
 
@@ -22,7 +23,9 @@ Folder = Annotated[Path, typer.Argument(help="The folder of the suite.")]
 
 
 @app.command()
+@setting_options("simulator", "simulator_options", "stack", "stack_options")
 def add(
+    settings: dict[str, Any],
     scenario: Annotated[
         Path, typer.Argument(help="A scenario, proposal or attempt as JSON, e.g. runs/first/best_scenario.json.")
     ],
@@ -31,17 +34,39 @@ def add(
     name: Annotated[str | None, typer.Option(help="Name of the case, and of its file.")] = None,
     title: Annotated[str | None, typer.Option(help="Title of the case.")] = None,
     expect: Annotated[str, typer.Option(help="`violation` for a known failure, or `pass`.")] = "violation",
-    reason: Annotated[str, typer.Option(help="Why the failure is known.")] = "",
+    reason: Annotated[str | None, typer.Option(help="Why the failure is known.")] = None,
     world: OtherWorld = None,
 ) -> None:
-    """Add a scenario to a suite, or one more requirement to a case that holds the same scenario."""
+    """Add a scenario to a suite, or one more requirement to a case that holds the same scenario.
+
+    The case keeps the requirement, the robot, the simulator and the stack by content. Simulator and stack are those of
+    the options; without them those that the scenario's file names, as best_scenario.json of a campaign does.
+    """
     from rvsg import Suite
     from rvsg.evaluation.verdict import counted
 
     made = Suite.create(suite).add(
-        scenario, requirement, name=name, title=title, expected=expect, reason=reason, world=world
+        scenario,
+        requirement,
+        name=name,
+        title=title,
+        expected=expect,
+        reason=reason,
+        world=world,
+        simulator=_found_with(settings),
     )
     say(f"{suite} holds {counted(len(made.cases), 'case')}. Run it with: rvsg suite run {suite}")
+
+
+def _found_with(given: dict[str, Any]) -> Spec | None:
+    """Return the simulator and the stack that are given, by content; None where neither is."""
+    from rvsg.simulation.simulators import by_content, simulator_of
+
+    if not given:
+        return None
+    chosen = effective(None, {}, given)
+    with simulator_of(chosen.simulator_spec, chosen.stack_spec(), on_message=say) as made:
+        return by_content(chosen.simulator_spec, made.options)
 
 
 @app.command()
@@ -67,7 +92,9 @@ def run(
     ] = None,
     json: AsJson = False,
 ) -> None:
-    """Run a suite. The exit code is 1 where a case that should pass violates its requirement, 2 where no run is judged.
+    """Run a suite, each case with the simulator and stack it was found with unless you choose others.
+
+    The exit code is 1 where a case that should pass violates its requirement, 2 where no run is judged.
 
     Each case stops as soon as its verdict is certain. A known failure does not fail the build. A fixed one is reported,
     and `rvsg suite update` writes it into the suite.
@@ -80,8 +107,9 @@ def run(
     if junit is not None:
         check_writable(junit)
     chosen = effective(None, {}, settings)
+    named = "simulator" in settings or "simulator_options" in settings
     result = Suite.open(suite).run(
-        simulator=chosen.simulator_spec,
+        simulator=chosen.simulator_spec if named else None,
         stack=chosen.stack_spec(),
         version=version,
         jobs=jobs,
@@ -110,8 +138,11 @@ def update(
     from rvsg import Suite
     from rvsg.campaign.suite_folder import read_results
 
-    for case in Suite.open(suite).update(read_results(results)):
+    changed = Suite.open(suite).update(read_results(results))
+    for case in changed:
         say(f"{case.case}, {case.requirement}: {case.state.value}; the suite expects this from now on.")
+    if not changed:
+        say(f"{suite} stays as it is: no case of {results} is fixed or broken.")
 
 
 @app.command("compare")
@@ -121,7 +152,8 @@ def compare_versions(
     suite: Annotated[
         Path | None,
         typer.Option(
-            help="Run this suite now, with the versions SIMULATOR[:OPTION=VALUE,...], e.g. embedded:robot=slow.yaml."
+            help="Run this suite now, with versions SIMULATOR[:OPTION=VALUE,...]: robot=FILE, stack=NAME or FILE, "
+            "and the options of the simulator. What is left open is as each case was found."
         ),
     ] = None,
     runs: Annotated[int, typer.Option(min=1, help="Runs of every case and version, on the same seeds.")] = 20,

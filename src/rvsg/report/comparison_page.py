@@ -115,7 +115,8 @@ def changes_markdown(found: Comparison) -> str:
         name = f"{_plain(row['title'])} (`{row['case']}`)"
         rows.append((name, _plain(row["requirement"]), change, *(row[k] for k in ("before", "now", "difference", "p"))))
     head = f"### {second} against {first}: {_counted(found.changes) or 'no case in common'}"
-    return "\n".join([head, "", *_table(CHANGES, rows)]) + "\n"
+    tested = [f"{_plain(each.version)}: {_plain(each.tested)}." for each in found.variants[:2] if each.tested]
+    return "\n".join([head, "", *_table(CHANGES, rows), *(["", "  \n".join(tested)] if tested else [])]) + "\n"
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:

@@ -251,7 +251,6 @@ def suite_junit(result: SuiteResult) -> str:
     and GitLab, `[[ATTACHMENT|path]]`.
     """
     suite = ET.Element("testsuite", name=clean(f"rvsg {result.suite}"))
-    suite.set("time", f"{sum(case.seconds for case in result.cases):.1f}")
     suite.extend(_suite_case(result, case) for case in result.cases)
     return _document([suite])
 
@@ -261,12 +260,15 @@ def _suite_case(result: SuiteResult, case: CaseResult) -> ET.Element:
         "testcase",
         classname=clean(f"rvsg.{result.suite}.{case.requirement}"),
         name=clean(case.case),
-        time=f"{case.seconds:.1f}",
     )
     probability = case.verdict.violation_probability
     properties = {
         "title": case.title,
         "version": result.version,
+        "simulator": case.simulator.name if case.simulator else result.simulator,
+        "stack": case.stack,
+        "robot": case.robot,
+        "simulated_seconds": f"{case.seconds:.1f}",
         "state": case.state.value,
         "verdict": case.verdict.status.value,
         "runs": str(case.verdict.runs),

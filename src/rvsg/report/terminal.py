@@ -154,7 +154,7 @@ def describe_calls(calls: Sequence[Call]) -> str:
 def describe_case(case: CaseResult) -> str:
     """Return one line on a case of a suite."""
     extra = f"; {case.contacts} runs touch a person" if case.contacts else ""
-    return f"{case.state.value:14} {case.case}, {case.requirement}: {case.verdict.reason}{extra}"
+    return f"{case.state.value:14} {case.case}, {case.requirement} ({case.robot}): {case.verdict.reason}{extra}"
 
 
 def describe_exploration(found: Exploration) -> str:

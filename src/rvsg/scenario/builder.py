@@ -16,6 +16,7 @@ from rvsg.core.documents import record_of
 from rvsg.core.errors import FileError, InputError, InvalidScenario, UnknownName
 from rvsg.core.files import write_whole
 from rvsg.core.inputs import parse_json, read_text
+from rvsg.core.plugins import Spec
 from rvsg.robots.robot import Robot, load_robot
 from rvsg.scenario import validity
 from rvsg.scenario.rules import Finding
@@ -38,6 +39,8 @@ from rvsg.world.world import Route, SolidObject, State, World
 
 WORLD_FOLDER = "world_folder"
 """The key beside a saved record under which the folder of its world stands. It is no part of the record or its id."""
+SIMULATOR = "simulator"
+"""The key beside a saved scenario under which the simulator and the stack stand that it was found with."""
 
 
 def read_scenario(path: Path) -> tuple[Scenario, Path | None]:
@@ -56,6 +59,8 @@ def _read(path: Path) -> tuple[Any, Path | None]:
         raise FileError(path, reason, code="runs-not-scenario")
     value = parse_json(text, path)
     folder = value.pop(WORLD_FOLDER, None) if isinstance(value, dict) else None
+    if isinstance(value, dict):
+        value.pop(SIMULATOR, None)
     for key in ("proposal", "scenario"):
         if isinstance(value, dict) and key in value and "people" not in value:
             value = value[key]
@@ -289,9 +294,25 @@ def load_changed(
     return asked, place
 
 
-def scenario_json(scenario: Scenario) -> str:
-    """Return a scenario as JSON, with the folder of its world beside it where that is not a shipped one."""
-    return with_world_folder(scenario.to_json(), folder_of(scenario.mission.world_id))
+def scenario_json(scenario: Scenario, simulator: Spec | None = None) -> str:
+    """Return a scenario as JSON, with the folder of its world beside it where that is not a shipped one.
+
+    Args:
+        simulator: what the scenario was found with; `found_with` returns it again.
+    """
+    text = with_world_folder(scenario.to_json(), folder_of(scenario.mission.world_id))
+    if simulator is None:
+        return text
+    return json.dumps({SIMULATOR: simulator.model_dump(), **json.loads(text)}, indent=2, ensure_ascii=False) + "\n"
+
+
+def found_with(path: str | Path) -> Spec | None:
+    """Return the simulator, with its stack, that the scenario of a file was found with; None if it does not say."""
+    if str(path) == "-":
+        return None
+    value = parse_json(read_text(Path(path)), Path(path))
+    known = value.get(SIMULATOR) if isinstance(value, dict) else None
+    return None if known is None else record_of(Path(path), known, Spec)
 
 
 def without_people(scenario: Scenario) -> Scenario:

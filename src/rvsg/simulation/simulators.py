@@ -10,11 +10,12 @@ from typing import Protocol
 from rvsg.core import plugins
 from rvsg.core.errors import InputError, UnknownName
 from rvsg.core.plugins import Spec, ignore
+from rvsg.core.records import content_id
 from rvsg.robots.robot import Robot
 from rvsg.scenario.scenario import ROBOT, Mission, Scenario
 from rvsg.simulation.run import Run
 from rvsg.simulation.stacks.protocol import NavigationStack
-from rvsg.simulation.stacks.stack_choice import StackLike
+from rvsg.simulation.stacks.stack_choice import DEFAULT_STACK, StackLike
 from rvsg.world.world import World
 
 
@@ -116,6 +117,23 @@ def simulator_of(
         if scenario is not None:
             tell_of_robot(scenario.mission, made, on_message)
         yield made
+
+
+def by_content(spec: Spec, effective: Mapping[str, object]) -> Spec:
+    """Return a simulator's Spec with the stack under test by content and version, from its effective options."""
+    stack = effective.get("stack")
+    if stack is None and spec.name == "embedded":
+        stack = {"name": DEFAULT_STACK, "version": plugins.find("stack", DEFAULT_STACK).version, "options": {}}
+    return spec if stack is None else Spec(spec.name, {**spec.options, "stack": stack})
+
+
+def stack_in_words(spec: Spec) -> str:
+    """Return the stack of a Spec that `by_content` made, with its version; the simulator's name without a stack."""
+    stack = spec.options.get("stack")
+    if not isinstance(stack, Mapping):
+        return spec.name
+    parameters = f" (parameters {content_id('stack', stack)[6:14]})" if stack.get("options") else ""
+    return f"{stack['name']} {stack.get('version', '')}".strip() + parameters
 
 
 def described(spec: Spec) -> str:
