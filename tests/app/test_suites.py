@@ -133,6 +133,8 @@ def test_pytest_runs_the_cases_of_a_suite_or_ones_own_test_of_each(
     )
     result = pytester.runpytest_inprocess("--rvsg-suite", str(suite.folder), "-q")
     result.assert_outcomes(passed=2)
+    result = pytester.runpytest_inprocess("--rvsg-suite", "nowhere", "-q")
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
 
 
 def test_suites_that_are_opened_at_once_lose_no_expectation(tmp_path: Path, scenario: rvsg.Scenario) -> None:

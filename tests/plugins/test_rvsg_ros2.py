@@ -9,7 +9,6 @@ import os
 import shlex
 import subprocess
 import sys
-import tomllib
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -27,7 +26,6 @@ from rvsg_ros2.nav2_file import new_nav2_params
 
 FAKE = Path(__file__).with_name("fake_ros.py")
 BRIDGE = Path(__file__).with_name("run_bridge.py")
-PLUGIN = Path(__file__).parents[2] / "packages" / "rvsg-ros2"
 
 
 def driven(behaviour: str, runs: int = 1, through: tuple[Pose, ...] = (), **parameters: Any) -> list[Run]:
@@ -91,10 +89,3 @@ def test_a_real_rclpy_drives_a_real_nav2(
         chosen.driver.close()
         nav2.close()
     assert [(run.outcome, run.stack_fault) for run in runs] == [(Outcome.REACHED, "")] * 2
-
-
-def test_the_wheel_takes_the_client_of_this_version() -> None:
-    settings = tomllib.loads((PLUGIN / "pyproject.toml").read_text())
-    included = settings["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
-    for source in included:
-        assert (PLUGIN / source).resolve().is_file()
