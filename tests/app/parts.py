@@ -6,6 +6,16 @@ from pathlib import Path
 
 import rvsg
 
+RPP = """\
+controller_server:
+  ros__parameters:
+    controller_plugins: ["FollowPath"]
+    FollowPath:
+      plugin: "nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController"
+      desired_linear_vel: 0.31
+"""
+"""A parameter file of Nav2 with a controller that is not the default."""
+
 
 def crossing(route: str = "route_1", ends: tuple[str, str] = ("E15", "H15"), **walking: object) -> rvsg.Scenario:
     """Anna crosses the aisle of the warehouse."""

@@ -159,8 +159,9 @@ def test_a_report_of_a_world_whose_routes_changed_is_refused(tmp_path: Path, mon
     routes = tmp_path / "mine" / "routes.yaml"
     routes.write_text(routes.read_text(encoding="utf-8").replace("time_limit_s: 25", "time_limit_s: 26"))
     monkeypatch.setattr(world_lookup, "_worlds", {})
+    assert campaign.report().is_file()  # of the copy in the folder
     with pytest.raises(InputError, check=coded("world-changed")):
-        rvsg.Campaign.open(tmp_path / "one").report()
+        rvsg.Campaign.open(tmp_path / "one").report(world=tmp_path / "mine")
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from tests.app.parts import crossing
+from tests.app.parts import RPP, crossing
 
 import rvsg
 from rvsg.app.comparison import compare_versions
@@ -17,14 +17,6 @@ from rvsg.report.comparison_page import changes_markdown
 from rvsg.report.summary import suite_junit
 
 FAST = "kinematic"
-RPP = """\
-controller_server:
-  ros__parameters:
-    controller_plugins: ["FollowPath"]
-    FollowPath:
-      plugin: "nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController"
-      desired_linear_vel: 0.31
-"""
 
 
 @pytest.fixture(scope="module")

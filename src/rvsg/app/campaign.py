@@ -11,16 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rvsg.app.folder import CONFIG, LEDGER, alone_in, check_out, opened, reading, store_of
-from rvsg.app.record import (
-    CampaignRecord,
-    as_stored,
-    changed_settings,
-    no_campaign,
-    other_settings,
-    paths_of,
-    record_in,
-    spelled_out,
-)
+from rvsg.app.input_files import as_campaign_file, as_stored, copy_inputs, located, paths_of
+from rvsg.app.record import CampaignRecord, changed_settings, no_campaign, other_settings, record_in
 from rvsg.app.settings import VLM_OPTIONS, CampaignConfig, effective, option_of
 from rvsg.app.stored_campaign import StoredCampaign
 from rvsg.app.wiring import COPY, Wired, jobs_of, remembered_file, strategy_class, wire
@@ -78,7 +70,7 @@ def resumed(
     stored = _first_record(folder, *known)
     if stored is None:
         return None, config, {}
-    paths = paths_of(stored.config, stored.provenance.begun_in)
+    paths = paths_of(stored.config, stored.provenance.begun_in, folder)
     values = stored.config | {"store": known[0], "store_options": known[1]}
     asked = effective(values, as_stored(from_file, paths), as_stored(settings, paths))
     return stored, asked, paths
@@ -177,8 +169,9 @@ class Campaign(StoredCampaign):
         check_out(config.folder)
         stored, config, known = resumed(config, from_file, settings)
         reject_unused_model_options(config, settings, on_message)
+        paths = {**(paths or {}), **known}
         with permission.only(settings, named):
-            wired = wire(config, {**(paths or {}), **known}, **instances)
+            wired = wire(located(config, paths), **instances)
         for note in wired.notes:
             on_message(note)
         begun_in = (stored.provenance.begun_in if stored else None) or begun_in or str(Path.cwd())
@@ -190,9 +183,9 @@ class Campaign(StoredCampaign):
                     f"{record.plan.requirement.name} is worded otherwise today ({', '.join(reworded)}); this campaign "
                     "keeps the words it was begun with."
                 )
-        campaign = cls(record, config, **instances)
+        campaign = cls(record, wired.config, **instances)
         campaign._known = wired
-        campaign._begin(stored)
+        campaign._begin(stored, config, paths)
         return campaign
 
     @classmethod
@@ -226,6 +219,7 @@ class Campaign(StoredCampaign):
         out = folder if folder.is_dir() else folder.parent
         kept = {"store": store[0], "store_options": store[1]} if store else {}
         config = effective(record.config | kept, {}, {**machine, "out": str(out)})
+        config = located(config, paths_of(record.config, record.provenance.begun_in, out))
         instance = None if stack is None or isinstance(stack, str) else stack
         campaign = cls(record, config, generator=generator, simulator=simulator, stack=instance)
         campaign._named = (stack, machine)
@@ -340,14 +334,14 @@ class Campaign(StoredCampaign):
     def _wired(self) -> Wired:
         if self._known is None:
             with permission.only(self._named):
-                self._known = wire(self.config, self._paths, **self._given)
+                self._known = wire(self.config, **self._given)
         return self._known
 
     def _ledger(self) -> contextlib.AbstractContextManager[Ledger]:
         return opened(self.folder, self.config.store, self.config.store_options)
 
-    def _begin(self, stored: CampaignRecord | None) -> None:
-        """Store the record and the campaign file, or check that the stored record is the same.
+    def _begin(self, stored: CampaignRecord | None, typed: CampaignConfig, paths: Mapping[str, str]) -> None:
+        """Store the record, the input files and the campaign file, or check that the stored record is the same.
 
         A campaign without an attempt starts again: a wrong setting that its first call revealed can be corrected.
         """
@@ -356,12 +350,13 @@ class Campaign(StoredCampaign):
             changed = changed_settings(stored, self.record) if stored is not None else {}
             if stored is not None and changed and not ledger.forget_empty(stored.plan.name):
                 raise other_settings(self.folder, changed)
-            if ledger.settings(self.name) is None:
+            new = ledger.settings(self.name) is None
+            copy_inputs(typed.model_dump(), paths, self.folder, anew=new)
+            if new:
                 ledger.begin(self.name, self.record.data())
             if self.config.knowledge is not None and not (self.folder / COPY).exists():
-                write_whole(self.folder / COPY, remembered_file(self.config, self._paths).read_bytes())
-            values = CampaignConfig(**spelled_out(self.config.model_dump(), self._paths))
-            write_whole(self.folder / CONFIG, values.to_yaml())
+                write_whole(self.folder / COPY, remembered_file(self.config).read_bytes())
+            write_whole(self.folder / CONFIG, as_campaign_file(typed, paths, self.folder).to_yaml())
 
 
 def campaigns_below(folder: Path) -> list[Campaign]:

@@ -24,7 +24,8 @@ from pydantic import TypeAdapter, ValidationError
 from rvsg.app.campaign import Campaign, campaigns_in
 from rvsg.app.commands import command_for
 from rvsg.app.folder import MATRIX, REPORT, alone_in, check_out, holds_several, is_matrix, reading, store_of
-from rvsg.app.record import as_stored, differences, other_settings, paths_of
+from rvsg.app.input_files import as_stored, copy_inputs, located, paths_of
+from rvsg.app.record import differences, other_settings
 from rvsg.app.settings import (
     BUDGETS,
     LISTED,
@@ -95,7 +96,7 @@ class Matrix:
         begun_in = stored.pop(FROM, None) or str(Path.cwd())
         product = itertools.product(*(_names(stored.get(key, [])) for key in LISTED))
         known = tuple((route, requirement) for route, requirement in stored.pop(PAIRS, product))
-        paths = paths_of(stored, begun_in)
+        paths = paths_of(stored, begun_in, Path(asked["out"])) if stored else {}
         asked = as_stored(asked, paths)
         values = {**stored, **asked}
         names = {key: _names(values.get(key, CampaignConfig.model_fields[key].default)) for key in LISTED}
@@ -154,14 +155,16 @@ class Matrix:
 
     def commands(self, typed: Callable[[str], str] = str) -> str:
         """Return the command that repeats the campaigns; one after the other where they are not a full product."""
-        rest = command_for(effective(None, {}, self.settings)).removeprefix("rvsg run ")
+        rest = command_for(located(effective(None, {}, self.settings), self.paths)).removeprefix("rvsg run ")
         together: dict[tuple[str, ...], list[str]] = {}
         for route in dict.fromkeys(route for route, _ in self.pairs):
             requirements = tuple(requirement for of, requirement in self.pairs if of == route)
             together.setdefault(requirements, []).append(route)
         commands = []
         for requirements, routes in together.items():
-            words = [("--route", name) for name in routes] + [("--requirement", name) for name in requirements]
+            words = [("--route", name) for name in routes] + [
+                ("--requirement", self.paths.get(name, name)) for name in requirements
+            ]
             commands.append(f"rvsg run {shlex.join(word for pair in words for word in pair)} {rest}")
         return " && ".join(typed(command) for command in commands)
 
@@ -178,6 +181,7 @@ class Matrix:
         listed = {key: list(dict.fromkeys(pair[at] for pair in self.all_pairs)) for at, key in enumerate(LISTED)}
         kept = self.settings | listed | {PAIRS: self.all_pairs, FROM: self.begun_in}
         with alone_in(self.folder):
+            copy_inputs(kept, self.paths, self.folder, anew=not self.stored)
             write_whole(self.folder / MATRIX, json.dumps(kept, indent=2, ensure_ascii=False) + "\n")
         return [
             Campaign.create(
@@ -212,7 +216,7 @@ class Matrix:
         found: dict[str, dict[str, Any]] = {}
         for route, requirement in self.pairs:
             values = self.settings | self.budget | {"route": route, "requirement": requirement}
-            plan = wire(effective(None, {}, values), self.paths).plan
+            plan = wire(located(effective(None, {}, values), self.paths)).plan
             name = f"{plan.mission.route.name}-{plan.requirement.name}"
             folder = str(self.folder / safe_name(name))
             if name in found:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 import types
-from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from functools import cache
 from pathlib import Path
@@ -362,11 +361,11 @@ class CampaignConfig(Record):
         """The simulator with its options."""
         return Spec(self.simulator, self.simulator_options)
 
-    def stack_spec(self, paths: Mapping[str, str] | None = None) -> Spec | None:
+    def stack_spec(self) -> Spec | None:
         """Return the navigation stack under test; None for the simulator's own."""
         if self.stack is None and self.stack_options:
             return Spec(DEFAULT_STACK, self.stack_options)
-        return None if self.stack is None else Spec((paths or {}).get(self.stack, self.stack), self.stack_options)
+        return None if self.stack is None else Spec(self.stack, self.stack_options)
 
     @property
     def generator_name(self) -> str:

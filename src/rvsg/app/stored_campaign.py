@@ -9,7 +9,8 @@ from typing import Any
 
 from rvsg.app.commands import command_for, confirm_command
 from rvsg.app.folder import BEST, LEDGER, MATRIX, REPORT, reading, store_of
-from rvsg.app.record import CampaignRecord, paths_of
+from rvsg.app.input_files import paths_of
+from rvsg.app.record import CampaignRecord
 from rvsg.app.settings import CampaignConfig, safe_name
 from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.execution import runs_of
@@ -41,6 +42,7 @@ class StoredCampaign:
     def __init__(self, record: CampaignRecord, config: CampaignConfig, store: Path) -> None:
         self.record = record
         self.config = config
+        """The settings, with every path where it is now."""
         self.source = store
         """The folder or the ledger file it is read from."""
 
@@ -67,13 +69,14 @@ class StoredCampaign:
     @property
     def world(self) -> World:
         """The world of its mission; InputError if that world has changed since."""
-        typed = self.record.config["world"]
-        return world_of(self.plan.mission, near=(Path(self._paths.get(typed, typed)),))
+        typed, begun_in = self.record.config["world"], self.record.provenance.begun_in
+        found = paths_of({"world": typed}, begun_in, self.folder).get(typed, typed)
+        return world_of(self.plan.mission, near=(Path(found),))
 
     @property
     def simulator(self) -> Spec:
         """What makes its runs, with the stack under test, as `simulate` and `shrink` take it."""
-        return with_stack(self.config.simulator_spec, self.config.stack_spec(self._paths))
+        return with_stack(self.config.simulator_spec, self.config.stack_spec())
 
     @property
     def found_with(self) -> Spec:
@@ -237,16 +240,12 @@ class StoredCampaign:
         """The calls of its model, where they are kept: in its folder, else in the folder it replays."""
         folders = [self.folder / "vlm"]
         if self.config.replay is not None:
-            folders.append(Path(self._paths.get(self.config.replay, self.config.replay)))
+            folders.append(Path(self.config.replay))
         return next((Recording(each) for each in folders if (each / CALLS).is_file()), None)
 
     def page(self, *, several: bool = False) -> Path:
         """Return where its report is written; with a name of its own where the store holds several campaigns."""
         return self.folder / (f"report-{safe_name(self.name)}.html" if several else REPORT)
-
-    @property
-    def _paths(self) -> dict[str, str]:
-        return paths_of(self.record.config, self.record.provenance.begun_in)
 
     def reading(self) -> contextlib.AbstractContextManager[Ledger]:
         """Open its store to be read; closed at the end of the `with` block."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
@@ -45,8 +45,6 @@ class Wired:
     simulator: Simulator
     strategy_class: type[Strategy]
     executor: Executor | None
-    paths: Mapping[str, str] = field(default_factory=dict)
-    """The typed paths among the settings, with where they are."""
     notes: tuple[str, ...] = ()
     """What of the route was fitted to the robot, in words."""
     own_simulator: bool = True
@@ -111,7 +109,6 @@ class Wired:
 
 def wire(
     config: CampaignConfig,
-    paths: Mapping[str, str] | None = None,
     *,
     generator: Generator | None = None,
     simulator: Simulator | None = None,
@@ -120,23 +117,21 @@ def wire(
     """Look everything up and make it.
 
     Args:
-        paths: where typed paths of a campaign are that was begun in another folder.
         generator, simulator, stack: instances to use instead of the plug-ins that the settings name.
 
     Raises:
         InputError: the first thing that cannot be used.
     """
-    paths = paths or {}
-    world, route = _route_of(config, paths)
+    world, route = _route_of(config)
     strategy = strategy_class(config)
     plugins.check_complete("strategy", strategy, Strategy)
     own = simulator is None
-    simulator = make_simulator(simulator or config.simulator_spec, stack or config.stack_spec(paths))
-    mission, notes = mission_of(world, route, paths.get(config.robot, config.robot), simulator.robots)
+    simulator = make_simulator(simulator or config.simulator_spec, stack or config.stack_spec())
+    mission, notes = mission_of(world, route, config.robot, simulator.robots)
     check_mission(mission, world)
-    requirement = load_requirement(paths.get(config.requirement, config.requirement), mission.route)
-    also = also_of(config, requirement, mission, paths, several=strategy.needs_several)
-    generator = _generator_of(config, paths, generator, simulator, world)
+    requirement = load_requirement(config.requirement, mission.route)
+    also = also_of(config, requirement, mission, several=strategy.needs_several)
+    generator = _generator_of(config, generator, simulator, world)
     plugins.check_options("store", config.store, config.store_options, given=1)
     shared = Plan.model_fields.keys() & CampaignConfig.model_fields.keys()
     made = {
@@ -155,7 +150,6 @@ def wire(
         simulator=simulator,
         strategy_class=strategy,
         executor=executor_of(config),
-        paths=paths,
         notes=notes,
         own_simulator=own,
     )
@@ -167,34 +161,30 @@ def strategy_class(config: CampaignConfig) -> type[Strategy]:
     return found
 
 
-def _route_of(config: CampaignConfig, paths: Mapping[str, str]) -> tuple[World, Route]:
+def _route_of(config: CampaignConfig) -> tuple[World, Route]:
     """Return the world, with objects and doors as asked, and the route in it."""
-    world = load_world(paths.get(config.world, config.world))
+    world = load_world(config.world)
     if config.moved is not None:
-        world = world.with_moved(load_moved(paths.get(config.moved, config.moved), world))
+        world = world.with_moved(load_moved(config.moved, world))
     world = doors_in(world, config.doors)
     route = world.route(config.route)
     check_route(route, world)
     return world, route
 
 
-def _generator_of(
-    config: CampaignConfig, paths: Mapping[str, str], given: Generator | None, simulator: Simulator, world: World
-) -> Generator:
+def _generator_of(config: CampaignConfig, given: Generator | None, simulator: Simulator, world: World) -> Generator:
     """Return the generator that is given or named, with what it may rehearse in and what it should remember."""
     generator = given
     if generator is None:
-        generator = plugins.make("generator", config.generator_name, generator_options(config, paths))
+        generator = plugins.make("generator", config.generator_name, generator_options(config))
     plugins.check_complete("generator", generator, Generator)
     let_rehearse(generator, simulator, world, seed=config.seed)
     if config.knowledge is None:
         return generator
-    return InformedGenerator(generator, read_remembered(remembered_file(config, paths)))
+    return InformedGenerator(generator, read_remembered(remembered_file(config)))
 
 
-def also_of(
-    config: CampaignConfig, first: Requirement, mission: Mission, paths: Mapping[str, str], *, several: bool
-) -> tuple[Requirement, ...]:
+def also_of(config: CampaignConfig, first: Requirement, mission: Mission, *, several: bool) -> tuple[Requirement, ...]:
     """Return the further requirements of a campaign.
 
     Args:
@@ -203,7 +193,7 @@ def also_of(
     Raises:
         InputError: There are none where they are needed, two have one name, or one has no metric or no limit.
     """
-    also = tuple(load_requirement(paths.get(name, name), mission.route) for name in config.also)
+    also = tuple(load_requirement(name, mission.route) for name in config.also)
     if several and not also:
         raise InputError(f"The strategy {config.strategy} needs several requirements: add --also R2, for example.")
     names = [each.name for each in (first, *also)]
@@ -223,11 +213,10 @@ def let_rehearse(generator: Generator, simulator: Simulator, world: World, *, se
     generator.allow_rehearsals(rehearsing(simulator, world, seed=seed))
 
 
-def remembered_file(config: CampaignConfig, paths: Mapping[str, str]) -> Path:
+def remembered_file(config: CampaignConfig) -> Path:
     """Return the file of earlier scenarios: the copy in the folder of a campaign that was begun, else the one given."""
     kept = config.folder / COPY
-    given = config.knowledge or ""
-    return kept if kept.is_file() else Path(paths.get(given, given))
+    return kept if kept.is_file() else Path(config.knowledge or "")
 
 
 def scenarios_of(config: CampaignConfig) -> int:
@@ -252,12 +241,11 @@ def executor_of(config: CampaignConfig) -> Executor | None:
     return made
 
 
-def generator_options(config: CampaignConfig, paths: Mapping[str, str]) -> dict[str, Any]:
+def generator_options(config: CampaignConfig) -> dict[str, Any]:
     """Return the options the generator is made with; for `vlm` also how the model is reached, and its budget."""
     if config.generator_name != "vlm":
         return dict(config.generator_options)
     options = {name: getattr(config, name) for name in (*VLM_OPTIONS, *BUDGETS) if getattr(config, name) is not None}
-    options |= {name: paths.get(options[name], options[name]) for name in ("prompts", "replay") if name in options}
     return {"folder": str(config.folder), **options, **config.generator_options}
 
 

@@ -65,6 +65,20 @@ def _shipped(name: str) -> World:
     return read_world(SHIPPED / name)
 
 
+def file_names(folder: Path) -> list[str]:
+    """Return the names of the files in a folder that make its world, relative to the folder.
+
+    Raises:
+        FileError: world.yaml or the map's description cannot be read.
+    """
+    head, _ = read_document(folder / "world.yaml", WorldFile)
+    names = ["world.yaml", *(name for name in (head.objects, head.labels, head.routes, head.doors) if name is not None)]
+    if isinstance(head.map, str):
+        image = read_yaml(_beside(folder, head.map)).value["image"]
+        names += [head.map, str(Path(head.map).parent / image)]
+    return [name for name in dict.fromkeys(names) if _beside(folder, name).is_file()]
+
+
 def read_world(folder: Path, problems: list[Problem] | None = None) -> World:
     """Read the world in a folder.
 
