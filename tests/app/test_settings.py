@@ -3,6 +3,7 @@
 import inspect
 import re
 import shlex
+import shutil
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -10,10 +11,12 @@ from typing import Any
 import pytest
 import yaml
 
+from rvsg.app.campaign import Campaign
 from rvsg.app.commands import command_for, resume_command
 from rvsg.app.settings import (
     GROUPS,
     MACHINE,
+    OF_THE_CALL,
     CampaignConfig,
     default_of,
     effective,
@@ -24,6 +27,7 @@ from rvsg.app.settings import (
     value_type,
 )
 from rvsg.cli.options import pairs, setting_options
+from rvsg.world.world_folder import SHIPPED
 
 VALUES: dict[type, tuple[Any, list[str]]] = {
     bool: (True, []),
@@ -38,6 +42,46 @@ OWN: dict[str, tuple[Any, list[str]]] = {
     "conversation": ("study", ["study"]),
     "confidence": (0.9, ["0.9"]),
 }
+FOUND = Path(__file__).parents[2] / "examples" / "recordings" / "warehouse-route_1-R1-study"
+SURVIVING: dict[str, Any] = {
+    "world": "hospital",
+    "route": "route_2",
+    "requirement": "R2",
+    "also": ["R2"],
+    "robot": "turtlebot3_waffle",
+    "generator": "random",
+    "strategy": "multi",
+    "simulator": "kinematic",
+    "model": "openai-chat:x",
+    "base_url": "http://localhost:1/v1",
+    "replay": str(FOUND),
+    "stack": "nav2-rpp",
+    "stack_options": {"desired_linear_vel": 0.3},
+    "simulator_options": {"profile": "hunavsim"},
+    "generator_options": {"tries": 3},
+    "moved": "moved.yaml",
+    "knowledge": "knowledge.json",
+    "prompts": "prompts",
+}
+"""Values of settings that name something."""
+PARTNERS: dict[str, dict[str, Any]] = {
+    "doors": {"world": "ward"},
+    "strategy": {"also": ["R2"]},
+    "also": {"strategy": "multi"},
+    "stack": {"simulator": "embedded"},
+    "stack_options": {"simulator": "embedded", "stack": "nav2-rpp"},
+    "simulator_options": {"simulator": "embedded"},
+    **{
+        key: {"generator": "vlm", "model": "openai-chat:x", "base_url": "http://localhost:1/v1"}
+        for key in ("conversation", "prompts", "model", "base_url", "budget_calls", "budget_tokens")
+    },
+    "budget_usd": {
+        "model": "openai-chat:x",
+        "base_url": "http://localhost:1/v1",
+        "generator_options": {"prices": "1,1,1"},
+    },
+}
+"""What a setting needs beside it."""
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "campaign-file.md"
 
 
@@ -108,12 +152,11 @@ def test_the_command_to_resume_names_all_that_is_not_kept_with_the_campaign() ->
         "executor_options": {"address": "tcp://10.0.0.1:8786", "patience_s": 5},
         "fail_on_violation": True,
         "junit": "junit.xml",
-        "budget_usd": 2.5,
     }
     command = resume_command(CampaignConfig(**of_the_campaign, **of_the_moment))
     assert command == (
         "rvsg run --out 'my runs/one' --executor cluster --executor-option address=tcp://10.0.0.1:8786 "
-        "--executor-option patience_s=5 --fail-on-violation --junit junit.xml --budget-usd 2.5"
+        "--executor-option patience_s=5 --fail-on-violation --junit junit.xml"
     )
 
 
@@ -139,3 +182,21 @@ def test_the_usual_strategy_is_that_of_the_study_where_a_model_writes(writer: di
     other = CampaignConfig(**writer, strategy="hybrid")
     assert "--strategy hybrid" in command_for(other)
     assert CampaignConfig().strategy == "hybrid"
+
+
+def test_every_setting_survives_a_resume(key: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if key in OF_THE_CALL:
+        pytest.skip("says how one call runs")
+    monkeypatch.chdir(tmp_path)
+    Path("moved.yaml").write_text("objects: []")
+    Path("knowledge.json").write_text("[]")
+    Path("prompts").mkdir()
+    shutil.copytree(SHIPPED / "warehouse", "ward")
+    Path("ward/doors.yaml").write_text("doors: [{name: Ward, hinge: [0, 0], end: [0.9, 0]}]")
+    Path("ward/world.yaml").write_text("doors: doors.yaml\n" + Path("ward/world.yaml").read_text())
+    needed: dict[str, Any] = {"simulator": "kinematic"} | PARTNERS.get(key, {})
+    value = SURVIVING.get(key, OWN.get(key, VALUES[value_type(key)])[0])
+    made = Campaign.create("one", file=needed | {key: value})
+    assert getattr(made.config, key) == value != default_of(key)
+    assert getattr(Campaign.open("one").config, key) == value
+    assert getattr(Campaign.create("one").config, key) == value

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from rvsg.app.folder import CONFIG, LEDGER, alone_in, check_out, opened, reading, store_of
 from rvsg.app.input_files import as_campaign_file, as_stored, copy_inputs, located, paths_of
 from rvsg.app.record import CampaignRecord, changed_settings, no_campaign, other_settings, record_in
-from rvsg.app.settings import VLM_OPTIONS, CampaignConfig, effective, option_of
+from rvsg.app.settings import VLM_OPTIONS, CampaignConfig, effective, option_of, remembered
 from rvsg.app.stored_campaign import StoredCampaign
 from rvsg.app.wiring import COPY, Wired, jobs_of, remembered_file, strategy_class, wire
 from rvsg.campaign.attempt import Attempt
@@ -71,7 +71,7 @@ def resumed(
     if stored is None:
         return None, config, {}
     paths = paths_of(stored.config, stored.provenance.begun_in, folder)
-    values = stored.config | {"store": known[0], "store_options": known[1]}
+    values = stored.config | remembered(folder / CONFIG) | {"store": known[0], "store_options": known[1]}
     asked = effective(values, as_stored(from_file, paths), as_stored(settings, paths))
     return stored, asked, paths
 
@@ -218,7 +218,7 @@ class Campaign(StoredCampaign):
         store = store_of(folder) if folder.is_dir() else None
         out = folder if folder.is_dir() else folder.parent
         kept = {"store": store[0], "store_options": store[1]} if store else {}
-        config = effective(record.config | kept, {}, {**machine, "out": str(out)})
+        config = effective(record.config | remembered(out / CONFIG) | kept, {}, {**machine, "out": str(out)})
         config = located(config, paths_of(record.config, record.provenance.begun_in, out))
         instance = None if stack is None or isinstance(stack, str) else stack
         campaign = cls(record, config, generator=generator, simulator=simulator, stack=instance)

@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from rvsg.app.settings import BESIDE, MACHINE, CampaignConfig, option_of
+from rvsg.app.settings import MACHINE, OF_THE_CALL, CampaignConfig, option_of
 
 
 def command_for(config: CampaignConfig, *, out: Path | None = None) -> str:
@@ -35,7 +35,7 @@ def command_for_more(config: CampaignConfig, made: int) -> str:
 
 def resume_command(config: CampaignConfig, *, without: Sequence[str] = ()) -> str:
     """Return the command that resumes a campaign: its folder, and the options that are not stored with it."""
-    kept = [key for key in CampaignConfig.model_fields if key not in BESIDE]
+    kept = [key for key in CampaignConfig.model_fields if key not in OF_THE_CALL]
     words = _options(config, without=("out", "store", "store_options", *kept, *without))
     return shlex.join(["rvsg", "run", "--out", str(config.folder), *words])
 

@@ -392,7 +392,7 @@ class CampaignConfig(Record):
 
     def to_yaml(self) -> str:
         """Return the configuration as a campaign file."""
-        values = self.model_dump(mode="json", exclude={"out", *MACHINE, "junit", "fail_on_violation"})
+        values = self.model_dump(mode="json", exclude={*OF_THE_CALL} - {"store", "store_options"})
         head = "# The effective configuration of this campaign; `rvsg run THIS_FILE --out ELSEWHERE` repeats it.\n"
         return head + yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
 
@@ -449,6 +449,8 @@ BUDGETS = ("budget_calls", "budget_tokens", "budget_usd")
 """Keys that limit what the calls of a model cost."""
 BESIDE = keys(decides=False)
 """Keys that do not decide the records and may differ when a campaign is resumed."""
+OF_THE_CALL = (*MACHINE, "out", "store", "store_options", "junit", "fail_on_violation")
+"""Keys that say how one call runs, and what else it writes or answers; a folder remembers all others."""
 LISTED = keys(several=True)
 """Keys with which several values ask for several campaigns."""
 VLM_OPTIONS = keys(of_model=True, decides=True)
@@ -474,6 +476,12 @@ def read_campaign_file(path: Path) -> dict[str, Any]:
         DocumentError: every mistake with its line; a misspelt key comes with a suggestion.
     """
     return _settings(read_yaml(path), path)
+
+
+def remembered(path: Path) -> dict[str, Any]:
+    """Return the settings that decide no record, such as `shrink_runs`, from the campaign file in a folder."""
+    found = read_yaml(path).value if path.is_file() else None
+    return {key: found[key] for key in BESIDE if isinstance(found, dict) and key in found and key not in OF_THE_CALL}
 
 
 def parse_campaign_file(text: str, path: Path) -> dict[str, Any]:
