@@ -43,6 +43,7 @@ def repository(tmp_path: Path) -> Path:
     bin_.mkdir()
     # The install step is run too, by a pip that only notes what it was asked for: the tests have no network.
     (bin_ / "pip").write_text('#!/bin/sh\necho "$@" >> "$PIP_LOG"\n')
+    (bin_ / "git").write_text("#!/bin/sh\n")
     # The kinematic simulator in one process stands in for the embedded one, which would take minutes.
     (bin_ / "rvsg").write_text(
         f'#!/bin/sh\ncase "$1 $2" in "suite run") set -- "$@" --simulator kinematic --jobs 1;; esac\n'
@@ -60,7 +61,8 @@ def run_steps(folder: Path, steps: list[tuple[str, str]], branch: str) -> list[i
         "PATH": f"{folder / 'bin'}{os.pathsep}{os.environ['PATH']}",
         "PIP_LOG": str(folder / "pip.log"),
         "SUITE": "suite",
-        "RVSG": "rvsg",
+        "RVSG": "rvsg-source",
+        "RVSG_REPOSITORY": "https://localhost/rvsg.git",
         "GITHUB_SHA": "abc1234",
         "CI_COMMIT_SHA": "abc1234",
         "GITHUB_STEP_SUMMARY": str(folder / "summary.md"),
@@ -86,7 +88,7 @@ def test_results_are_kept_and_compared_and_a_broken_case_fails_the_build_with_a_
     steps, repository: Path
 ) -> None:
     assert set(run_steps(repository, steps(), "main")) == {0}
-    assert (repository / "pip.log").read_text() == "install rvsg\n"
+    assert (repository / "pip.log").read_text() == "install -c rvsg-source/constraints.txt ./rvsg-source\n"
     result = SuiteResult.from_json((repository / "main.json").read_text())
     assert result.version == "abc1234" and [len(case.seeds) for case in result.cases] == [20, 20]
     suite = ET.parse(repository / "suite.xml").getroot()[0]

@@ -20,6 +20,13 @@ def test_the_command_installs_an_extra_into_the_environment_of_the_readme(extra:
     assert re.search(FORM.format(extra), how_to_install(extra))
 
 
+def test_the_examples_for_ci_install_a_checkout() -> None:
+    for path in (ROOT / "examples" / "ci").glob("*.yml"):
+        text = path.read_text(encoding="utf-8")
+        assert re.findall("pip install (.*)", text) == ['-c "$RVSG/constraints.txt" "./$RVSG"'], path
+        assert "rvsg-source" in text and "RVSG_REPOSITORY: " in text, path
+
+
 def test_what_is_optional_is_installed_in_one_way() -> None:
     for path in READ:
         text = path.read_text(encoding="utf-8")
