@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -17,6 +18,7 @@ from pydantic import ValidationError
 from rvsg.core import plugins
 from rvsg.core.documents import keys_of, read_document
 from rvsg.core.errors import FileError, InputError, InvalidOptions
+from rvsg.core.files import write_whole
 from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
 from rvsg.world.areas import propose_areas
 from rvsg.world.checks import Remark, check_world
@@ -160,15 +162,18 @@ def save_created(
     created: Created, folder: Path, *, trial: Trial | None = None, robot: Robot | None = None
 ) -> tuple[Remark, ...]:
     """Write a new world into a folder, with a README; return what `check_world` says of it."""
+    new = not folder.exists()
     save_world(created.world, folder)
     remarks = check_world(folder, trial=trial, robot=robot)
     said = [f"{'error' if r.serious else 'warning'}: {r.problem.message}" for r in remarks]
     try:
-        (folder / "README.md").write_text(readme(created, said), encoding="utf-8")
+        write_whole(folder / "README.md", readme(created, said))
         for path in (folder / "labels.yaml", folder / "routes.yaml"):
-            path.write_text(PROPOSAL + path.read_text(encoding="utf-8"), encoding="utf-8")
-    except OSError as error:
-        raise FileError(folder, f"the README cannot be written here: {error.strerror}") from None
+            write_whole(path, PROPOSAL + path.read_text(encoding="utf-8"))
+    except FileError:
+        if new:
+            shutil.rmtree(folder)
+        raise
     return remarks
 
 

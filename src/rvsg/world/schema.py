@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -243,7 +244,7 @@ WIDE = 116
 
 
 def save_world(world: World, folder: str | Path) -> None:
-    """Write world.yaml, map.yaml with map.png, objects.yaml, labels.yaml and routes.yaml into a folder, each whole.
+    """Write world.yaml, map.yaml with map.png, objects.yaml, labels.yaml and routes.yaml into a folder, all or none.
 
     Raises FileError where it cannot be written, InputError for a world without the specification of its grid.
     """
@@ -259,12 +260,15 @@ def save_world(world: World, folder: str | Path) -> None:
         said = f"{error.title} {thing!r}{f', {place}' if place else ''}: {wrong['msg'].removeprefix('Value error, ')}"
         raise InputError(f'the world "{world.name}" cannot be saved: {said}') from None
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        write_map(world.occupancy, folder)
-        for name, text in files.items():
-            draft = folder / f"{name}.new"
-            draft.write_text(text, encoding="utf-8")
-            draft.replace(folder / name)
+        at = folder if folder.is_dir() else folder.parent
+        at.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=at) as draft:
+            write_map(world.occupancy, Path(draft))
+            for name, text in files.items():
+                Path(draft, name).write_text(text, encoding="utf-8")
+            folder.mkdir(exist_ok=True)
+            for path in sorted(Path(draft).iterdir()):
+                path.replace(folder / path.name)
     except OSError as error:
         raise FileError(
             folder, f"the world cannot be written here: {error.strerror}", code="world-not-written"
