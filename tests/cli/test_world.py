@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import resource
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +13,7 @@ import pytest
 from PIL import Image
 from tests.cli.commands import Terminal
 
+from rvsg.app.settings import read_campaign_file
 from rvsg.world.occupancy import read_map
 from rvsg.world.world_folder import load_world
 
@@ -127,3 +131,34 @@ def test_a_copy_is_the_same_world_with_the_map_for_a_navigation_stack(terminal: 
     Path("own/labels.yaml").write_text("mine")
     terminal("world copy bookstore own", code=2)
     assert Path("own/labels.yaml").read_text() == "mine"
+
+
+@pytest.mark.parametrize("room", [0, 60, 400, 1000, 1200])
+def test_a_full_disk_leaves_a_whole_world_or_none(hall: str, room: int) -> None:
+    """No file can be longer than `room` bytes."""
+
+    def full() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
+
+    made = subprocess.run([sys.executable, "-m", "rvsg", *hall.split(), "--no-simulation"],
+                          preexec_fn=full, capture_output=True, text=True, check=False)  # fmt: skip
+    assert (made.returncode, "Traceback" in made.stderr) == (2, False), made.stderr
+    assert sorted(path.name for path in Path().iterdir()) == ["m.pgm", "m.yaml"]
+
+
+def test_the_name_of_a_shipped_world_means_one_thing_everywhere(terminal: Terminal) -> None:
+    said = terminal("world copy office office")
+    assert "run --world ./office" in said
+    Path("office/routes.yaml").write_text("routes: []\n")
+    Path("office/labels.yaml").write_text("areas: []\n")
+    for verb in ("check office --no-simulation", "draw office --what svg", "show office"):
+        assert "the world that ships with RVSG. For the folder here, write ./office" in terminal("world", verb)
+    assert not Path("office/pictures").exists() and Path("plan.svg").exists()
+    terminal("world draw ./office --what svg")
+    assert Path("office/pictures/plan.svg").exists()
+    assert terminal.json("world show office")["routes"] and not terminal.json("world show ./office")["routes"]
+    assert "no routes" in terminal("world check ./office --no-simulation", code=2)
+    Path("mine.yaml").write_text("world: office\n")
+    assert read_campaign_file(Path("mine.yaml"))["world"] == "office"
+    Path("mine.yaml").write_text("world: ./office\n")
+    assert load_world(read_campaign_file(Path("mine.yaml"))["world"]).routes == ()

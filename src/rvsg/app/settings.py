@@ -18,15 +18,18 @@ import pydantic
 import yaml
 from pydantic import BeforeValidator, Field, model_validator
 
+from rvsg.core import plugins
 from rvsg.core.documents import Document, keys_of, mistakes_of, parse_yaml, read_yaml, validated
 from rvsg.core.errors import InvalidOptions
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
 from rvsg.evaluation.verdict import DEFAULT, Procedure
 from rvsg.generation.vlm.model import NO_CALL
-from rvsg.robots.robot import DEFAULT_ROBOT
+from rvsg.robots.robot import DEFAULT_ROBOT, shipped_robots
+from rvsg.scenario.requirement import shipped_requirements
 from rvsg.simulation.stacks.stack_choice import DEFAULT_STACK
 from rvsg.world.world import State
+from rvsg.world.world_folder import as_named, shipped_worlds
 
 TEST = "What to test"
 SEARCH = "How to find scenarios"
@@ -511,7 +514,8 @@ def _settings(document: Document, path: Path) -> dict[str, Any]:
 
 def _beside(path: Path, name: str) -> str:
     """Return a name as it stands, or as a path where such a file exists beside the campaign file."""
-    return str(path.parent / name) if (path.parent / file_of(name)).exists() else name
+    shipped = name in {*shipped_worlds(), *shipped_requirements(), *shipped_robots(), *plugins.names("stack")}
+    return name if shipped or not (path.parent / file_of(name)).exists() else as_named(path.parent / name)
 
 
 def called(requirement: str) -> str:

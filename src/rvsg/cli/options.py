@@ -52,6 +52,15 @@ def setting_options(*keys: str, several: bool = False, **defaults: Any) -> Calla
     return decorate
 
 
+def named_world(name: str | None) -> str | None:
+    """Return the name of a world as it was typed; say so where a folder here has the name of a shipped world."""
+    from rvsg.world.world_folder import shipped_worlds
+
+    if name in shipped_worlds() and Path(name, "world.yaml").is_file():
+        say(f"Note: {name} is the world that ships with RVSG. For the folder here, write ./{name}")
+    return name
+
+
 def _parameter(key: str, *, several: bool, default: Any) -> inspect.Parameter:
     """Return the parameter of a command that takes a setting."""
     setting, kind = settings()[key], value_type(key)
@@ -63,6 +72,7 @@ def _parameter(key: str, *, several: bool, default: Any) -> inspect.Parameter:
         help=f"{words}." + (f" [{shown}]" if shown and kind is not bool else ""),
         metavar=setting.metavar or ("NAME=VALUE" if kind is dict else None),
         hidden=not setting.common,
+        callback=named_world if key == "world" else None,
     )
     value: Any = list[str] if many else kind
     return inspect.Parameter(
@@ -125,7 +135,9 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON o
 Jobs = Annotated[int, typer.Option(min=1, help="Worker processes.")]
 JobsPerCore = Annotated[int | None, typer.Option(min=1, help="Worker processes. [one per core]")]
 Requirement = Annotated[str, typer.Option(help="A shipped requirement, or FILE.yaml#NAME.")]
-OtherWorld = Annotated[str | None, typer.Option(help="Use this world instead of the one the scenario names.")]
+OtherWorld = Annotated[
+    str | None, typer.Option(help="Use this world instead of the one the scenario names.", callback=named_world)
+]
 FailOnViolation = Annotated[
     bool, typer.Option("--fail-on-violation", help="Exit with code 1 if the requirement is violated.")
 ]

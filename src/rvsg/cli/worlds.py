@@ -13,7 +13,7 @@ import typer
 from rvsg.cli.console import as_started, print_json, say
 from rvsg.cli.frame import verb
 from rvsg.cli.model import describe
-from rvsg.cli.options import AsJson, Prices, Record, setting_options
+from rvsg.cli.options import AsJson, Prices, Record, named_world, setting_options
 
 if TYPE_CHECKING:
     from rvsg.world.checks import Remark
@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 app = verb(no_args_is_help=True, help="Make, copy, check, draw, describe and compare worlds.")
 app.command()(describe)
 
-WorldName = Annotated[str, typer.Argument(metavar="WORLD", help="A shipped world or a world folder.")]
+WorldName = Annotated[
+    str, typer.Argument(metavar="WORLD", help="A shipped world or a world folder.", callback=named_world)
+]
 Robot = Annotated[
     str | None,
     typer.Option(help="The robot that drives here: a shipped one (`rvsg robots`) or a robot file. [tiago_omni]"),
@@ -161,21 +163,21 @@ def copy(
     holds it as map.yaml.
     """
     from rvsg.world.creation import copy_world
-    from rvsg.world.world_folder import load_world
+    from rvsg.world.world_folder import as_named, load_world
 
     copy_world(load_world(world), folder, force=force)
-    say(f"wrote {folder}; its map is {folder / 'map.yaml'}")
-    say(f"next: rvsg run --world {shlex.quote(str(folder))}")
+    say(f"Wrote {folder}; its map is {folder / 'map.yaml'}")
+    say(f"Next: {as_started(shlex.join(['rvsg', 'run', '--world', as_named(folder)]))}")
 
 
 @app.command()
 def check(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The world folder.")] = Path(),
+    world: WorldName = ".",
     robot: Robot = None,
     no_simulation: NoSimulation = False,
     json: AsJson = False,
 ) -> None:
-    """List every error and warning in a world folder, with file and line.
+    """List every error and warning in a world's files, with file and line.
 
     The robot drives every route and a person walks every hop in the simulator, alone. The results are cached, so
     checking an unchanged world takes no time.
@@ -189,7 +191,7 @@ def check(
 
     driver = other_robot(robot)
     trial = None if no_simulation else trial_of(driver, progress=say)
-    remarks = check_world(folder_named(folder), trial=trial, robot=driver)
+    remarks = check_world(folder_named(world), trial=trial, robot=driver)
     _show_remarks(remarks)
     if json:
         found = [(each, each.problem) for each in remarks]
@@ -229,9 +231,10 @@ def draw(
     picture is also drawn in parts.
     """
     from rvsg.world.drawing import draw_world
-    from rvsg.world.world_folder import load_world
+    from rvsg.world.world_folder import load_world, shipped_worlds
 
-    folder = out or (Path(world) / "pictures" if Path(world).is_dir() else Path())
+    own = world not in shipped_worlds() and Path(world).is_dir()
+    folder = out or (Path(world) / "pictures" if own else Path())
     shown = _window(window)
     written = draw_world(load_world(world), folder, what=what, route=route, width=width, colours=colours, window=shown)
     for path, notes in written:
@@ -372,7 +375,7 @@ def _show_world(world: World) -> None:
 
 
 def _show_created(created: Created, remarks: tuple[Remark, ...], folder: Path) -> None:
-    from rvsg.world.world_folder import shipped_worlds, size_m
+    from rvsg.world.world_folder import as_named, size_m
 
     world = created.world
     wide, high = size_m(world)
@@ -382,10 +385,11 @@ def _show_created(created: Created, remarks: tuple[Remark, ...], folder: Path) -
     )
     for note in created.notes:
         say(f"Note: {note}")
-    if str(folder) in shipped_worlds():
-        say(f"Note: a shipped world has the same name. Write ./{folder} to use this one.")
+    named = as_named(folder)
+    if named != str(folder):
+        say(f"Note: a shipped world has the same name. Write {named} to use this one.")
     _show_remarks(remarks)
-    draw = as_started(shlex.join(["rvsg", "world", "draw", str(folder)]))
+    draw = as_started(shlex.join(["rvsg", "world", "draw", named]))
     say(f"Next: edit labels.yaml and routes.yaml (they are proposals), then: {draw}")
 
 

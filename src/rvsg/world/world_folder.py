@@ -34,6 +34,8 @@ def shipped_worlds() -> tuple[str, ...]:
 def load_world(name_or_path: str | Path) -> World:
     """Return a shipped world by its name, or the world in a folder (or its world.yaml).
 
+    The name of a shipped world always means that one; `./office` is the folder.
+
     Raises UnknownName where there is no such world, FileError (DocumentError: everything at once) for bad files.
     """
     if isinstance(name_or_path, str) and name_or_path in shipped_worlds():
@@ -312,10 +314,14 @@ def _waypoint_problems(world: World, name: str, document: Document | None, key: 
     return [document.problem(f'there is no waypoint "{name}".{asked} {ends}', *key, code="unknown-waypoint")]
 
 
-def folder_named(name: Path) -> Path:
-    """Return the folder of a world: the named one, or that of the shipped world of this name."""
-    shipped = str(name) in shipped_worlds() and not (name / "world.yaml").is_file()
-    return SHIPPED / str(name) if shipped else name
+def folder_named(name: str) -> Path:
+    """Return the folder of a world: that of the shipped world of this name, else the named one."""
+    return SHIPPED / name if name in shipped_worlds() else Path(name)
+
+
+def as_named(folder: Path) -> str:
+    """Return how a world folder is named in a command: with `./` before the name of a shipped world."""
+    return f"./{folder}" if str(folder) in shipped_worlds() else str(folder)
 
 
 def size_m(world: World) -> tuple[float, float]:
