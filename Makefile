@@ -8,7 +8,7 @@ KEEP   := PYTHONDONTWRITEBYTECODE=
 PYTEST := $(KEEP) $(BIN)/python -m pytest --timeout 600 --timeout-method thread
 PIP    := $(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt
 
-PACKAGES := $(addprefix -e ./packages/rvsg-,exchange ros2 studio study)
+PACKAGES := $(addprefix -e ./packages/rvsg-,exchange mcp ros2 studio study)
 
 .DEFAULT_GOAL := help
 

@@ -1,0 +1,1 @@
+"""Tools of RVSG for assistants, over the Model Context Protocol."""

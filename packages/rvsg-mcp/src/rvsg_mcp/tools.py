@@ -1,0 +1,253 @@
+"""The tools of an assistant: thin calls of what every other door calls, on files inside one workspace folder.
+
+A path that leads out of the workspace is refused, and so is whatever would run code: a stack or a robot is a shipped
+one or a file of data (the verb allows no code in the whole process). What a person would be told in one message is the
+error of the tool.
+"""
+
+from __future__ import annotations
+
+import functools
+import io
+import tempfile
+from collections.abc import Callable, Container
+from pathlib import Path
+from typing import Any, Literal, ParamSpec, TypeVar
+
+import anyio
+import anyio.to_thread
+from mcp.server.mcpserver import Context, Image, MCPServer
+from mcp.server.mcpserver.exceptions import ToolError
+from pydantic import BaseModel, Field
+
+import rvsg
+from rvsg.app.campaign import campaigns_below
+from rvsg.campaign.execution import Event, Message, RunFinished
+from rvsg.core.errors import InputError, RvsgError
+from rvsg.evaluation.story import story_of
+from rvsg.report.film import shot_of_run, strip
+from rvsg.report.terminal import describe_case, describe_finding, describe_judgement
+from rvsg.robots.robot import shipped_robots
+from rvsg.scenario.builder import load_scenario_in, save_scenario
+from rvsg.scenario.requirement import shipped_requirements
+from rvsg.simulation.stacks.stack_choice import listed_stacks
+from rvsg.world.creation import create_world
+from rvsg.world.drawing import draw_world
+from rvsg.world.world_folder import shipped_worlds, world_summary
+
+INSTRUCTIONS = """RVSG finds human behaviours that make a mobile robot violate a requirement, in simulation.
+Begin with `catalogue` and `show_world`. Then either `run_campaign`, which searches and confirms by itself, and
+`findings`; or `write_scenario` and `simulate`. Only runs that took no part in a search confirm a failure. `keep` puts
+it into a suite, and `run_suite` repeats a suite with another robot or stack. Paths are relative to the workspace."""
+PICTURE_PX = 1200
+STRIP_PX = 420
+"""Width of each picture of a strip."""
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+class Person(BaseModel):
+    """A person who goes round waypoints by the shortest ways, again and again."""
+
+    name: str
+    waypoints: list[str] = Field(min_length=2, description="Names such as E15, in order.")
+    pauses_s: dict[str, float] = Field(default={}, description="Seconds to stand still, by waypoint.")
+    behaviour: str = Field(default="regular", description="regular, impassive, surprised, scared, curious, threatening")
+    attention: str = Field(default="attentive", description="attentive, distracted, unseeing")
+    speed_m_s: float = 1.5
+    start_delay_s: float = 0.0
+
+
+class Workspace:
+    """The folder that an assistant may read and write."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder.resolve()
+
+    def path(self, name: str) -> Path:
+        """Return a path inside the folder; InputError for one outside."""
+        path = (self.folder / name).resolve()
+        if not path.is_relative_to(self.folder):
+            raise InputError(f"{name} is outside of the workspace. Name a file inside it.", code="outside-workspace")
+        return path
+
+    def either(self, name: str | None, shipped: Container[str]) -> str | None:
+        """Return the name of something shipped as it is, and anything else as a path inside the folder."""
+        return name if name is None or name in shipped else str(self.path(name))
+
+    def stack(self, name: str | None) -> str | None:
+        """Return a registered stack, or the path of a file of parameters."""
+        return self.either(name, [each["name"] for each in listed_stacks()])
+
+
+def told(tool: Callable[P, T]) -> Callable[P, T]:
+    """Return the tool with errors of RVSG as errors of the tool."""
+
+    @functools.wraps(tool)
+    def telling(*args: P.args, **options: P.kwargs) -> T:
+        try:
+            return tool(*args, **options)
+        except RvsgError as error:
+            raise ToolError(str(error)) from error
+
+    return telling
+
+
+def server(folder: Path) -> MCPServer[Any]:
+    """Return the server of a workspace."""
+    made: MCPServer[Any] = MCPServer("rvsg", instructions=INSTRUCTIONS, version=rvsg.__version__)
+    tools = Tools(Workspace(folder))
+    for tool in (
+        tools.catalogue, tools.show_world, tools.new_world, tools.write_scenario, tools.simulate, tools.campaigns,
+        tools.findings, tools.keep, tools.run_suite,
+    ):  # fmt: skip
+        made.add_tool(told(tool))
+    made.add_tool(tools.run_campaign)
+    return made
+
+
+class Tools:
+    """The tools, by the name an assistant calls them."""
+
+    def __init__(self, workspace: Workspace) -> None:
+        self.workspace = workspace
+
+    def catalogue(self) -> dict[str, Any]:
+        """List worlds, robots, navigation stacks and requirements that can be named."""
+        own = sorted(path.parent for path in self.workspace.folder.glob("**/world.yaml"))
+        return {
+            "worlds": [*shipped_worlds(), *(str(path.relative_to(self.workspace.folder)) for path in own)],
+            "robots": list(shipped_robots()),
+            "stacks": {each["name"]: each["title"] for each in listed_stacks()},
+            "requirements": {name: f"{r.title}: {r.measured_as}" for name, r in shipped_requirements().items()},
+        }
+
+    def show_world(self, world: str) -> list[dict[str, Any] | Image]:
+        """Describe a world: routes, areas with their waypoints, and a picture with the grid of waypoints."""
+        loaded = self._world(world)
+        with tempfile.TemporaryDirectory() as folder:
+            written = draw_world(loaded, Path(folder), what="grid", width=PICTURE_PX)
+            pictures = [Image(data=path.read_bytes(), format="png") for path, _ in written]
+        return [world_summary(loaded), *pictures]
+
+    def new_world(self, map_file: str, name: str) -> list[str]:
+        """Make the folder of a world from a Nav2 map (map.yaml beside its picture); labels and routes are proposed."""
+        folder = self.workspace.path(name)
+        created, remarks = create_world(folder, map_file=self.workspace.path(map_file))
+        return [*created.notes, *(str(remark) for remark in remarks)]
+
+    def write_scenario(
+        self, file: str, world: str, route: str, people: list[Person], description: str = "", robot: str = "tiago_omni"
+    ) -> str:
+        """Write a scenario to a file: a robot on a route, and people who walk. It is checked; each finding is told."""
+        made = rvsg.scenario(
+            self._world(world), route, [rvsg.walk(p.name, *p.waypoints, **_rest(p)) for p in people],
+            description=description, robot=self.workspace.either(robot, shipped_robots()) or robot,
+        )  # fmt: skip
+        save_scenario(made, self.workspace.path(file))
+        return f"{file} holds a valid scenario."
+
+    def simulate(
+        self, scenario: str, requirement: str = "R1", runs: int = 10, stack: str | None = None
+    ) -> list[str | Image]:
+        """Simulate a scenario file with new seeds and judge a requirement: a verdict, the worst run as a story and
+        pictures of its decisive moments. Runs by which you choose a scenario do not confirm it: use other seeds by
+        asking for more runs.
+        """
+        loaded, world = load_scenario_in(self.workspace.path(scenario))
+        done = rvsg.simulate(loaded, runs, world=world, stack=self.workspace.stack(stack))
+        judged = rvsg.judge(done, self._requirement(requirement), world=world)
+        valued = [m for m in judged.measurements if m.objective is not None]
+        lines: list[str | Image] = ["\n".join(describe_judgement(judged, done))]
+        if valued:
+            worst = max(valued, key=lambda m: judged.requirement.badness(m.objective or 0.0))
+            run = next(run for run in done if run.id == worst.run_id)
+            shot = shot_of_run(run, worst, judged.requirement, world, loaded)
+            lines += [
+                " ".join(each.text for each in story_of(run, world=world, scenario=loaded)),
+                _png(strip(shot, STRIP_PX)),
+            ]
+        return lines
+
+    async def run_campaign(
+        self, context: Context[Any], out: str, world: str, route: str, requirement: str = "R1", scenarios: int = 10,
+        robot: str = "tiago_omni", stack: str | None = None, humans: int = 2, seed: int = 0,
+        simulator: Literal["embedded", "kinematic"] = "embedded",
+    ) -> list[str]:  # fmt: skip
+        """Search for scenarios that violate a requirement, confirm the worst with new seeds, and name the cause. Takes
+        minutes. Called again with the same settings, it goes on where it was stopped. The simulator `kinematic` has no
+        physics: only to try things out.
+        """
+        try:
+            campaign = rvsg.Campaign.create(
+                self.workspace.path(out), world=self._place(world), route=route,
+                requirement=self._requirement(requirement), scenarios=scenarios, humans=humans, seed=seed,
+                simulator=simulator, stack=self.workspace.stack(stack),
+                robot=self.workspace.either(robot, shipped_robots()),
+            )  # fmt: skip
+            total, done = campaign.plan.search_runs, 0
+            events, ended = campaign.run(), object()
+            try:
+                while (event := await anyio.to_thread.run_sync(next, events, ended)) is not ended:
+                    assert isinstance(event, Event)
+                    done += isinstance(event, RunFinished)
+                    if isinstance(event, RunFinished | Message):
+                        text = event.text if isinstance(event, Message) else f"{done} runs"
+                        await context.report_progress(done, max(total, done), text)
+            finally:
+                campaign.cancel()
+            return await anyio.to_thread.run_sync(
+                lambda: [part for part in self.findings(out) if isinstance(part, str)]
+            )
+        except RvsgError as error:
+            raise ToolError(str(error)) from error
+
+    def campaigns(self) -> dict[str, str]:
+        """List the campaigns of the workspace, each with what it found."""
+        found = campaigns_below(self.workspace.folder)
+        return {
+            str(each.folder.relative_to(self.workspace.folder)): each.verdict.status.value if each.verdict else "open"
+            for each in found
+        }
+
+    def findings(self, campaign: str) -> list[str | Image]:
+        """Tell every confirmed scenario of a campaign: verdict, cause, what happens, and pictures of the worst run."""
+        opened = rvsg.Campaign.open(self.workspace.path(campaign))
+        opened.report()
+        lines = ["\n".join(describe_finding(finding, opened.requirement)) for finding in opened.findings]
+        return [*lines] or ["Nothing was confirmed."]
+
+    def keep(self, suite: str, scenario: str, requirement: str, expected: str = "violation", reason: str = "") -> str:
+        """Add a scenario to a suite: a known failure (`violation`) or one that the robot must master (`pass`)."""
+        folder = self.workspace.path(suite)
+        opened = rvsg.Suite.open(folder) if folder.exists() else rvsg.Suite.create(folder)
+        added = opened.add(
+            self.workspace.path(scenario), self._requirement(requirement), expected=expected, reason=reason or None
+        )
+        return f"{suite} has {len(added.cases)} cases."
+
+    def run_suite(self, suite: str, stack: str | None = None, robot: str | None = None) -> list[str]:
+        """Run a suite, also with another robot or navigation stack; a line for each case."""
+        opened = rvsg.Suite.open(self.workspace.path(suite))
+        result = opened.run(stack=self.workspace.stack(stack), robot=self.workspace.either(robot, shipped_robots()))
+        return [describe_case(case) for case in result.cases]
+
+    def _place(self, world: str) -> str:
+        return self.workspace.either(world, shipped_worlds()) or world
+
+    def _world(self, world: str) -> rvsg.World:
+        return rvsg.load_world(self._place(world))
+
+    def _requirement(self, name: str) -> str:
+        return self.workspace.either(name, list(shipped_requirements())) or name
+
+
+def _rest(person: Person) -> dict[str, Any]:
+    return person.model_dump(exclude={"name", "waypoints"})
+
+
+def _png(picture: Any) -> Image:
+    buffer = io.BytesIO()
+    picture.save(buffer, "PNG")
+    return Image(data=buffer.getvalue(), format="png")
