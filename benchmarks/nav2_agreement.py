@@ -2,14 +2,14 @@
 
     python benchmarks/nav2_agreement.py --launch 'ros2 launch nav2_bringup navigation_launch.py use_sim_time:=True
         params_file:={params}' [--speed 4] [--stacks nav2-dwb nav2-rpp nav2-mppi] [--suite examples/suites/warehouse]
-        [--scenarios FILE.json ...] [--routes route_1 ...] [--runs 10] [--own-runs 30]
+        [--scenarios FILE.json ...] [--world hospital] [--routes route_1 ...] [--runs 10] [--own-runs 30]
         [--keep DIR] [--json FILE] [--rows FILE]
 
 For every stack the real Nav2 is started with the parameters that the built-in one has (`rvsg ros2 new-params`), and
 the built-in one reads the same file. Without --launch the Nav2 that runs is measured as it is, against every stack.
-Scenarios are the cases of a suite, with their requirements, files, or else the five routes of the warehouse without
-people. --keep keeps every run in a folder and goes on from there, also with more --runs. --rows writes every run as a
-line of CSV. Exit code 3 where there is no Nav2.
+Scenarios are the cases of a suite, with their requirements, files, or else the routes of --world (shipped or a
+folder; by default the warehouse) without people. --keep keeps every run in a folder and goes on from there, also with
+more --runs. --rows writes every run as a line of CSV. Exit code 3 where there is no Nav2.
 
 For each scenario: path RMS (m) between runs of the same seed at equal shares of the way, beside that between two seeds
 of each; time, rounds of recovery, share that reached the goal, the requirement's value and the share that violates it.
@@ -47,6 +47,7 @@ class Question:
 
     name: str
     scenario: Any
+    world: Any
     requirement: Any = None
 
 
@@ -100,6 +101,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--suite", type=Path)
     parser.add_argument("--cases", nargs="*", default=[], help="of the suite [all]")
     parser.add_argument("--scenarios", nargs="*", type=Path, default=[])
+    parser.add_argument("--world", default="warehouse", help="of the routes and the suite [warehouse]")
     parser.add_argument("--routes", nargs="*", default=[])
     parser.add_argument("--runs", type=int, default=10)
     parser.add_argument("--own-runs", type=int, help="of the built-in stack [as --runs]")
@@ -130,19 +132,21 @@ def asked(given: argparse.Namespace) -> list[Question]:
     import rvsg
     from rvsg.app.suites import Suite
     from rvsg.campaign.suite_folder import requirement_of
+    from rvsg.scenario.builder import load_scenario_in
 
-    questions = [Question(path.stem, rvsg.load_scenario(path)) for path in given.scenarios]
+    world = rvsg.load_world(given.world)
+    questions = [Question(path.stem, *load_scenario_in(path)) for path in given.scenarios]
     if given.suite is not None:
         for case in Suite.open(given.suite).cases:
             if given.cases and case.name not in given.cases:
                 continue
             requirement = requirement_of(case.expectations[0], given.suite, case.scenario.mission.route)
-            questions.append(Question(case.name, case.scenario, requirement))
+            questions.append(Question(case.name, case.scenario, world, requirement))
     if questions and not given.routes:
         return questions
-    world = rvsg.load_world("warehouse")
     routes = [route for route in world.routes if not given.routes or route.name in given.routes]
-    return questions + [Question(f"{route.name}-empty", rvsg.scenario(world, route.name, [])) for route in routes]
+    empty = {route.name: rvsg.scenario(world, route.name, []) for route in routes}
+    return questions + [Question(f"{name}-empty", scenario, world) for name, scenario in empty.items()]
 
 
 class Wanted(NamedTuple):
@@ -176,7 +180,8 @@ class Nav2:
         import rvsg
 
         self.prepare()
-        return next(iter(rvsg.simulate(question.scenario, [seed], simulator=self._simulator, on_message=say)))
+        how = {"simulator": self._simulator, "world": question.world, "on_message": say}
+        return next(iter(rvsg.simulate(question.scenario, [seed], **how)))
 
     def close(self) -> None:
         """End it where it was started."""
@@ -228,7 +233,8 @@ def built_in(question: Question, runs: int, stack: str) -> Wanted:
     """Return the runs of a built-in stack, which are made at once."""
     import rvsg
 
-    return Wanted(runs, runs, lambda seeds: list(rvsg.simulate(question.scenario, seeds, stack=stack)))
+    how = {"stack": stack, "world": question.world}
+    return Wanted(runs, runs, lambda seeds: list(rvsg.simulate(question.scenario, seeds, **how)))
 
 
 def kept(folder: Path | None, name: str, question: Question, wanted: Wanted) -> list[Any]:
@@ -236,7 +242,7 @@ def kept(folder: Path | None, name: str, question: Question, wanted: Wanted) -> 
     from rvsg.campaign.run_set import RunSet, load_runs
 
     file = None if folder is None else folder / f"{name}.jsonl"
-    runs = list(load_runs(file, scenario=question.scenario)) if file is not None and file.is_file() else []
+    runs = list(load_runs(file)) if file is not None and file.is_file() else []
     while len(runs) < wanted.runs:
         runs += wanted.make(list(range(len(runs), min(len(runs) + wanted.at_once, wanted.runs))))
         if file is not None:
@@ -283,7 +289,8 @@ def figures(runs: list[Any], question: Question) -> dict[str, Any]:
     if question.requirement is not None:
         from rvsg.campaign.run_set import RunSet, judge
 
-        judged = judge(RunSet(tuple(runs)), question.requirement, scenario=question.scenario)
+        known = {"scenario": question.scenario, "world": question.world}
+        judged = judge(RunSet(tuple(runs)), question.requirement, **known)
         values = [measured.objective for measured in judged.measurements]
         found["values"] = [round(value, 4) for value in values if value is not None]
         found["violated"] = judged.violation_probability
@@ -296,7 +303,8 @@ def each_run(stack: str, driver: str, question: Question, runs: list[Any]) -> li
     if question.requirement is not None:
         from rvsg.campaign.run_set import RunSet, evaluate
 
-        judged = evaluate(RunSet(tuple(runs)), question.requirement, scenario=question.scenario)
+        known = {"scenario": question.scenario, "world": question.world}
+        judged = evaluate(RunSet(tuple(runs)), question.requirement, **known)
         values = [measured.objective for measured in judged]
     return [
         {

@@ -1,12 +1,12 @@
 """Six navigation stacks and three robots on the worst scenarios of the warehouse: the figures of docs/explanation.
 
-    rvsg run --route all --requirement R1 --requirement R2 --requirement clearance --scenarios 8 --refinements 3 \\
-        --repeats 4 --confirmations 20 --seed 13 --out runs/search
+    rvsg run --stack nav2-dwb-humble --route all --requirement R1 --requirement R2 --requirement clearance \\
+        --scenarios 8 --refinements 3 --repeats 4 --confirmations 20 --seed 13 --out runs/search
     python benchmarks/stacks_show.py --suite runs/search
     python benchmarks/stacks_show.py --out runs/stacks --jobs 2
     python benchmarks/stacks_show.py --out runs/stacks --docs docs
 
-The first command searches with `nav2-dwb` and the robot of the study. The second keeps the 30 worst scenarios as
+The first command searches with `nav2-dwb-humble` and the robot of the study. The second keeps the 30 worst scenarios as
 `examples/suites/stacks`, two of every route and requirement. The third drives them; it keeps what every stack and robot
 did in a file, and resumes. The last writes the table and the pictures that the documentation holds.
 """
@@ -32,7 +32,7 @@ from rvsg.world.world_folder import load_world
 
 HERE = Path(__file__).resolve().parents[1]
 SUITE = HERE / "examples" / "suites" / "stacks"
-STACKS = ("nav2-dwb", "nav2-rpp", "nav2-mppi", "stop-and-go", "social", "examples/stacks/nav2_params.yaml")
+STACKS = ("nav2-dwb-humble", "nav2-rpp", "nav2-mppi", "stop-and-go", "social", "examples/stacks/nav2_params.yaml")
 ROBOTS = ("tiago_omni", "industrial_amr", "turtlebot3_waffle")
 REQUIREMENTS = ("R1", "R2", "clearance")
 SCENARIOS = 30
@@ -43,11 +43,11 @@ def keep_worst(searched: Path) -> None:
     """Write the worst scenarios of a folder of campaigns as a suite."""
     from rvsg.app.comparison import tested_in
 
-    suite = Suite.create(SUITE, title="The 30 worst scenarios for nav2-dwb on the five warehouse routes")
+    suite = Suite.create(SUITE, title="The 30 worst scenarios for nav2-dwb-humble on the five warehouse routes")
     for tested in tested_in(searched, SCENARIOS):
         scenario, (requirement,) = tested.case.scenario, tested.requirements
         name = f"{scenario.mission.route.name}-{requirement.name.lower()}-{tested.case.title.rpartition('#')[2]}"
-        suite = suite.add(scenario, requirement.name, name=name, reason="found by a campaign on nav2-dwb")
+        suite = suite.add(scenario, requirement.name, name=name, reason="found by a campaign on nav2-dwb-humble")
 
 
 def driven(out: Path, robots: list[str], runs: int, jobs: int) -> list[SuiteResult]:

@@ -130,8 +130,37 @@ def test_a_campaign_of_0_2_keeps_the_people_it_began_with(tmp_path: Path) -> Non
     assert earlier is not None
     assert earlier.settings.simulator_options == {"human_model": "social-force"}
     data["simulator"]["options"]["profile"] = "published-study"
+    del data["simulator"]["options"]["stack"]
     published = CampaignRecord.read(data)
-    assert published is not None and published.settings.simulator_options == {}
+    assert published is not None and published.settings.simulator_options == {} and published.settings.stack is None
+
+
+@pytest.mark.parametrize(
+    ("named", "stored"),
+    [
+        ({}, None),
+        ({"stack": "nav2-dwb"}, None),
+        ({"stack_options": {"dwb": {"sim_time_s": 2.0}}}, {"dwb": {"sim_time_s": 2.0}}),
+        ({"stack": "params.yaml"}, {"padding_m": 0.02, "behaviours": {"waits_for_costmaps": True}}),
+    ],
+    ids=["default", "by name", "with options", "a parameter file"],
+)
+def test_a_campaign_of_0_2_keeps_the_stack_it_began_with(
+    named: dict[str, Any], stored: dict[str, Any] | None, tmp_path: Path
+) -> None:
+    out = tmp_path / "c"
+    study = {} if stored is None else {"stack_options": stored}
+    campaign = rvsg.Campaign.create(out, stack="nav2-dwb-humble", scenarios=1, refinements=0, repeats=1, **study)
+    earlier = campaign.record.data()
+    earlier["config"] |= {"stack": None, "stack_options": {}, **named}
+    if stored is not None:
+        earlier["simulator"]["options"]["stack"] |= {"name": "nav2-dwb", "version": "1"}
+    assert CampaignRecord.read(earlier) == campaign.record
+    with SqliteLedger(out / "ledger.sqlite") as ledger:
+        ledger.forget_empty(campaign.name)
+        ledger.begin(campaign.name, earlier)
+    assert rvsg.Campaign.open(out).record == campaign.record
+    assert rvsg.Campaign.open(out)._wired.simulator.options == campaign.record.simulator.options
 
 
 def test_every_campaign_of_a_store_is_listed_and_can_be_opened(tmp_path: Path) -> None:

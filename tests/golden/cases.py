@@ -32,29 +32,31 @@ ROUTES = {
 }
 # robot, stack, people, profile
 SETTINGS = (
-    ("tiago_omni", "nav2-dwb", 0, "hunavsim"),
-    ("tiago_omni", "nav2-dwb", 2, "hunavsim"),
-    ("tiago_omni", "nav2-dwb", 6, "hunavsim"),
-    ("tiago_omni", "nav2-dwb", 12, "hunavsim"),
-    ("tiago_omni", "nav2-dwb", 2, "published-study"),
-    ("tiago_omni", "nav2-dwb", 5, "published-study"),
-    ("tiago_omni", "nav2-dwb", 12, "published-study"),
+    ("tiago_omni", "nav2-dwb-humble", 0, "hunavsim"),
+    ("tiago_omni", "nav2-dwb-humble", 2, "hunavsim"),
+    ("tiago_omni", "nav2-dwb-humble", 6, "hunavsim"),
+    ("tiago_omni", "nav2-dwb-humble", 12, "hunavsim"),
+    ("tiago_omni", "nav2-dwb-humble", 2, "published-study"),
+    ("tiago_omni", "nav2-dwb-humble", 5, "published-study"),
+    ("tiago_omni", "nav2-dwb-humble", 12, "published-study"),
     ("tiago_omni", "nav2-rpp", 3, "published-study"),
     ("tiago_omni", "nav2-rpp", 4, "hunavsim"),
     ("tiago_omni", "nav2-mppi", 3, "hunavsim"),
     ("tiago_omni", "social", 3, "hunavsim"),
     ("tiago_omni", "stop-and-go", 3, "hunavsim"),
     ("tiago_omni", NAV2_FILE, 3, "hunavsim"),
-    ("turtlebot3_waffle", "nav2-dwb", 3, "hunavsim"),
+    ("turtlebot3_waffle", "nav2-dwb-humble", 3, "hunavsim"),
     ("turtlebot3_waffle", "nav2-mppi", 2, "hunavsim"),
     ("turtlebot3_waffle", "nav2-rpp", 8, "hunavsim"),
-    ("industrial_amr", "nav2-dwb", 3, "hunavsim"),
+    ("industrial_amr", "nav2-dwb-humble", 3, "hunavsim"),
     ("industrial_amr", "stop-and-go", 5, "hunavsim"),
-    ("tugger", "nav2-dwb", 2, "hunavsim"),
+    ("tugger", "nav2-dwb-humble", 2, "hunavsim"),
     ("tugger", "social", 4, "hunavsim"),
-    ("tiago_omni", "nav2-dwb", 3, "default"),
+    ("tiago_omni", "nav2-dwb-humble", 3, "default"),
     ("tiago_omni", "nav2-mppi", 6, "default"),
     ("industrial_amr", "nav2-rpp", 12, "default"),
+    ("tiago_omni", "nav2-dwb", 6, "default"),
+    ("turtlebot3_waffle", "nav2-dwb", 3, "default"),
 )
 BEHAVIOURS = ("regular", "impassive", "surprised", "scared", "curious", "threatening")
 
@@ -103,8 +105,8 @@ def run_hash(case: str) -> str:
 
 
 def people_seed(case: str) -> int:
-    """Return the seed of a case's people; those of `hunavsim` are the people of the time when it was `default`."""
-    return len(case.replace("hunavsim", "default")) + int(case.split("/")[1][-1])
+    """Return the seed of a case's people: that of the time when `hunavsim` and `nav2-dwb-humble` were the defaults."""
+    return len(case.replace("hunavsim", "default").replace("-humble", "")) + int(case.split("/")[1][-1])
 
 
 def scenario_of(world_name: str, route: str, robot: str, people: int, seed: int) -> rvsg.Scenario | None:

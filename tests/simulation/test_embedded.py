@@ -13,7 +13,6 @@ from tests.simulation.parts import TIAGO, route, standing
 from rvsg.core.errors import InputError, InvalidOptions, SimulationError, UnknownName
 from rvsg.core.kernels import kernel
 from rvsg.core.records import Pose
-from rvsg.robots.robot import Robot
 from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json
 from rvsg.simulation.embedded import base
@@ -26,6 +25,7 @@ from rvsg.simulation.embedded.profiles import Noise, profile
 from rvsg.simulation.embedded.simulator import empty_room, simulate_agents
 from rvsg.simulation.embedded.state import State
 from rvsg.simulation.run import Outcome, Run
+from rvsg.simulation.stacks.stack_choice import StackChoice
 from rvsg.world.world import World
 from rvsg.world.world_folder import load_world
 
@@ -196,10 +196,9 @@ def test_a_run_holds_the_groups_of_its_people_in_the_store_too(warehouse: World)
         assert again.human_groups == (2, 2, None)
 
 
-def behaving(**behaviours: object) -> Robot:
-    """The default robot with these keys of `navigation.behaviours`."""
-    navigation = TIAGO.navigation
-    return TIAGO.replace(navigation=navigation.replace(behaviours=navigation.behaviours.replace(**behaviours)))
+def behaving(**behaviours: object) -> StackChoice:
+    """The stack of the study with these keys of `navigation.behaviours`."""
+    return StackChoice.of("nav2-dwb-humble", {"behaviours": behaviours})
 
 
 class TestOutside:
@@ -234,22 +233,22 @@ class TestOutside:
         asked: list[float] = []
         brief = warehouse.route("route_1").model_copy(update={"time_limit_s": 1.3})
         simulate_agents(
-            warehouse, brief, [], robot=behaving(waits_for_costmaps=waits), seed=1,
+            warehouse, brief, [], stack=behaving(waits_for_costmaps=waits), seed=1,
             outside=Outside(control=lambda episode: asked.append(episode.t)),
         )  # fmt: skip
         assert least < np.diff(asked).max() < most
 
     @pytest.mark.parametrize(
-        ("behaviours", "outcome", "recoveries"),
+        ("stack", "outcome", "recoveries"),
         [
-            ({}, Outcome.REACHED, 0),
-            ({"waits_for_costmaps": True}, Outcome.REACHED, 1),
-            ({"waits_for_costmaps": True, "gives_up_without_plan": True}, Outcome.ABORTED, 0),
+            (behaving(), Outcome.REACHED, 0),
+            (behaving(waits_for_costmaps=True), Outcome.REACHED, 1),
+            (None, Outcome.ABORTED, 0),
         ],
         ids=["published", "humble", "jazzy"],
     )
     def test_what_follows_a_plan_on_the_way_that_fails_once(
-        self, warehouse: World, behaviours: dict[str, bool], outcome: Outcome, recoveries: int
+        self, warehouse: World, stack: StackChoice | None, outcome: Outcome, recoveries: int
     ) -> None:
         blocked: list[float] = []
 
@@ -261,7 +260,7 @@ class TestOutside:
                 episode.state.costs[:] = BLOCKED
 
         run = simulate_agents(
-            warehouse, warehouse.route("route_1"), [], robot=behaving(**behaviours), seed=1,
+            warehouse, warehouse.route("route_1"), [], stack=stack, seed=1,
             outside=Outside(probe=block, probe_ticks=1),
         )  # fmt: skip
         assert len(blocked) == 1

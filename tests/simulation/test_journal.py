@@ -14,6 +14,7 @@ from rvsg.robots.robot import Robot, load_robot
 from rvsg.simulation.embedded import behaviour_tree
 from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.run import Recovery, Replan
+from rvsg.simulation.stacks.stack_choice import StackChoice
 
 
 @kernel
@@ -34,7 +35,8 @@ def drive(gates: list[tuple[float, float]], robot: Robot | None = None) -> tuple
     low, high = [0.05, *(end for _, end in gates)], [*(begin for begin, _ in gates), 5.95]
     blocks = [(5.0, a, 5.5, b) for a, b in zip(low, high, strict=True)]
     world, way = world_of(room_cells(10.0, 6.0, *blocks)), route((1.0, 3.0), (9.0, 3.0), 60.0)
-    run = simulate_agents(world, way, [standing(5.25, 3.05)], robot=robot, seed=0)
+    humble = StackChoice.of("nav2-dwb-humble")  # recovers where the planner finds no way; today's Nav2 gives up
+    run = simulate_agents(world, way, [standing(5.25, 3.05)], robot=robot, seed=0, stack=humble)
     return run, [e for e in run.events if isinstance(e, Replan)], [e for e in run.events if isinstance(e, Recovery)]
 
 

@@ -185,7 +185,7 @@ def test_the_release_decides_how_recoveries_drive(tmp_path: Path, dots: str, smo
     spin = f'{{behavior_plugins: [spin], spin: {{plugin: "nav2_behaviors{dots}Spin"}}}}'
     path = written(tmp_path, f"{RPP}behavior_server:\n  ros__parameters: {spin}\n")
     assert StackChoice.of(path).driver.adapt(TIAGO).navigation.behaviours.smoothed is smoothed
-    for name, built_in in (("nav2-dwb", False), ("nav2-rpp", True), ("nav2-mppi", True)):
+    for name, built_in in (("nav2-dwb-humble", False), ("nav2-dwb", True), ("nav2-rpp", True)):
         assert StackChoice.of(name).driver.adapt(TIAGO).navigation.behaviours.smoothed is built_in
 
 

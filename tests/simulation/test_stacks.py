@@ -14,6 +14,7 @@ from tests.simulation.parts import TIAGO, route
 from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.core.plugins import Spec
 from rvsg.scenario.scenario import Attention, HumanAgent
+from rvsg.simulation.embedded.profiles import profile
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator, empty_room, simulate_agents
 from rvsg.simulation.run import Outcome, Run
 from rvsg.simulation.stacks.pure_pursuit import PurePursuit, carrot, pursue, regulated, turn_towards
@@ -123,9 +124,16 @@ def test_a_velocity_that_is_not_finite_counts_as_no_command_and_an_impossible_on
     assert run.trajectory.v.max() <= 0.5 + 1e-9
 
 
-def test_the_stack_is_part_of_the_options_and_the_default_is_not() -> None:
-    plain, named = EmbeddedSimulator(), EmbeddedSimulator(stack="nav2-dwb")
-    assert plain.options == named.options and "stack" not in plain.options
+def test_the_default_stack_is_that_of_the_profile_and_only_the_study_s_is_not_stored() -> None:
+    for people, name in (("default", "nav2-dwb"), ("hunavsim", "nav2-dwb"), ("published-study", "nav2-dwb-humble")):
+        plain, named = EmbeddedSimulator(people), EmbeddedSimulator(people, stack=name)
+        assert plain.options == named.options
+        assert plain.options.get("stack", {"name": "nav2-dwb-humble"})["name"] == name  # type: ignore[index]
+    study = simulate_agents(empty_room(), ROUTE, [HUMAN], options=profile("published-study"))
+    assert "stack" not in study.options and simulate_agents(empty_room(), ROUTE, []).options["stack"]
+
+
+def test_the_stack_is_part_of_the_options() -> None:
     one = EmbeddedSimulator(stack=f"{EXAMPLE}:FollowThePlan")
     other = EmbeddedSimulator(stack=Spec(f"{EXAMPLE}:FollowThePlan", {"speed": 0.4}))
     assert one.options != other.options
@@ -145,7 +153,7 @@ def test_the_stack_is_part_of_the_options_and_the_default_is_not() -> None:
         ("fine.py:Planner", InputError),
         ("fine.py:Other", UnknownName),
         (Spec(f"{EXAMPLE}:FollowThePlan", {"sped": 1}), InputError),
-        ({"name": "nav2-dwb", "version": "0"}, InputError),
+        ({"name": "nav2-dwb", "version": "1"}, InputError),
     ],
 )
 def test_a_stack_that_cannot_be_chosen(
@@ -173,7 +181,9 @@ def nearest(run: Run) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted({*stack_names()} - {"nav2-dwb", "exec", "exec-stack", "ros2"}))
+@pytest.mark.parametrize(
+    "name", sorted({*stack_names()} - {"nav2-dwb", "nav2-dwb-humble", "exec", "exec-stack", "ros2"})
+)
 def test_every_stack_that_ships_passes_the_exam(name: str) -> None:
     check_stack(name)
 

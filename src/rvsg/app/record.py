@@ -19,15 +19,22 @@ from rvsg.core.errors import InputError, InvalidOptions, UnknownName
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
 from rvsg.evaluation.verdict import DEFAULT, Procedure
+from rvsg.simulation.stacks.stack_choice import DEFAULT_STACK, STUDY_STACK, default_stack
 
 
-def _with_its_people(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the stored settings of a campaign, with the people of 0.2 where it began with them as the default."""
-    config = dict(settings["config"])
-    options = dict(dict(settings["simulator"]).get("options") or {})
+def _as_begun(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the stored settings of a campaign, with the people and the stack of 0.2 where these were its defaults."""
+    config, simulator = dict(settings["config"]), dict(settings["simulator"])
+    options = dict(simulator.get("options") or {})
     if options.get("profile") == "default" and "human_model" not in options:
         config["simulator_options"] = {**config.get("simulator_options", {}), "human_model": "social-force"}
-    return config
+    stack = options.get("stack") or {"name": DEFAULT_STACK, "version": "1", "options": {}}
+    if simulator.get("name") == "embedded" and (stack["name"], stack["version"]) == (DEFAULT_STACK, "1"):
+        if (config.get("stack") or default_stack(options.get("profile"))) != STUDY_STACK:
+            config |= {"stack": STUDY_STACK, "stack_options": stack["options"]}
+        if "stack" in options:
+            simulator["options"] = options | {"stack": {**stack, "name": STUDY_STACK}}
+    return {**settings, "config": config, "simulator": simulator}
 
 
 WORDS = ("title", "text", "unit", "measured_as", "note", "source")
@@ -81,8 +88,9 @@ class CampaignRecord(Record):
         if "plan" not in settings or "config" not in settings:
             return None
         try:
-            config = CampaignConfig.model_validate(_with_its_people(settings))
-            return cls.model_validate({**settings, "config": config.deciding()})
+            begun = _as_begun(settings)
+            config = CampaignConfig.model_validate(begun["config"])
+            return cls.model_validate({**begun, "config": config.deciding()})
         except (ValidationError, TypeError) as error:
             version = dict(settings.get("provenance") or {}).get("version", "another version of RVSG")
             raise InputError(

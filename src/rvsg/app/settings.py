@@ -27,7 +27,7 @@ from rvsg.evaluation.verdict import DEFAULT, Procedure
 from rvsg.generation.vlm.model import NO_CALL
 from rvsg.robots.robot import DEFAULT_ROBOT, shipped_robots
 from rvsg.scenario.requirement import shipped_requirements
-from rvsg.simulation.stacks.stack_choice import DEFAULT_STACK
+from rvsg.simulation.stacks.stack_choice import DEFAULT_STACK, default_stack
 from rvsg.world.world import State
 from rvsg.world.world_folder import as_named, shipped_worlds
 
@@ -176,7 +176,7 @@ class CampaignConfig(Record):
             "Navigation stack under test: a name (`rvsg stacks`) or a file.",
             TEST,
             more="Or a command; see [Test your own stack](../how-to/test-your-own-stack.md).",
-            default=DEFAULT_STACK,
+            default=f"{DEFAULT_STACK}, or that of the profile",
             common=True,
             file="or name",
         ),
@@ -367,7 +367,7 @@ class CampaignConfig(Record):
     def stack_spec(self) -> Spec | None:
         """Return the navigation stack under test; None for the simulator's own."""
         if self.stack is None and self.stack_options:
-            return Spec(DEFAULT_STACK, self.stack_options)
+            return Spec(default_stack(self.simulator_options.get("profile")), self.stack_options)
         return None if self.stack is None else Spec(self.stack, self.stack_options)
 
     @property

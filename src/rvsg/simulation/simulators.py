@@ -14,8 +14,7 @@ from rvsg.core.records import content_id
 from rvsg.robots.robot import Robot
 from rvsg.scenario.scenario import ROBOT, Mission, Scenario
 from rvsg.simulation.run import Run
-from rvsg.simulation.stacks.protocol import NavigationStack
-from rvsg.simulation.stacks.stack_choice import DEFAULT_STACK, StackLike
+from rvsg.simulation.stacks.stack_choice import STUDY_STACK, StackLike, stack_class, stack_names
 from rvsg.world.world import World
 
 
@@ -123,7 +122,7 @@ def by_content(spec: Spec, effective: Mapping[str, object]) -> Spec:
     """Return a simulator's Spec with the stack under test by content and version, from its effective options."""
     stack = effective.get("stack")
     if stack is None and spec.name == "embedded":
-        stack = {"name": DEFAULT_STACK, "version": plugins.find("stack", DEFAULT_STACK).version, "options": {}}
+        stack = {"name": STUDY_STACK, "version": stack_class(STUDY_STACK).version, "options": {}}
     return spec if stack is None else Spec(spec.name, {**spec.options, "stack": stack})
 
 
@@ -138,9 +137,9 @@ def stack_in_words(spec: Spec) -> str:
 
 def described(spec: Spec) -> str:
     """Return a simulator in words: its name, the stack under test, and whether its runs can be repeated."""
-    stack = spec.options.get("stack")
+    stack = spec.options.get("stack", {"name": STUDY_STACK} if spec.name == "embedded" else None)
     name = str(stack.get("name", "")) if isinstance(stack, Mapping) else ""
-    known: type[NavigationStack] | None = plugins.find("stack", name) if name in plugins.names("stack") else None
+    known = stack_class(name) if name in stack_names() else None
     repeatable = spec.options.get("repeatable", True) and (known is None or known.repeatable)
     words = f"{spec.name}, stack {name}" if name else spec.name
     return words if repeatable else f"{words} (not repeatable bit for bit: a seed is the number of a run)"

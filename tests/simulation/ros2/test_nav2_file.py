@@ -47,11 +47,7 @@ def test_what_is_written_reads_back_as_the_same_stack(name: str, stack: str, rel
     assert type(read) is type(written)
     one, other = (stack_of(each.adapt(robot)) for each in (written, read))
     different = [key for key in one._fields if not np.array_equal(getattr(one, key), getattr(other, key))]
-    as_before = written.adapt(robot).navigation.behaviours.smoothed == (release == "jazzy")
-    expected = {"waits_for_maps"} if stack == "nav2-dwb" else set()  # else of the published profile
-    if not as_before:
-        expected |= {"recoveries_direct", "gives_up_without_plan"}
-    assert set(different) == expected
+    assert set(different) == (set() if release == "jazzy" else {"recoveries_direct", "gives_up_without_plan"})
     own = type(written.settings).model_fields.keys() - Nav2Settings.model_fields.keys() - {"dwb"}
     assert [key for key in own if getattr(written.settings, key) != getattr(read.settings, key)] == []
 

@@ -109,7 +109,7 @@ def _controller(driver: NavigationStack, name: str) -> dict[str, Any]:
         own |= {key: {**own[key], "cost_power": 1} for key in critics}
         plugin = "nav2_mppi_controller::MPPIController"
         return {"plugin": plugin, "motion_model": "DiffDrive", **own, "visualize": False, "critics": critics}
-    if type(driver) is Nav2Dwb:
+    if isinstance(driver, Nav2Dwb):
         return {}  # the template has it
     raise InputError(
         f"The stack {name} has no controller of Nav2. Those that have one: nav2-dwb, nav2-rpp, nav2-mppi.",

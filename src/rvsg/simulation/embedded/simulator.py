@@ -49,8 +49,9 @@ from rvsg.simulation.embedded.state import Scene, State, Surroundings, latest, n
 from rvsg.simulation.embedded.walls import free_pose, is_stuck, obstacle_contacts
 from rvsg.simulation.run import Outcome, Run, Trajectory, in_order
 from rvsg.simulation.simulators import Simulator
+from rvsg.simulation.stacks.nav2_stack import Nav2Dwb
 from rvsg.simulation.stacks.protocol import NavigationStack, Task
-from rvsg.simulation.stacks.stack_choice import DEFAULT_STACK, StackChoice, StackLike
+from rvsg.simulation.stacks.stack_choice import StackChoice, StackLike, default_stack
 from rvsg.world.grid import Grid
 from rvsg.world.world import OccupancyMap, Route, World
 
@@ -136,7 +137,7 @@ class EmbeddedSimulator(Simulator):
 
     `profile` is `default` (how things should be), `hunavsim` (the same with HuNavSim's people) or `published-study`
     (with the defects of the published runs); further options are those of `SimulatorOptions`, e.g.
-    `noise={"lidar": 0}`. `stack`: what drives the robot.
+    `noise={"lidar": 0}`. `stack`: what drives the robot, by default `default_stack` of the profile.
     """
 
     name = NAME
@@ -145,8 +146,7 @@ class EmbeddedSimulator(Simulator):
 
     def __init__(self, profile: str = "default", *, stack: StackLike | None = None, **options: Any) -> None:
         self._options = named_profile(profile, **options)
-        choice = None if stack is None else StackChoice.of(stack)
-        self._stack = None if choice is None or (choice.is_default and not choice.messages) else choice
+        self._stack = StackChoice.of(default_stack(profile) if stack is None else stack)
 
     @property
     def options(self) -> dict[str, object]:
@@ -155,7 +155,7 @@ class EmbeddedSimulator(Simulator):
 
     def notes(self, robot: Robot) -> tuple[str, ...]:
         """Tell where the stack leaves lateral motion unused."""
-        if self._stack is None or self._stack.driver.sideways or robot.limits.lateral_m_s == 0.0:
+        if self._stack.driver.sideways or robot.limits.lateral_m_s == 0.0:
             return ()
         name = self._stack.record.name
         return (f"{robot.name} can move sideways, but {name} never does; nav2-dwb and stacks of your own may.",)
@@ -163,15 +163,13 @@ class EmbeddedSimulator(Simulator):
     def prepare(self, tell: Callable[[str], None]) -> None:
         """Compile or load the kernels before the first run; `tell` hears of it only where they must be compiled."""
         warm_up(tell)
-        if self._stack is not None:
-            for text in self._stack.messages:
-                tell(text)
-            self._stack.driver.prepare(tell)
+        for text in self._stack.messages:
+            tell(text)
+        self._stack.driver.prepare(tell)
 
     def close(self) -> None:
         """Close the stack under test, unless it was given as an instance."""
-        if self._stack is not None:
-            self._stack.close()
+        self._stack.close()
 
     def run(self, scenario: Scenario, world: World, *, seed: int, outside: Outside | None = None) -> Run:
         """Simulate one episode; raises InputError where world or scenario cannot be simulated at all.
@@ -185,13 +183,13 @@ class EmbeddedSimulator(Simulator):
         )  # fmt: skip
 
 
-def stored_options(options: SimulatorOptions, stack: StackChoice | None = None) -> dict[str, object]:
+def stored_options(options: SimulatorOptions, stack: StackChoice) -> dict[str, object]:
     """Return options as plain data, with the version of the simulator's rules and the content of the default robot.
 
-    `stack`: another than the built-in one, with its version.
+    The stack is among them with its version, but for that of the published study: runs without one are of it.
     """
     stored = {"version": VERSION, "default_robot": load_robot(DEFAULT_ROBOT).id, **options.model_dump(mode="json")}
-    return stored if stack is None else {**stored, "stack": stack.record.model_dump(mode="json")}
+    return stored if stack.is_study else {**stored, "stack": stack.record.model_dump(mode="json")}
 
 
 def simulate_agents(
@@ -208,8 +206,8 @@ def simulate_agents(
 ) -> Run:
     """Simulate one episode of a route among humans given in coordinates; `robot` is the TIAGo OMNI base by default.
 
-    A robot that starts in an obstacle or off the map is an Outcome. `stack`: what drives instead of the built-in
-    navigation. `outside`: what else is computed by the caller, not by the compiled loop.
+    A robot that starts in an obstacle or off the map is an Outcome. `stack`: what drives, by default `default_stack`
+    of the profile. `outside`: what else is computed by the caller, not by the compiled loop.
 
     Raises:
         InputError: a number is not finite, the time limit is not positive or the map is turned.
@@ -217,8 +215,8 @@ def simulate_agents(
     options = options or profile()
     route = _settled(route, options.settling_m)
     _check(route, seed)
-    robot = robot or load_robot(DEFAULT_ROBOT)
-    robot = robot if stack is None else stack.driver.adapt(robot)
+    stack = stack or StackChoice.of(default_stack(options.profile))
+    robot = stack.driver.adapt(robot or load_robot(DEFAULT_ROBOT))
     wanted = {"rays": options.lidar_rays, "max_range_m": options.lidar_range_m, "noise_m": options.lidar_noise_m}
     if changes := {name: value for name, value in wanted.items() if value is not None}:
         robot = robot.replace(lidars=tuple(lidar.replace(**changes) for lidar in robot.lidars))
@@ -269,7 +267,7 @@ def simulate_agents(
             stream(seed, "lidar/dropouts").random(out=state.dropouts)
         phases, intervals = draw_phases(options, seed), draw_intervals(options, seed, route)
         driving = None
-        if stack is not None and stack.record.name != DEFAULT_STACK:
+        if not isinstance(stack.driver, Nav2Dwb):
             driving = Driving(stack.driver, _task(stack.driver, robot, world, route, goals, own, seed))
             outside = driving.outside(outside)
         step = None if moving is None else moving.step

@@ -45,7 +45,7 @@ from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.simulation.embedded.state import State
 from rvsg.simulation.run import Run
 from rvsg.simulation.simulators import make_simulator
-from rvsg.simulation.stacks.stack_choice import StackLike
+from rvsg.simulation.stacks.stack_choice import STUDY_STACK, StackLike
 from rvsg.world.world import World
 
 Ints = NDArray[np.int64]
@@ -518,7 +518,7 @@ def trace_again(run: Run, scenario: Scenario, world: World, *, on_message: Calla
             "`--stack` with the scenario records a new one.",
             code="run-not-repeatable",
         )
-    options = {name: value for name, value in run.options.items() if name not in OF_RECORD}
+    options = {"stack": STUDY_STACK} | {name: value for name, value in run.options.items() if name not in OF_RECORD}
     made = EmbeddedSimulator(**options)  # type: ignore[arg-type]  # checked by it
     with closing(made):
         made.prepare(on_message)

@@ -105,7 +105,9 @@ class Nav2Dwb(Configured):
     """Nav2 with DWB, NavFn and the default behaviour tree, by default with the parameters of the robot."""
 
     name: ClassVar[str] = "nav2-dwb"
-    title: ClassVar[str] = "Nav2 (Humble) with DWB, NavFn and the default behaviour tree"
+    version = "2"
+    own_behaviours: ClassVar[Mapping[str, Any]] = AS_JAZZY
+    title: ClassVar[str] = "Nav2 (Jazzy) with DWB, NavFn and the default behaviour tree: the default"
     Settings: ClassVar[type[Nav2Settings]] = DwbSettings
 
     @property
@@ -118,4 +120,13 @@ class Nav2Dwb(Configured):
 
     def command(self, seen: LocalObservation) -> tuple[float, float] | None:
         """Never called."""
-        raise NotImplementedError("nav2-dwb runs within the compiled loop")
+        raise NotImplementedError(f"{self.name} runs within the compiled loop")
+
+
+class Nav2DwbHumble(Nav2Dwb):
+    """Nav2 of Humble as the published study ran it, bit for bit what `nav2-dwb` was in version 1."""
+
+    name: ClassVar[str] = "nav2-dwb-humble"
+    version = "1"
+    own_behaviours: ClassVar[Mapping[str, Any]] = {}
+    title: ClassVar[str] = "Nav2 (Humble) with DWB, as the published study ran it: the default of published-study"

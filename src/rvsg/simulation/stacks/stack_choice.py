@@ -16,10 +16,10 @@ from rvsg.core import permission, plugins
 from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
+from rvsg.simulation.stacks.nav2_stack import Nav2Dwb, Nav2DwbHumble
 from rvsg.simulation.stacks.protocol import LocalPlanner, NavigationStack, WholeStack
 
-DEFAULT_STACK = "nav2-dwb"
-"""What drives a robot where no stack is named."""
+DEFAULT_STACK, STUDY_STACK = Nav2Dwb.name, Nav2DwbHumble.name
 HINT = "`rvsg stacks` lists them. Your own: module:Class, file.py:Class, exec:COMMAND, or a nav2_params.yaml."
 
 COMMANDS = ("exec", "exec-stack")
@@ -36,16 +36,30 @@ class Stack(Record):
     options: dict[str, Any]
 
 
+def default_stack(profile: object = "default") -> str:
+    """Return the stack that drives where none is named: the study's in the profile of the study."""
+    return STUDY_STACK if profile == "published-study" else DEFAULT_STACK
+
+
 def stack_names() -> tuple[str, ...]:
     """Return the names of the registered stacks."""
-    return plugins.names("stack")
+    return tuple(sorted({*plugins.names("stack"), STUDY_STACK}))
+
+
+def stack_class(name: str) -> type[NavigationStack]:
+    """Return the class of a registered stack.
+
+    That of the study is no plug-in: stored runs without a stack are of it, whatever is installed.
+    """
+    found: type[NavigationStack] = Nav2DwbHumble if name == STUDY_STACK else plugins.find("stack", name)
+    return found
 
 
 def listed_stacks() -> list[dict[str, Any]]:
     """Return name, title, version and options with their defaults of every registered stack, by name."""
     return [
         {"name": name, "title": kind.title, "version": kind.version, "options": dict(kind.default_options())}
-        for name, kind in ((name, plugins.find("stack", name)) for name in stack_names())
+        for name, kind in ((name, stack_class(name)) for name in stack_names())
     ]
 
 
@@ -99,9 +113,9 @@ class StackChoice:
         return _named(str(given), options or {})
 
     @property
-    def is_default(self) -> bool:
-        """Whether the run is that of the simulator without a stack."""
-        return self.record.name == DEFAULT_STACK and not self.record.options
+    def is_study(self) -> bool:
+        """Whether it is the stack of the published study, of which a run stores no record."""
+        return self.record.name == STUDY_STACK and not self.record.options
 
 
 def _spec_of(given: Mapping[str, Any]) -> Spec:
@@ -114,16 +128,17 @@ def _spec_of(given: Mapping[str, Any]) -> Spec:
         raise InputError(f"stack: expected options as NAME: VALUE, got {options!r}")
     found = StackChoice.of(Spec(values["name"], options)).record.version if version is not None else None
     if version != found:
+        known = f" What it did is {STUDY_STACK}." if (values["name"], version) == (DEFAULT_STACK, "1") else ""
         raise InputError(
             f"stack: {values['name']} is present in version {found}, not {version}. Leave the version out, or restore "
-            "that version."
+            f"that version.{known}"
         )
     return Spec(values["name"], options)
 
 
 def _named(name: str, options: Mapping[str, Any]) -> StackChoice:
     if name in stack_names():
-        driver = plugins.make("stack", name, options)
+        driver = plugins.made("stack", name, stack_class(name), options)
         return StackChoice(driver, name, options)
     kind, _, rest = name.partition(":")
     if rest and kind in COMMANDS:
