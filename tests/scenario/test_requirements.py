@@ -7,8 +7,11 @@ from tests.coded import at_key, nearest
 
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError, UnknownName
+from rvsg.evaluation.signals import doubts_of
 from rvsg.generation.facts import requirement_facts
 from rvsg.scenario.requirement import load_requirement, load_requirements, shipped_requirements
+from rvsg.scenario.scenario import Mission
+from rvsg.world.world_folder import load_world, shipped_worlds
 
 
 def test_the_study_requirements_and_more_are_shipped():
@@ -71,3 +74,47 @@ def test_r1_says_that_only_people_are_measured_in_words_that_no_prompt_holds():
     assert r1.note not in "".join(str(value) for value in requirement_facts(r1).values())
     page = Path(__file__).parents[2] / "docs" / "reference" / "requirements.md"
     assert r1.note in page.read_text(encoding="utf-8")
+
+
+def test_a_mistake_in_one_requirement_of_a_file_blocks_no_other(tmp_path):
+    path = tmp_path / "mine.yaml"
+    sound = "b: {title: B, text: B, metric: min_distance, worse: smaller, limit: 1}\n"
+    path.write_text(f"a: {{title: A, text: A, metric: dto, limt: 3, worse: sideways}}\n{sound}c: 7\n")
+    assert load_requirement(f"{path}#b").limit == 1
+    with pytest.raises(DocumentError) as caught:
+        load_requirement(f"{path}#a")
+    assert {problem.line for problem in caught.value.problems} == {1}
+
+
+@pytest.mark.parametrize(
+    ("measure", "said"),
+    [
+        ("metric: min_distance, worse: smaller, limit: 500", "every run violates it"),
+        ("metric: min_distance, worse: smaller, limit: -200", "no run can violate it"),
+        ("metric: tnm, worse: larger, limit: 4000", "no run can violate it"),
+        ("formula: always distance_to_person > -1000", "no run can violate it"),
+        ("formula: always speed >= 0", "no run can violate it"),
+        ("formula: always (distance_to_person < 400 or time > 3)", "no run can violate it"),
+        ("formula: eventually distance_to_goal > 900", "every run violates it"),
+        ("metric: min_distance, worse: smaller, limit: 0.5", ""),
+        ("formula: always (x < 20 and acceleration > -4)", ""),
+        ("formula: 'speed < 0.2 until distance_to_person > 1'", ""),
+        ("formula: 'always abs(x - y) < 30 * max(speed, 1)'", ""),
+    ],
+)
+def test_a_limit_that_map_robot_or_time_limit_rule_out_is_told(measure, said, tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(f"a: {{title: A, text: A, {measure}}}")
+    world = load_world("warehouse")
+    doubts = list(doubts_of(load_requirement(path), Mission.of(world, world.routes[0]), world))
+    assert [said in doubt for doubt in doubts] == [True] * bool(said), doubts
+
+
+def test_the_shipped_requirements_can_be_violated_and_kept_everywhere():
+    for name in shipped_worlds():
+        world = load_world(name)
+        for route in world.routes:
+            for requirement in shipped_requirements().values():
+                mission = Mission.of(world, route)
+                limited = requirement.for_time_limit(route.time_limit_s)
+                assert not list(doubts_of(limited, mission, world))

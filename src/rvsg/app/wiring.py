@@ -19,6 +19,7 @@ from rvsg.campaign.strategies import Strategy
 from rvsg.core import plugins
 from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec
+from rvsg.evaluation.signals import doubts_of
 from rvsg.evaluation.verdict import Procedure, load_requirement
 from rvsg.generation.generator import Generator, InformedGenerator
 from rvsg.scenario.builder import check_mission, check_route, mission_of
@@ -46,7 +47,7 @@ class Wired:
     strategy_class: type[Strategy]
     executor: Executor | None
     notes: tuple[str, ...] = ()
-    """What of the route was fitted to the robot, in words."""
+    """What of the route was fitted to the robot, and what is doubtful of a requirement, in words."""
     own_simulator: bool = True
     """Whether the simulator was made for this campaign, which then closes it."""
 
@@ -150,7 +151,7 @@ def wire(
         simulator=simulator,
         strategy_class=strategy,
         executor=executor_of(config),
-        notes=notes,
+        notes=(*notes, *(doubt for each in (requirement, *also) for doubt in doubts_of(each, mission, world))),
         own_simulator=own,
     )
 

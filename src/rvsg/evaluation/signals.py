@@ -12,8 +12,9 @@ import numpy as np
 from rvsg.core.registry import Registry
 from rvsg.evaluation.metrics.measurement import find_metric
 from rvsg.evaluation.sampled import Floats, Sampled, sampled
-from rvsg.evaluation.temporal import Node, body_of, parse, signals_of
+from rvsg.evaluation.temporal import Node, Range, body_of, bounds, parse, signals_of
 from rvsg.scenario.requirement import Aim, Requirement
+from rvsg.scenario.scenario import FASTEST_M_S, Mission
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
@@ -105,6 +106,17 @@ BUILT_IN = (
     _signal("y", "y of the robot", "m", Aim.DELAY, lambda s: s.series.y),
 )
 
+NEVER_NEGATIVE = (
+    "time",
+    "time",
+    "obstacle_distance",
+    "centre_distance",
+    "distance_to_goal",
+    "speed",
+    "person_speed",
+    "turn_rate",
+    "jerk",
+)
 SIGNALS: Registry[RunSignal] = Registry("signal", RunSignal, {signal.id: signal for signal in BUILT_IN})
 """Every signal by its name: those that ship, then those of plug-ins."""
 
@@ -113,6 +125,40 @@ SIGNALS: Registry[RunSignal] = Registry("signal", RunSignal, {signal.id: signal 
 def formula(text: str) -> Node:
     """Return a parsed formula over the signals; FormulaError, with the position, where it cannot be parsed."""
     return parse(text, tuple(SIGNALS))
+
+
+def doubts_of(requirement: Requirement, mission: Mission, world: World) -> Iterator[str]:
+    """Yield why a requirement says nothing here: no run can violate it, or every run does.
+
+    Map, robot and time limit bound lengths, speeds and times; other quantities are taken as unbounded.
+    """
+    limit, name = requirement.threshold, requirement.name
+    if limit is None:
+        return
+    if requirement.formula is not None:
+        low, high = bounds(formula(requirement.formula), lambda id: _range(SIGNALS[id].unit, id, mission, world))
+        text = f"{name}: the value of its formula lies between {low:.4g} and {high:.4g} here"
+        never, always = low >= limit, high < limit
+    elif (known := find_metric(requirement.metric or "")) is not None:
+        low, high = _range(known.unit, "", mission, world)
+        least, most = known.bounds(mission.route.time_limit_s)
+        low, high = low if least is None else least, high if most is None else most
+        text = f"{name}: its limit is {limit:g} {known.unit}, and values here lie between {low:.4g} and {high:.4g}"
+        never, always = (limit <= low, limit > high) if requirement.worse == "smaller" else (limit >= high, limit < low)
+    if never or always:
+        yield f"{text}: {'no run can violate it' if never else 'every run violates it'}. Check the limit and its unit."
+
+
+def _range(unit: str, of: str, mission: Mission, world: World) -> Range:
+    """Return the least and the largest value of a quantity; `of`: the signal that it is."""
+    rows, columns = world.occupancy.cells.shape
+    origin, robot, limit_s = world.occupancy.origin, mission.robot_record, mission.route.time_limit_s
+    high = limit_s if of == "time" else math.inf
+    if robot is not None and unit in ("m", "m/s"):
+        speed = math.hypot(robot.limits.speed_m_s, robot.limits.lateral_m_s)
+        across = math.hypot(rows, columns) * world.occupancy.resolution + math.hypot(origin.x, origin.y)
+        high = max(across, speed * limit_s) if unit == "m" else speed + FASTEST_M_S
+    return 0.0 if of in NEVER_NEGATIVE else -high, high
 
 
 class _Lazily(Mapping[str, Floats]):

@@ -36,6 +36,7 @@ from numpy.typing import NDArray
 from rvsg.core.errors import InputError
 
 Floats = NDArray[np.float64]
+Range = tuple[float, float]
 TOLERANCE_S = 1e-9
 
 
@@ -87,6 +88,36 @@ class Node:
                 return _until(parts[0], parts[1], self.interval, time)
             case kind:
                 return POINTWISE[kind](*parts)
+
+
+def bounds(node: Node, ranges: Callable[[str], Range]) -> Range:
+    """Return a range that holds every value a formula can have, by interval arithmetic.
+
+    Args:
+        ranges: returns the range of a signal.
+    """
+    parts = [bounds(part, ranges) for part in node.parts]
+    (low, high), (other_low, other_high) = parts[0] if parts else (0.0, 0.0), parts[-1] if parts else (0.0, 0.0)
+    match node.kind:
+        case "number":
+            return node.value, node.value
+        case "signal":
+            return ranges(node.name)
+        case "+":
+            return low + other_low, high + other_high
+        case "-" | "room":
+            return low - other_high, high - other_low
+        case "negative" | "not":
+            return -high, -low
+        case "abs":
+            return max(0.0, low, -high), max(-low, high)
+        case "min" | "and":
+            return min(low, other_low), min(high, other_high)
+        case "max" | "or":
+            return max(low, other_low), max(high, other_high)
+        case "always" | "eventually" if node.interval.is_everything:
+            return low, high
+    return -np.inf, np.inf
 
 
 def _quotient(a: Floats, b: Floats) -> Floats:

@@ -15,7 +15,7 @@ A file maps names to requirements::
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from enum import Enum
 from functools import cache
 from importlib import resources
@@ -121,15 +121,14 @@ def shipped_requirements() -> dict[str, Requirement]:
 def load_requirement(name_or_path: str | Path, *, check: Check | None = None) -> Requirement:
     """Load a shipped requirement by its name, or one of a file as `file.yaml` or `file.yaml#name`.
 
-    `file.yaml` alone must hold exactly one. What cannot be measured, such as a metric of a plug-in that is not
-    installed, blocks the requirement that asks for it and no other of its file.
+    `file.yaml` alone must hold exactly one. A mistake blocks the requirement that has it and no other of its file.
 
     Args:
         check: Completes a requirement of a file, and raises InputError if it cannot be measured.
 
     Raises:
         UnknownName: There is no such requirement.
-        FileError: The file cannot be used; it names every mistake with its line.
+        FileError: The requirement cannot be used; it names every mistake with its line.
     """
     text = str(name_or_path)
     if text in _shipped():
@@ -137,15 +136,15 @@ def load_requirement(name_or_path: str | Path, *, check: Check | None = None) ->
     file, wanted = _file_and_name(text)
     if not (file.endswith((".yaml", ".yml")) or Path(file).exists()):
         raise UnknownName("requirement", text, _shipped(), hint="Or give a file: my.yaml or my.yaml#name.")
-    found, blocked, mistakes = _read(Path(file), check)
-    names = [*found, *blocked]
-    if wanted and wanted not in names and not mistakes:
+    found, wrong = _read(Path(file), check)
+    names = [*found, *wrong]
+    if wanted and wanted not in names:
         raise UnknownName("requirement", wanted, names, hint=f"File: {file}.")
-    if not wanted and len(names) > 1 and not mistakes:
+    if not wanted and len(names) > 1:
         raise FileError(file, f"holds {len(names)} requirements; say which: {file}#{names[0]}")
-    asked = wanted or next(iter(names), "")
-    if mistakes or asked in blocked:
-        raise _all_wrong(blocked, mistakes)
+    asked = wanted or names[0]
+    if asked in wrong:
+        raise DocumentError(wrong[asked])
     return found[asked]
 
 
@@ -158,26 +157,23 @@ def _file_and_name(text: str) -> tuple[str, str]:
 
 def load_requirements(path: Path) -> dict[str, Requirement]:
     """Load all requirements of a file by name; a FileError names every mistake with its line."""
-    found, blocked, mistakes = _read(path, None)
-    if mistakes or blocked:
-        raise _all_wrong(blocked, mistakes)
+    found, wrong = _read(path, None)
+    if wrong:
+        raise DocumentError([problem for problems in wrong.values() for problem in problems])
     return found
 
 
-def _all_wrong(blocked: Mapping[str, Problem], mistakes: Iterable[Problem]) -> DocumentError:
-    return DocumentError(sorted([*mistakes, *blocked.values()], key=lambda mistake: mistake.line or 0))
-
-
-def _read(path: Path, check: Check | None) -> tuple[dict[str, Requirement], dict[str, Problem], list[Problem]]:
-    """Return the requirements of a file, why others cannot be measured, and all other mistakes."""
+def _read(path: Path, check: Check | None) -> tuple[dict[str, Requirement], dict[str, list[Problem]]]:
+    """Return the requirements of a file, and the mistakes in others, by name."""
     document = read_yaml(path)
     if not isinstance(document.value, dict) or not document.value:
         raise FileError(path, 'expected a mapping from names to requirements, e.g. "R1: {title: ..., metric: dto}"')
     found: dict[str, Requirement] = {}
-    blocked: dict[str, Problem] = {}
-    mistakes: list[Problem] = []
+    wrong: dict[str, list[Problem]] = {}
     for key, fields in document.value.items():
         name = str(key)
+        mistakes: list[Problem] = []
+        wrong[name] = mistakes
         if not isinstance(fields, dict):
             mistakes.append(document.problem(f"{name}: expected a mapping with the keys {', '.join(_FIELDS)}", name))
             continue
@@ -190,12 +186,15 @@ def _read(path: Path, check: Check | None) -> tuple[dict[str, Requirement], dict
             mistakes.append(document.problem(message, name, "worse"))
         try:
             read = Requirement.model_validate({"name": name, **fields})
-            found[name] = check(read) if check is not None else read
+            read = check(read) if check is not None else read
         except Unfit as error:
             mistakes.append(document.problem(f"{name}.{error.key}: {error}", name, error.key))
         except InputError as error:
             measured = "formula" if "formula" in fields else "metric"
-            blocked[name] = document.problem(f"{name}.{measured}: {error}", name, measured)
+            mistakes.append(document.problem(f"{name}.{measured}: {error}", name, measured))
         except ValidationError as error:
             mistakes += problems_of(error, document, Requirement, (name,))
-    return found, blocked, mistakes
+        if not mistakes:
+            found[name] = read
+            del wrong[name]
+    return found, wrong

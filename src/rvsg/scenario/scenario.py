@@ -69,6 +69,8 @@ def outline_of(kind: PersonKind, trolley: Trolley | None, radius_m: float) -> Ou
     return tuple((round(x, 4), round(y, 4)) for x, y in ((near, -half), (far, -half), (far, half), (near, half)))
 
 
+FASTEST_M_S = 3.0
+"""No person walks or rolls faster."""
 Name = Annotated[str, Field(min_length=1, max_length=120)]
 Point = tuple[float, float]
 
@@ -164,7 +166,7 @@ class Human(Record):
     name: Name
     tasks: Annotated[tuple[Task, ...], Field(min_length=1)]
     behaviour: Behaviour = Behaviour.REGULAR
-    speed_m_s: Annotated[float, Field(gt=0, le=3.0)] = 1.5
+    speed_m_s: Annotated[float, Field(gt=0, le=FASTEST_M_S)] = 1.5
     radius_m: Annotated[float, Field(gt=0, le=1.0, exclude_if=lambda radius: radius is None)] | None = None
     """Half of the width of the body; None: that of an adult in the simulator's profile (`BODY_RADIUS_M`)."""
     start_delay_s: Annotated[float, Field(ge=0, le=600)] = 0.0
