@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import tracemalloc
 from collections.abc import Callable, Iterator
@@ -218,3 +219,21 @@ def test_markers_are_read_where_they_are_chosen(said: list[Said], tmp_path: Path
     assert any("/shown" in note and "--people-topic" in note for note in without.notes)
     found = read_recording(bag, world=world, people_topic="/shown").run
     assert set(found.human_names) == set(run.human_names)
+
+
+@pytest.mark.parametrize("facts", [{"imu": [[1.0], [1.0, 2.0]]}, {"log": {"t": [0.0]}}])
+def test_a_damaged_description_of_a_run_in_a_bag_is_one_message(
+    run: Run, world: World, tmp_path: Path, facts: dict[str, Any]
+) -> None:
+    whole = tmp_path / "run.mcap"
+    write_bag(run, world, whole)
+    with open_bag(whole) as reader:
+        found = [(c.topic, stamp / 1e9, reader.deserialize(raw, c.msgtype)) for c, stamp, raw in reader.messages()]
+
+    def damaged(topic: str, t: float, message: Any) -> Iterator[Said]:
+        if topic == "/rvsg/run":
+            message.data = json.dumps(json.loads(message.data) | facts)
+        yield topic, t, message
+
+    with pytest.raises(FileError):
+        read_recording(recorded(found, tmp_path, damaged), world=world)

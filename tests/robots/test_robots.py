@@ -172,3 +172,28 @@ def test_a_route_proposal_asks_for_the_room_the_robot_takes() -> None:
     huge = tugger.replace(footprint=((9.0, 4.0), (-9.0, 4.0), (-9.0, -4.0), (9.0, -4.0)), body=tugger.footprint)
     assert robot_stands(space, start, load_robot("turtlebot3_waffle"))
     assert not robot_stands(space, Pose(x=start.x, y=start.y), huge)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"footprint": [[300, 200], [-0.3, 0.2], [-0.3, -0.2]]}, "if millimetres are meant, write 0.3)"),
+        ({"lidars": [{**LIDAR, "yaw": 180}]}, "if degrees are meant, write 3.142)"),
+        ({"lidars": [{**LIDAR, "rays": 3}]}, "greater than or equal to 11"),
+    ],
+)
+def test_a_wrong_value_in_a_list_is_the_only_mistake_and_its_unit_is_recognised(
+    tmp_path: Path, changes: dict[str, object], said: str
+) -> None:
+    with pytest.raises(DocumentError) as caught:
+        load_robot(written(tmp_path, **changes))
+    assert said in caught.value.problems[0].message
+    assert not any("values" in problem.message for problem in caught.value.problems)
+
+
+def test_a_lidar_beside_the_body_is_doubtful(tmp_path: Path) -> None:
+    assert not any(robot.doubts for robot in shipped_robots().values())
+    robot = load_robot("turtlebot3_waffle")
+    front = max(x for x, _ in robot.outline)
+    moved = robot.replace(lidars=(robot.lidars[0].replace(x=front + 0.18, y=0.0),))
+    assert "0.18 m outside of the body" in moved.doubts[0]

@@ -13,7 +13,7 @@ from tests.simulation.parts import TIAGO
 
 from rvsg.cli import main
 from rvsg.core.documents import DocumentError
-from rvsg.core.errors import FileError
+from rvsg.core.errors import FileError, InputError
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.simulation.stacks.nav2_params import read_nav2_params
 from rvsg.stacks import StackChoice
@@ -249,3 +249,21 @@ def test_the_table_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFix
     assert told["stack"]["name"] == "nav2-mppi" and sum(told["counts"].values()) == len(told["keys"])
     assert main(["stacks", str(path)]) == 0
     assert len(capsys.readouterr().out.splitlines()) == len(told["keys"])
+
+
+INFLATED = "{plugin: 'nav2_costmap_2d::InflationLayer', inflation_radius: 1.0e+6}"
+COSTMAP = f"local_costmap: {{local_costmap: {{ros__parameters: {{plugins: [i], i: {INFLATED}}}}}}}\n"
+
+
+@pytest.mark.parametrize("damage", ["turtle: 3\n", COSTMAP])
+def test_a_damaged_file_is_told_or_read(tmp_path: Path, damage: str) -> None:
+    path = tmp_path / "nav2_params.yaml"
+    path.write_text(
+        "controller_server: {ros__parameters: {controller_plugins: [FollowPath], "
+        "FollowPath: {plugin: 'dwb_core::DWBLocalPlanner'}}}\n" + damage
+    )
+    try:
+        list(read_nav2_params(path).entries)
+        StackChoice.of(path).driver.adapt(TIAGO)
+    except InputError as error:
+        assert "inflation" in str(error)

@@ -52,6 +52,8 @@ def robots(
             f"{'yes' if each.bumper else 'no'}\n"
             f"{'':20} Source: {each.source}"
         )
+        for doubt in each.doubts:
+            console.say(f"warning: {doubt}")
 
 
 def _print_urdf(path: Path) -> None:

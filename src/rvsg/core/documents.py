@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import difflib
 import json
+import math
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable
@@ -252,7 +253,8 @@ def _details(error: ValidationError) -> list[dict[str, Any]]:
     for detail in details:
         if isinstance(raised := detail.get("ctx", {}).get("error"), WrongValue):
             detail["loc"] = (*detail["loc"], *raised.key)
-    return details
+    # Where a value of a list is wrong, pydantic adds that the list is too short without it.
+    return [each for each in details if each["type"] != "too_short" or len(each["input"]) < each["ctx"]["min_length"]]
 
 
 def _file_key(loc: Key, document: Document) -> Key:
@@ -303,7 +305,23 @@ def _message(detail: dict[str, Any], key: Key, model: type[BaseModel], *, noun: 
     said = said.replace("Input should be less", "expected a value less").replace("Input should be", "expected")
     if kind == "string_type" and isinstance(detail["input"], bool | int | float | datetime.date):
         said += " (put it in quotes)"
-    return f"{place or whole}: {said}, got {_shown(detail['input'])}"
+    return f"{place or whole}: {said}, got {_shown(detail['input'])}{_other_unit(detail, key)}"
+
+
+def _other_unit(detail: dict[str, Any], key: Key) -> str:
+    """Return a hint at millimetres or degrees, where a number is too large in metres or radians."""
+    value, limits = detail["input"], detail.get("ctx", {})
+    most = max((abs(limits[name]) for name in ("le", "lt", "ge", "gt") if name in limits), default=0)
+    name = next((part for part in reversed(key) if isinstance(part, str)), "")
+    if not isinstance(value, int | float) or abs(value) <= most:
+        return ""
+    if name == "yaw" or name.endswith("_rad"):
+        return f" (radians; if degrees are meant, write {math.radians(value):.4g})" if abs(value) <= 360 else ""
+    lengths = ("x", "y", "footprint", "body", "polygon")
+    metres = name in lengths or re.fullmatch(r"(?!.*_m_s).*_m", name)
+    return (
+        f" (metres; if millimetres are meant, write {value / 1000:g})" if metres and abs(value) / 1000 <= most else ""
+    )
 
 
 def _of_length(detail: dict[str, Any]) -> str | None:

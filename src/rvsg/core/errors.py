@@ -27,6 +27,7 @@ time. A program that must tell errors apart reads the class, its fields and `cod
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -98,7 +99,9 @@ class UnknownName(InputError):
         self.kind = kind
         self.name = name
         self.known = sorted(known)
-        self.nearest = next(iter(difflib.get_close_matches(name, self.known, n=1, cutoff=0.5)), None)
+        near = difflib.get_close_matches(name, self.known, n=1, cutoff=0.5)
+        number = re.compile(r"\d+")  # which other number was meant cannot be known
+        self.nearest = next((each for each in near if number.sub("", each) != number.sub("", name)), None)
         asked = f' Did you mean "{self.nearest}"?' if self.nearest else ""
         listed = ", ".join(self.known[:30]) + (", ..." if len(self.known) > 30 else "")
         known_text = f" Known: {listed}." if self.known else ""

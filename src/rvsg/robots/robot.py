@@ -73,9 +73,9 @@ class Costmaps(Record):
     local_resolution_m: Annotated[float, Field(ge=0.01, le=0.5)] = 0.05
     local_update_hz: Annotated[float, Field(gt=0, le=100)] = 5.0
     global_update_hz: Annotated[float, Field(gt=0, le=100)] = 1.0
-    local_inflation_m: Positive = 0.55
+    local_inflation_m: Annotated[float, Field(gt=0, le=20)] = 0.55
     local_cost_scaling: Positive = 3.0
-    global_inflation_m: Positive = 0.55
+    global_inflation_m: Annotated[float, Field(gt=0, le=20)] = 0.55
     global_cost_scaling: Positive = 3.0
     obstacle_range_m: Positive = 2.5
     clearing_range_m: Positive = 3.0
@@ -141,6 +141,8 @@ Name = Annotated[str, Field(min_length=1, max_length=60, pattern=r"^[A-Za-z0-9][
 
 HIDDEN_M = 0.15
 """A lidar deeper inside the body than this, and lower than its top, is hidden by it."""
+BESIDE_M = 0.05
+"""A lidar farther outside of the body than this is doubtful, but may stand on an arm."""
 FAR_M = 2.0
 """A lidar is mounted at most this far outside of the body."""
 
@@ -195,7 +197,7 @@ class Lidar(Record):
     name: Name
     x: float
     y: float
-    yaw: float = 0.0
+    yaw: Annotated[float, Field(ge=-2 * math.pi, le=2 * math.pi)] = 0.0
     """Bearing of the middle ray."""
     height_m: Positive | None = None
     """Height of its plane above the floor; None: not known."""
@@ -298,6 +300,16 @@ class Robot(Record):
     def turning_radius_m(self) -> float:
         """Radius of the disc around the base frame that holds the whole body."""
         return reach(self.outline)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What is possible but looks like a mistake, in sentences."""
+        away = [(q, distance(self.outline, q.x, q.y)) for q in self.lidars if not inside(self.outline, q.x, q.y)]
+        return tuple(
+            f"{self.name}: the lidar {lidar.name} lies {off:.2f} m outside of the body. Check its x and y, in metres."
+            for lidar, off in away
+            if off > BESIDE_M
+        )
 
     @model_validator(mode="after")
     def _sound(self) -> Self:

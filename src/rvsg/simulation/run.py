@@ -181,7 +181,12 @@ class Outcome(str, Enum):
     NO_PATH = "no path to the goal was found"
     STUCK = "the robot is stuck in contact with an obstacle"
     STACK_FAILED = "the navigation stack under test failed"
-    BLOCKED_START = "the robot stands in an obstacle or a person at the start"
+    BLOCKED_START = "there is no room for the robot at the start"
+
+    @classmethod
+    def _missing_(cls, value: object) -> Outcome | None:
+        """Read the words of 0.2."""
+        return cls.BLOCKED_START if value == "the robot stands in an obstacle or a person at the start" else None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

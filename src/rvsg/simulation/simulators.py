@@ -161,5 +161,5 @@ def check_robot(scenario: Scenario, simulator: Simulator) -> None:
 def tell_of_robot(mission: Mission, simulator: Simulator, on_message: Callable[[str], None]) -> None:
     """Tell what a user has to know who simulates the robot of a mission."""
     if mission.robot_record is not None:
-        for text in simulator.notes(mission.robot_record):
+        for text in (*mission.robot_record.doubts, *simulator.notes(mission.robot_record)):
             on_message(text)

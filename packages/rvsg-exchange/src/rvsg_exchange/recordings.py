@@ -343,7 +343,10 @@ class _Reading:
             float(facts["t0"])
             return RunHeader.model_validate(facts["header"])
         except (KeyError, TypeError, ValueError) as error:  # pydantic's ValidationError is a ValueError
-            raise FileError(self.path, f"/rvsg/run is not what RVSG writes ({type(error).__name__}).") from None
+            raise self._damaged(error) from None
+
+    def _damaged(self, error: Exception) -> FileError:
+        return FileError(self.path, f"/rvsg/run is not what RVSG writes ({type(error).__name__}).")
 
     def run(self, route: Route | None) -> Run:
         contents, robot, header = self.contents, self.robot, self.header
@@ -371,8 +374,11 @@ class _Reading:
         )
         imu = contents.imu.array()[:, 1]
         if header is not None and contents.facts is not None:
-            log = log_of(contents.facts, len(names)) or trajectory
-            imu = np.array(contents.facts.get("imu", imu), dtype=np.float64)
+            try:
+                log = log_of(contents.facts, len(names)) or trajectory
+                imu = np.array(contents.facts.get("imu", imu), dtype=np.float64)
+            except (KeyError, TypeError, ValueError) as error:
+                raise self._damaged(error) from None
             values = {name: getattr(header, name) for name in RunHeader.model_fields.keys() - {"same_log", "outcome"}}
             return Run(**values, outcome=header.outcome, trajectory=trajectory, log=log, imu=imu)
         self.notes.append(_bodies(names, contents.radii))

@@ -558,7 +558,7 @@ class _Reader:
                 yield Entry(name, shown, "no effect", f"{key[0]} has no part in a run here")
             elif why := next((why for pattern, why in IDLE if pattern.search(key[-1])), ""):
                 yield Entry(name, shown, "no effect", why)
-            elif SIDEWAYS.search(key[-2]):
+            elif any(map(SIDEWAYS.search, key[-2:-1])):
                 yield Entry(name, shown, "no effect", SIDEWAYS_NOTE)
             elif AS_SIMULATED.get(key[-1].rpartition(".")[2], ...) == value:
                 yield Entry(name, shown, "honoured", "this is what is simulated")
