@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.simulation.parts import route
 
 from rvsg.simulation.embedded.costmap import outline_hits
+from rvsg.simulation.embedded.simulator import empty_room, simulate_agents
 from rvsg.simulation.stacks import mppi as k
 from rvsg.simulation.stacks import mppi_critics
 from rvsg.simulation.stacks.mppi import Mppi
@@ -160,3 +162,22 @@ def test_critics_are_options_by_their_names() -> None:
     record = StackChoice.of("nav2-mppi", {"PathAlignCritic": {"cost_weight": 0.0}, "batch_size": 500}).record
     assert record.options["PathAlignCritic"]["cost_weight"] == 0.0
     assert record.options["PathAlignCritic"]["offset_from_furthest"] == 20
+
+
+def test_speeds_drift_towards_the_larger_of_two_unequal_limits_as_in_nav2(free: np.ndarray[Any, Any]) -> None:
+    """Issue 5465 of ros-navigation/navigation2; the same limits the other way round speed the robot up."""
+    went = [drive(*prepared(ax_max=up, ax_min=-down), free)[-1][0] for up, down in ((0.8, 1.2), (0.8, 0.8), (1.2, 0.8))]
+    assert went[0] < 1.5 < went[1] < went[2]
+
+
+def test_in_open_loop_the_samples_begin_at_the_last_command() -> None:
+    closed, opened = (
+        simulate_agents(
+            empty_room(), route((-2.0, 0.0), (2.0, 0.0)), [], seed=1,
+            stack=StackChoice.of("nav2-mppi", {"batch_size": 200, **given}),
+        )
+        for given in ({}, {"open_loop": True})
+    )  # fmt: skip
+    assert closed.completed and opened.completed
+    assert not np.array_equal(closed.trajectory.x, opened.trajectory.x)
+    assert "open_loop" not in closed.options["stack"]["options"]  # type: ignore[index]

@@ -189,6 +189,16 @@ def test_the_release_decides_how_recoveries_drive(tmp_path: Path, dots: str, smo
         assert StackChoice.of(name).driver.adapt(TIAGO).navigation.behaviours.smoothed is built_in
 
 
+def test_what_makes_mppi_crawl_is_told_first_and_open_loop_is_honoured(tmp_path: Path) -> None:
+    unequal = MPPI.replace("vx_max: 0.6", "vx_max: 0.6\n      ax_max: 0.8\n      ax_min: -1.2\n      open_loop: true")
+    path = written(tmp_path, unequal)
+    choice = StackChoice.of(path)
+    assert "crawl" in choice.messages[0] and choice.record.options["open_loop"] is True
+    state = {entry.key: entry.state for entry in read_nav2_params(path).entries}
+    assert state["controller_server.FollowPath.open_loop"] == "honoured"
+    assert not any("crawl" in text for text in StackChoice.of("nav2-mppi", {"ax_max": 0.8, "ax_min": -0.8}).messages)
+
+
 def test_pure_pursuit_and_options_on_top_of_a_file(tmp_path: Path) -> None:
     path = written(tmp_path, RPP)
     record = StackChoice.of(path, {"lookahead_dist": 0.9}).record
@@ -248,7 +258,9 @@ def test_the_table_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFix
     told = json.loads(capsys.readouterr().out)
     assert told["stack"]["name"] == "nav2-mppi" and sum(told["counts"].values()) == len(told["keys"])
     assert main(["stacks", str(path)]) == 0
-    assert len(capsys.readouterr().out.splitlines()) == len(told["keys"])
+    lines = capsys.readouterr().out.splitlines()
+    messages = StackChoice.of(path).messages
+    assert lines[: len(messages)] == list(messages) and len(lines) == len(messages) + len(told["keys"])
 
 
 INFLATED = "{plugin: 'nav2_costmap_2d::InflationLayer', inflation_radius: 1.0e+6}"

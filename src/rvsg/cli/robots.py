@@ -169,7 +169,7 @@ def _print_params(path: Path, *, as_json: bool) -> None:
         keys = [asdict(entry) for entry in read.entries]
         console.print_json({"stack": chosen.record.model_dump(mode="json"), "counts": read.counts(), "keys": keys})
         return
+    for message in chosen.messages:
+        print(message)
     for entry in read.entries:
         print(f"{entry.state:14} {entry.key} = {entry.value}{f'  ({entry.note})' if entry.note else ''}")
-    counts = ", ".join(f"{number} {state}" for state, number in read.counts().items())
-    console.say(f"{read.stack}, of {len(read.entries)} keys: {counts}")

@@ -363,6 +363,8 @@ class MppiSettings(Nav2Settings):
     vx_std: Positive = 0.2
     wz_std: Positive = 0.4
     prune_distance: Positive = 1.5
+    open_loop: Annotated[bool, Field(exclude_if=lambda open_loop: not open_loop)] = False
+    """Begin from the last command instead of the measured speed."""
     retry_attempt_limit: Annotated[int, Field(ge=0, le=10)] = 1
     ConstraintCritic: Constraint = Constraint()
     CostCritic: Cost = Cost()
@@ -385,6 +387,20 @@ class Mppi(Configured):
     title: ClassVar[str] = "Nav2 (Kilted) with MPPI, NavFn and the default behaviour tree"
     Settings: ClassVar[type[Nav2Settings]] = MppiSettings
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A warning where the robot may crawl: sampled speeds drift towards the larger of two unequal limits.
+
+        As in Nav2 until April 2026 (issue 5465 and pull request 6072 of ros-navigation/navigation2).
+        """
+        s = self.settings
+        if s.ax_max >= -s.ax_min:
+            return ()
+        return (
+            f"ax_max {s.ax_max:g} is smaller than -ax_min {-s.ax_min:g}: the speeds that MPPI samples drift downwards, "
+            "and the robot may crawl or reverse. Nav2 before April 2026 does the same. Give both the same size.",
+        )
+
     def prepare(self, tell: Callable[[str], None]) -> None:
         """Compile or load the kernels."""
         square = [(0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2), (0.2, -0.2)]
@@ -405,8 +421,9 @@ class Mppi(Configured):
         numbers = self._of(np.array(outline, np.float64), _cost_at_reach(task.robot), task.period_s)
         work = new_work(s.time_steps, s.batch_size, numbers)
         rng = stream(task.seed, "stack/mppi")
-        self._start_again = partial(start_again, work, rng, numbers)
+        self._draw_noise = partial(start_again, work, rng, numbers)
         self._work, self._numbers = refer(work), refer(numbers)  # taken apart at every call they cost a tenth of it
+        self._sent = (0.0, 0.0)
         self._until = -math.inf
         self._period_s = task.period_s
 
@@ -417,14 +434,21 @@ class Mppi(Configured):
             self._start_again()
         self._until = seen.t + 1.5 * self._period_s
         for _ in range(self.settings.retry_attempt_limit + 1):
+            before = self._sent if self.settings.open_loop else seen.velocity
             valid, v, w = optimise(
-                self._work, seen.plan, cells, x, y, side, *seen.pose, *seen.velocity, seen.goal[2],
+                self._work, seen.plan, cells, x, y, side, *seen.pose, *before, seen.goal[2],
                 self.settings.iteration_count, self._numbers,
             )  # fmt: skip
             if valid:
+                self._sent = (v, w)
                 return v, w
             self._start_again()
         return None
+
+    def _start_again(self) -> None:
+        """Forget the control sequence and the last command."""
+        self._draw_noise()
+        self._sent = (0.0, 0.0)
 
     def _of(self, footprint: Floats, possible: float, period_s: float) -> Any:
         """Return the options with what the robot adds to them."""

@@ -185,6 +185,11 @@ class NavigationStack(ABC):
         """The effective options as JSON-able data; part of a run's id."""
         return {}
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user has to know of these options."""
+        return ()
+
     def adapt(self, robot: Robot) -> Robot:
         """Return the robot with the navigation parameters that this stack sets."""
         return robot

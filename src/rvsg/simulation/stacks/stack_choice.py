@@ -75,7 +75,7 @@ class StackChoice:
         self.record = Stack(
             name=name, version=_version(driver), options=_as_data(name, {**options, **dict(driver.options)})
         )
-        self.messages: tuple[str, ...] = ()
+        self.messages: tuple[str, ...] = tuple(driver.notes)
         """What a user has to know of it, e.g. which parameters are not supported."""
         self._given = False
 
@@ -161,7 +161,7 @@ def _of_file(path: str, options: Mapping[str, Any]) -> StackChoice:
         found = _named(read.stack, {**read.options, **options})
     except InputError as error:
         raise FileError(path, str(error), code=error.code) from error
-    found.messages = tuple(read.messages())
+    found.messages += tuple(read.messages())
     return found
 
 
