@@ -22,20 +22,21 @@ from tests.campaign.parts import (
 from tests.campaign.test_failures import run_of
 
 from rvsg.campaign.attempt import Attempt, Measurement, Plan
+from rvsg.campaign.candidates import Candidate
 from rvsg.campaign.execution import Limits, account
 from rvsg.campaign.feedback import StoredFeedback, failure_map
 from rvsg.campaign.hybrid import HybridStrategy, MapElitesStrategy, MultiStrategy
 from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.observation import encounter_of
-from rvsg.campaign.race import Candidate, estimate, in_the_race, last_written, tried, tuning_of
+from rvsg.campaign.race import estimate, in_the_race
 from rvsg.campaign.ranking import best_attempt, front_of, hypervolume, measured, seeds_of, share_of, undominated
 from rvsg.core.errors import BudgetSpent, NotRecorded
 from rvsg.evaluation.metrics.measurement import measure as measure_all
 from rvsg.generation.generator import Call, Proposal
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Aim, Requirement
-from rvsg.scenario.scenario import Human, HumanConfiguration, Scenario, Task
+from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.variation import differences
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
@@ -273,40 +274,6 @@ def is_of(attempt: Attempt, scenario: Scenario, known: list[Attempt]) -> bool:
     """Whether a configuration belongs to the scenario of an attempt."""
     at = next(a.brief for a in known if a.proposal.scenario is not None and a.proposal.scenario.id == scenario.id)
     return at.scenario_index == attempt.brief.scenario_index
-
-
-def test_every_proposal_is_listed_with_the_best_of_its_tuned_forms() -> None:
-    requirement = plan().requirement
-    drafts = [configured(0, 1.1, -3.0, operator="new")]
-    drafts.append(configured(1, 0.9, -2.0, parent=drafts[0], operator="refine"))
-    forms = [configured(2, 1.0, -2.5, parent=drafts[0]), configured(3, 1.2, -2.2, parent=drafts[0])]
-    own = [drafts[0], *forms, drafts[1], configured(4, 1.4, -0.5, parent=forms[1])]
-    told = tried(own, requirement)
-    assert [(each.mean, each.best_of) for each in told] == [(3.0, 0), (0.5, 3), (2.0, 0)]
-    assert told[1].violations == 1
-    assert last_written(own) is drafts[1]
-    assert last_written(forms) is None
-    assert "walks at 1.4 m/s (was 1.1)" in told[1].change
-    assert tuning_of(drafts[1], own, requirement) is None
-    untuned = tuning_of(drafts[0], own, requirement)
-    assert untuned is not None and (untuned.forms, untuned.change) == (3, "")
-    assert tried(own[:3], requirement) == ()
-
-
-def configured(
-    index: int, speed: float, badness: float, *, parent: Candidate | None = None, operator: str = "tune"
-) -> Candidate:
-    task = Task(name="to", path=("G12", "G13"))
-    people = HumanConfiguration(humans=(Human(name="Human 1", tasks=(task,), speed_m_s=speed),))
-    scenario = Scenario(mission=plan().mission, people=people)
-    attempt = Attempt.model_construct(index=index, proposal=Proposal(generator="x", scenario=scenario))
-    made = Candidate(attempt, parent, operator)
-    made.badness = {0: badness}
-    made.estimate = badness
-    return made
-
-
-PLAN = {"scenarios": 5, "refinements": 3, "repeats": 3, "confirmations": 0, "budget_runs": 60}
 
 
 def test_an_encounter_says_where_on_the_way_it_is_and_who_is_met() -> None:

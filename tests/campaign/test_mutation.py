@@ -9,9 +9,9 @@ import pytest
 from tests.campaign.parts import WalkGenerator, plan, warehouse
 
 from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.candidates import Candidate
 from rvsg.campaign.mutation import Kinds, Operators, _closest, foreseen
 from rvsg.campaign.observation import FailureMode
-from rvsg.campaign.race import Candidate
 from rvsg.generation.descriptions import TUNED, describe_new, tells_of
 from rvsg.generation.forecast import forecaster_of
 from rvsg.scenario.brief import Brief

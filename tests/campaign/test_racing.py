@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.race import ITERATIONS, PRIOR_RUNS, SHARES, SMALLEST, Candidate, estimate
+from rvsg.campaign.candidates import Candidate
+from rvsg.campaign.race import ITERATIONS, PRIOR_RUNS, SHARES, SMALLEST, estimate
 
 
 def race(seed: int, count: int, seeds: int) -> list[Candidate]:

@@ -8,9 +8,9 @@ import pytest
 
 from rvsg.campaign.feedback import rehearsing
 from rvsg.generation.conversation import VlmGenerator
-from rvsg.generation.facts import configuration_object
 from rvsg.generation.generator import Proposal, Rehearsal, Walked, surprises
 from rvsg.generation.heuristic import HeuristicGenerator
+from rvsg.generation.result_facts import configuration_object
 from rvsg.generation.vlm.model import Scripted
 from rvsg.scenario.brief import Arrival, Brief
 from rvsg.scenario.scenario import HumanConfiguration, Mission

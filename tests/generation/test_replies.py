@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rvsg.generation.facts import configuration_object, world_facts
+from rvsg.generation.facts import world_facts
 from rvsg.generation.people_sampler import box
 from rvsg.generation.prompts import Prompts
 from rvsg.generation.replies import (
@@ -20,6 +20,7 @@ from rvsg.generation.replies import (
     read_path_lines,
 )
 from rvsg.generation.reply_json import MAX_DEPTH, configuration_schema, find_json
+from rvsg.generation.result_facts import configuration_object
 from rvsg.scenario.scenario import LIMITS, TROLLEY_LENGTHS_M, TROLLEY_SPEEDS_M_S, Behaviour, PersonKind, Trolley
 from rvsg.world.world_folder import load_world
 

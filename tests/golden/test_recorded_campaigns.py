@@ -15,9 +15,10 @@ from rvsg.core.errors import ReplayDiverged
 from rvsg.evaluation.signals import aim_of, moved_by
 from rvsg.generation.conversation import DRIVE, VlmGenerator
 from rvsg.generation.environment import EnvironmentDialogue
-from rvsg.generation.facts import configuration_object, human_names
+from rvsg.generation.facts import human_names
 from rvsg.generation.prompts import Prompts
 from rvsg.generation.replies import read_configuration
+from rvsg.generation.result_facts import configuration_object
 from rvsg.generation.vlm.recording import Recording, Replayed
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import load_requirement
@@ -113,6 +114,13 @@ def test_every_recorded_call_is_asked_today_as_it_was_then(name: str, warehouse:
         assert all(call.model == "vision-assistant" for call in proposal.calls)
         before[brief.scenario_index] = proposal.scenario
     assert generator.notes == ()
+
+
+@pytest.mark.parametrize("name", [name for name in CAMPAIGNS if settings_of(name)["conversation"] == "compact"])
+def test_no_recorded_request_is_longer_than_three_thousand_words(name: str) -> None:
+    recording = Recording(FOLDERS[name])
+    for call in recording:
+        assert sum(len(recording.message(each).text.split()) for each in call.messages) <= 3000, call.key
 
 
 def test_a_changed_prompt_is_found_by_the_test_above(tmp_path: Path, warehouse: World) -> None:

@@ -132,7 +132,7 @@ def wire(
     check_mission(mission, world)
     requirement = load_requirement(config.requirement, mission.route)
     also = also_of(config, requirement, mission, several=strategy.needs_several)
-    generator = _generator_of(config, generator, simulator, world)
+    generator = _generator_of(config, generator, simulator, world, requirement)
     plugins.check_options("store", config.store, config.store_options, given=1)
     shared = Plan.model_fields.keys() & CampaignConfig.model_fields.keys()
     made = {
@@ -173,13 +173,15 @@ def _route_of(config: CampaignConfig) -> tuple[World, Route]:
     return world, route
 
 
-def _generator_of(config: CampaignConfig, given: Generator | None, simulator: Simulator, world: World) -> Generator:
+def _generator_of(
+    config: CampaignConfig, given: Generator | None, simulator: Simulator, world: World, requirement: Requirement
+) -> Generator:
     """Return the generator that is given or named, with what it may rehearse in and what it should remember."""
     generator = given
     if generator is None:
         generator = plugins.make("generator", config.generator_name, generator_options(config))
     plugins.check_complete("generator", generator, Generator)
-    let_rehearse(generator, simulator, world, seed=config.seed)
+    let_rehearse(generator, simulator, world, seed=config.seed, requirement=requirement)
     if config.knowledge is None:
         return generator
     return InformedGenerator(generator, read_remembered(remembered_file(config)))
@@ -209,9 +211,11 @@ def also_of(config: CampaignConfig, first: Requirement, mission: Mission, *, sev
     return also
 
 
-def let_rehearse(generator: Generator, simulator: Simulator, world: World, *, seed: int) -> None:
-    """Let a generator that rehearses its answers do so in this simulator."""
-    generator.allow_rehearsals(rehearsing(simulator, world, seed=seed))
+def let_rehearse(
+    generator: Generator, simulator: Simulator, world: World, *, seed: int, requirement: Requirement | None = None
+) -> None:
+    """Let a generator that rehearses its answers do so in this simulator, measured by a requirement."""
+    generator.allow_rehearsals(rehearsing(simulator, world, seed=seed, requirement=requirement))
 
 
 def remembered_file(config: CampaignConfig) -> Path:

@@ -6,6 +6,7 @@ each run is extracted where the run is made: a worker has all of it at hand, the
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Protocol
@@ -35,13 +36,12 @@ from rvsg.evaluation.run_events import WaypointNames
 from rvsg.evaluation.sampled import sampled, stretches
 from rvsg.evaluation.signals import series_name, series_of
 from rvsg.evaluation.statistics import welch
-from rvsg.evaluation.verdict import Verdict
+from rvsg.evaluation.verdict import Verdict, judge, objective
 from rvsg.generation.generator import MET_M, Rehearsal, Rehearse, Walked
-from rvsg.scenario.brief import Encounter, Feedback, HumanInfluence, Moment, Part, PersonAt, Row, Sample, Tried
+from rvsg.scenario.brief import Encounter, Feedback, HumanInfluence, Moment, Part, PersonAt, Reacted, Row, Sample
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario
-from rvsg.scenario.variation import differences
-from rvsg.simulation.run import Run, Trajectory
+from rvsg.simulation.run import PersonReacted, Run, Trajectory
 from rvsg.simulation.simulators import Simulator
 from rvsg.world.world import World
 
@@ -144,6 +144,7 @@ def _feedback(
         rows=_rows(worst, walks, world, values),
         parts=_parts(worst, values),
         stops=stops_of(worst, world),
+        reactions=_reactions(worst),
         passings=passings_of(worst, world),
         mildest=mild.objective if mild is not None else None,
         mildest_parts=_parts(mildest, series_of(mildest, requirement, world=world)) if mildest else (),
@@ -182,6 +183,10 @@ class FeedbackSource(Protocol):
         met = self.encounter(attempt) if attempt.violations else None
         return (FailureMode(place=met.place, person=met.kind, robot=""),) if met is not None else ()
 
+    def reached(self, attempt: Attempt) -> dict[str, int]:
+        """Return the last goal that each person reached in any run, as far as all runs record it; by default none."""
+        return {}
+
 
 class StoredFeedback(FeedbackSource):
     """Feedback that is computed from the stored runs of a campaign."""
@@ -205,43 +210,19 @@ class StoredFeedback(FeedbackSource):
         worst = attempt.worst(self._plan.requirement)
         return self._ledger.observation(worst.run_id, self._world).encounter
 
+    def reached(self, attempt: Attempt) -> dict[str, int]:
+        """Return the last goal that each person reached in any run, as far as all runs record it."""
+        goals: dict[str, list[int | None]] = {}
+        for measurement in attempt.measurements:
+            for person in self._ledger.observation(measurement.run_id, self._world).people:
+                goals.setdefault(person.name, []).append(person.reached)
+        return {name: max(g for g in own if g is not None) for name, own in goals.items() if None not in own}
+
     def failures(self, attempt: Attempt) -> tuple[FailureMode, ...]:
         """Return how each run that violates the requirement fails."""
         violating = attempt.violating(self._plan.requirement)
         modes = (self._ledger.failure_mode(m.run_id, self._world) for m in violating)
         return tuple(mode for mode in modes if mode is not None)
-
-
-MOST_TRIED = 8
-"""Tried configurations that feedback lists."""
-
-
-def with_history(feedback: Feedback, attempts: Sequence[AttemptSummary], requirement: Requirement) -> Feedback:
-    """Return the feedback with the best configuration of the scenario so far, and the last ones that were tried.
-
-    The best is of all that were tried, those that a racing strategy ran once among them: the runs stand beside each.
-
-    Args:
-        attempts: The attempts of the scenario, in order.
-    """
-    known = [(a, a.mean) for a in measured(attempts) if a.mean is not None]
-    tried: list[Tried] = []
-    for (before, _), (attempt, mean) in list(zip([(None, 0.0), *known], known, strict=False))[-MOST_TRIED:]:
-        change = "first configuration"
-        if before is not None:
-            first, second = before.record.proposal.scenario, attempt.record.proposal.scenario
-            assert first is not None and second is not None
-            change = differences(first.people, second.people)
-        violations = attempt.violations if requirement.threshold is not None else None
-        tried.append(Tried(mean=mean, change=change, runs=attempt.valued_runs, violations=violations))
-    best, best_mean = max(known, key=lambda each: requirement.badness(each[1]), default=(None, None))
-    worse = best_mean is not None and requirement.badness(best_mean) > requirement.badness(feedback.mean)
-    return feedback.replace(
-        best=best.record.proposal.scenario if best is not None and worse else None,
-        best_mean=best_mean,
-        best_runs=best.valued_runs if best is not None else 0,
-        tried=tuple(tried) if len(known) > 1 else (),
-    )
 
 
 def _every(path: Trajectory, period_s: float) -> NDArray[np.int64]:
@@ -262,14 +243,40 @@ def _rows(run: Run, walks: Sequence[Walk], world: World, values: Floats | None =
         away = np.hypot(path.human_x[k] - path.x[k], path.human_y[k] - path.y[k])
         everybody = {
             name: PersonAt(
-                at=at[h], doing=walks[h].doing[k], side=side_of(run, k, h), distance_m=round(float(away[h]), 2)
+                at=at[h],
+                doing=walks[h].doing[k],
+                side=side_of(run, k, h),
+                distance_m=round(float(away[h]), 2),
+                x=round(float(path.human_x[k, h]), 2),
+                y=round(float(path.human_y[k, h]), 2),
             )
             for h, name in enumerate(run.human_names)
         }
         value = round(float(values[k]), 2) if values is not None and np.isfinite(values[k]) else None
         robot = names.nearest(path.x[k : k + 1], path.y[k : k + 1])[0]
-        found.append(Row(time_s=round(float(path.t[k]), 1), robot_at=robot, people=everybody, value=value))
+        x, y = round(float(path.x[k]), 2), round(float(path.y[k]), 2)
+        found.append(Row(time_s=round(float(path.t[k]), 1), robot_at=robot, people=everybody, value=value, x=x, y=y))
     return tuple(found)
+
+
+def _reactions(run: Run) -> tuple[Reacted, ...]:
+    """Return when and where people begin to react to the robot, in order."""
+    path, found = run.trajectory, []
+    for event in run.events:
+        if isinstance(event, PersonReacted):
+            k = min(int(path.t.searchsorted(event.time_s)), len(path) - 1)
+            found.append(
+                Reacted(
+                    who=event.person,
+                    behaviour=event.behaviour.value,
+                    time_s=round(event.time_s, 1),
+                    until_s=round(event.until_s, 1),
+                    x=round(event.x, 2),
+                    y=round(event.y, 2),
+                    distance_m=round(math.hypot(event.x - path.x[k], event.y - path.y[k]), 2),
+                )
+            )
+    return tuple(sorted(found, key=lambda reaction: reaction.time_s))
 
 
 def _parts(run: Run, values: Floats) -> tuple[Part, ...]:
@@ -388,8 +395,10 @@ WAY_S = 0.5
 """Seconds between the points of the robot's way."""
 
 
-def rehearsing(simulator: Simulator, world: World, *, seed: int) -> Rehearse:
+def rehearsing(simulator: Simulator, world: World, *, seed: int, requirement: Requirement | None = None) -> Rehearse:
     """Return the function that simulates a configuration once, with a seed that no run of the campaign has.
+
+    With a requirement, it is measured.
 
     A rehearsal that the simulator cannot make is one in which nothing happens: the runs will tell why.
     """
@@ -401,7 +410,12 @@ def rehearsing(simulator: Simulator, world: World, *, seed: int) -> Rehearse:
             run = simulator.run(scenario, mission.place(world), seed=own)
         except SimulationError:
             return Rehearsal(robot=(), arrival_s=None)
-        return _rehearsed(run, people, world)
+        rehearsal = _rehearsed(run, people, world)
+        if requirement is None or not people.humans:
+            return rehearsal
+        value = objective(run, requirement, world=mission.place(world))
+        capped = judge(requirement, [value], arrived=[run.completed]).censored > 0
+        return rehearsal.replace(value=value, capped=capped)
 
     return rehearse
 
@@ -426,7 +440,8 @@ def _rehearsed(run: Run, people: HumanConfiguration, world: World) -> Rehearsal:
 
 
 def _walked(run: Run, h: int, walk: Walk) -> Walked:
-    path = run.trajectory
+    path, name = run.trajectory, run.human_names[h]
+    reactions = [e.time_s for e in run.events if isinstance(e, PersonReacted) and e.person == name]
     away = np.hypot(path.human_x[:, h] - path.x, path.human_y[:, h] - path.y)
     nearest = int(away.argmin())
     met = np.flatnonzero(away <= MET_M)
@@ -441,6 +456,7 @@ def _walked(run: Run, h: int, walk: Walk) -> Walked:
         nearest_m=round(float(away[nearest]), 2),
         nearest_s=round(float(path.t[nearest]), 1),
         met_s=round(float(path.t[met[0]]), 1) if met.size else None,
+        reacted_s=round(min(reactions), 1) if reactions else None,
     )
 
 

@@ -30,9 +30,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.candidates import Candidate, in_order, last_written, tried, with_others, written
 from rvsg.campaign.feedback import FeedbackSource
 from rvsg.campaign.mutation import CandidateStrategy, Kinds, Met
-from rvsg.campaign.race import Candidate, estimate, in_the_race, last_written, mean_of, tried, tuning_of, written
+from rvsg.campaign.race import estimate, in_the_race
 from rvsg.campaign.ranking import Tried, lessons_of, remember, tried_by, undominated
 from rvsg.campaign.strategies import Ask, Batches
 from rvsg.core.seeds import seed_for
@@ -166,11 +167,11 @@ class HybridStrategy(CandidateStrategy):
 
     def _best_of_each(self) -> list[Candidate]:
         own = (self._of(scenario) for scenario in dict.fromkeys(c.scenario_index for c in self.measured))
-        return [max(each, key=lambda c: c.estimate) for each in own]
+        return [in_order(each)[0] for each in own]
 
     def _propose(self, ask: Ask, parent: Candidate | None) -> Batches:
         """Ask the generator; where its budget is spent, change the best configuration instead."""
-        base = parent or max(self.measured, key=lambda c: (c.estimate, -c.index), default=None)
+        base = parent or next(iter(in_order(self.measured)), None)
         if base is not None:
             ask = ask.replace(instead=self._instead(base, ask.brief))
         results = yield [ask]
@@ -193,18 +194,13 @@ class HybridStrategy(CandidateStrategy):
 
     def _feedback(self, candidate: Candidate) -> Feedback:
         """Return what a configuration measured, what of it was tuned, and the others of its scenario."""
-        own = self._of(candidate.scenario_index)
-        best, requirement = max(own, key=lambda c: (c.estimate, -c.index)), self.plan.requirement
+        own, requirement = self._of(candidate.scenario_index), self.plan.requirement
+        told = with_others(self.feedback_of(candidate.last.record, None), candidate, own, requirement)
         last = last_written(own) if self.plan.proposals is not None else None
-        weaker = self.feedback_of(last.last.record, None) if last not in (None, written(candidate)) else None
-        return self.feedback_of(candidate.last.record, None).replace(
-            tuning=tuning_of(candidate, own, requirement),
-            best=best.scenario if best is not candidate else None,
-            best_mean=mean_of(best, requirement),
-            best_runs=best.runs,
-            tried=tried(own, requirement),
-            weaker=weaker,
-        )
+        if last in (None, candidate, written(candidate)):
+            return told
+        weaker = self.feedback_of(last.last.record, None).replace(standing=tried(last, own, requirement))
+        return told.replace(weaker=weaker)
 
     def _refining(self, parent: Candidate, seeds: tuple[int, ...]) -> Ask:
         scenario = parent.scenario_index
@@ -269,7 +265,7 @@ class HybridStrategy(CandidateStrategy):
     @staticmethod
     def _best(among: Sequence[Candidate], rng: np.random.Generator, count: int) -> list[Candidate]:
         """Draw from some configurations, the best most often."""
-        ranked = sorted(among, key=lambda c: (-c.estimate, c.index))
+        ranked = in_order(among)
         return [ranked[min(len(ranked), int(rng.geometric(KEEN))) - 1] for _ in range(count)]
 
     def _parents(self, rng: np.random.Generator, count: int) -> list[Candidate]:
@@ -314,7 +310,7 @@ class HybridStrategy(CandidateStrategy):
         """Run the best configurations until each has its final number of runs, then more, until the budget is spent."""
         final = self.final_runs
         while self.left > 0:
-            best = sorted(self.measured, key=lambda c: (-c.estimate, c.index))
+            best = in_order(self.measured)
             open_ = [c for c in best[: self.finalists] if len(c.last.seeds) < final]
             if not open_:
                 final += 1

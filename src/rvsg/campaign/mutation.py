@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.candidates import TUNED, Candidate, badness_of
 from rvsg.campaign.feedback import FeedbackSource
-from rvsg.campaign.observation import FailureMode, seen_as
-from rvsg.campaign.race import Candidate, estimate
+from rvsg.campaign.observation import FailureMode, acting, seen_as
+from rvsg.campaign.race import estimate
 from rvsg.campaign.strategies import Ask, BatchStrategy, brief_of
 from rvsg.core.seeds import seed_for
 from rvsg.evaluation.run_events import place_name
@@ -211,7 +212,7 @@ class Operators:
         for _ in range(OPTIONS):
             crossed = rng.random() < CROSSED
             made = self._crossed(parent, others, rng) if crossed else self._tuned(parent, rng)
-            if made is not None and (new := made.people.id) not in known:
+            if made is not None and (new := made.people.id) not in known and self._acts(made, parent):
                 options.setdefault(new, made)
         if not options:
             return None
@@ -223,6 +224,12 @@ class Operators:
         leaves = (c for c in ranked if foreseen(self._screen.forecaster, [c.people], self.world)[0] not in avoid)
         best = (list(islice(leaves, SHORTLIST)) if avoid else []) or ranked[:SHORTLIST]
         return best[int(rng.integers(len(best)))]
+
+    def _acts(self, change: Change, parent: Candidate) -> bool:
+        """Whether a change acts before the runs of its parent end; else its runs would be the parent's again."""
+        grid = self.world.grid
+        before = acting(parent.scenario.people, grid, parent.reached)
+        return acting(change.people, grid, parent.reached) != before
 
     def describe(self, before: Scenario, change: Change) -> Described:
         """Return the description of a changed scenario."""
@@ -356,8 +363,15 @@ class CandidateStrategy(BatchStrategy):
         if scenario is None:
             return
         summary = self.feedback_of.summary(attempt)
-        if scenario.id in self._by_id:
-            self._by_id[scenario.id].last = summary
+        if (known := self._by_id.get(scenario.id)) is not None:
+            if known.attempt.scenario_id == scenario.id:
+                known.last = summary
+            return
+        if operator != TUNED and (twin := self._twin(attempt, scenario)) is not None:
+            twin.repeats.append(attempt.index)
+            twin.badness = badness_of(attempt, self.plan.requirement) | twin.badness
+            self._by_id[scenario.id] = twin
+            self._keys.add(scenario.people.id)
             return
         candidate = self._by_id[scenario.id] = Candidate(summary, parent, operator)
         self.candidates.append(candidate)
@@ -365,18 +379,31 @@ class CandidateStrategy(BatchStrategy):
         self._measured(candidate, attempt)
         self._place(candidate, attempt)
 
+    def _twin(self, attempt: Attempt, scenario: Scenario) -> Candidate | None:
+        """Return a candidate of the same scenario whose runs so far, and this attempt's, are runs of both."""
+        reached = self.feedback_of.reached(attempt)
+        own = (c for c in self.measured if c.scenario_index == attempt.scenario_index)
+        return next((c for c in own if all(_alike(c, scenario, self.here, r) for r in (reached, c.reached))), None)
+
     def _place(self, candidate: Candidate, attempt: Attempt) -> None:
         encounter = self.feedback_of.encounter(attempt) if candidate.runs else None
         if encounter is not None:
             self._cells[candidate.index] = encounter.replace(stretch="", who="")
 
     def _measured(self, candidate: Candidate, attempt: Attempt) -> None:
-        for measurement in attempt.measurements:
-            if measurement.objective is not None:
-                candidate.badness[measurement.seed] = self.plan.requirement.badness(measurement.objective)
+        candidate.badness |= badness_of(attempt, self.plan.requirement)
+        candidate.reached = self.feedback_of.reached(attempt)
 
     def tell(self, attempt: Attempt) -> None:
         """Receive an attempt of the current batch."""
         super().tell(attempt)
-        if (candidate := self._by_id.get(attempt.scenario_id or "")) is not None:
+        candidate = self._by_id.get(attempt.scenario_id or "")
+        if candidate is not None and candidate.attempt.scenario_id == attempt.scenario_id:
             candidate.last = self.attempts[-1]
+
+
+def _alike(candidate: Candidate, scenario: Scenario, world: World, reached: Mapping[str, int]) -> bool:
+    """Whether two configurations are the same as far as anything acts while people reach these goals."""
+    people, others = candidate.scenario.people, scenario.people
+    same_mission = candidate.scenario.mission == scenario.mission
+    return same_mission and acting(people, world.grid, reached) == acting(others, world.grid, reached)

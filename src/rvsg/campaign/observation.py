@@ -353,6 +353,8 @@ class PersonObservation:
     """Share of the time within `NEAR_M`."""
     met: Mapping[str, float]
     """The smallest gap at each waypoint that the person was nearest to, m."""
+    reached: int | None
+    """Index of the last goal that the person reached in their first round; None: not recorded, or the round is over."""
 
 
 @dataclass(frozen=True)
@@ -379,14 +381,14 @@ def observe(run: Run, world: World) -> RunObservation:
     """Return what a search asks of a run."""
     path, gap, names = run.trajectory, sampled(run, world).gap, WaypointNames(world.grid)
     step = max(1, len(path) // 400)
-    people = []
+    reached, people = _reached(run), []
     for h, name in enumerate(run.human_names):
         met: dict[str, float] = {}
         at = names.nearest(path.human_x[::step, h], path.human_y[::step, h])
         for place, distance in zip(at, gap[::step, h].tolist(), strict=True):
             met[place] = min(met.get(place, math.inf), distance)
         closest, near = (float(gap[:, h].min()), float((gap[:, h] < NEAR_M).mean())) if len(path) else (math.inf, 0.0)
-        people.append(PersonObservation(name, closest, near, met))
+        people.append(PersonObservation(name, closest, near, met, reached[name]))
     mode = mode_of(run, world)
     return RunObservation(
         run_id=run.id,
@@ -398,6 +400,29 @@ def observe(run: Run, world: World) -> RunObservation:
         touches=touches_of(run, world),
         rarest=rarest(motions(run)),
     )
+
+
+def _reached(run: Run) -> dict[str, int | None]:
+    """Return the goal that each person reached last; None in a run that records no arrival of anybody."""
+    events = [event for event in run.events if isinstance(event, PersonReached)]
+    goals = {name: [event.goal for event in events if event.person == name] for name in run.human_names}
+    return {name: None if 0 in own or not events else max(own, default=0) for name, own in goals.items()}
+
+
+def acting(people: HumanConfiguration, grid: Grid, reached: Mapping[str, int]) -> tuple[HumanAgent, ...]:
+    """Return what of a configuration acts until a run ends in which people reach these goals and no later one.
+
+    On the way to the next goal a person slows down for a turn or a pause there, of any length. People who are missing
+    in `reached` may do all of it.
+    """
+    found = []
+    for agent in decode(people, grid):
+        last = reached.get(agent.name)
+        if last is not None and last + 2 < len(agent.goals):
+            pauses = (0.0, *agent.pauses_s[1 : last + 1], float(agent.pauses_s[last + 1] > 0.0))
+            agent = agent.model_copy(update={"goals": agent.goals[: last + 3], "pauses_s": pauses})
+        found.append(agent)
+    return tuple(found)
 
 
 def encounter_of(run: Run, world: World) -> Encounter | None:

@@ -19,17 +19,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.campaign.attempt import AttemptSummary
+from rvsg.campaign.candidates import Candidate
 from rvsg.core.kernels import inner, kernel
-from rvsg.scenario.brief import Tried, Tuning
-from rvsg.scenario.requirement import Requirement
-from rvsg.scenario.scenario import Scenario
-from rvsg.scenario.variation import differences
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -208,63 +203,6 @@ PRIOR_RUNS = 1.0
 SHARES, SMALLEST = np.array([0.1, 0.5, 0.25, 0.1, 4.0]), 1e-6
 """The variances assumed at the start of noise, drafts, changes, seeds and of level and shift, and the smallest of each
 later, as shares of the variance of all runs."""
-BOUND = 1.645
-"""Half-width of the interval of an estimate in standard deviations: 95 % on either side."""
-
-
-@dataclass(eq=False)
-class Candidate:
-    """One configuration in the race: what it was changed from, and the badness of its runs by seed."""
-
-    attempt: AttemptSummary
-    """Its first attempt."""
-    parent: Candidate | None = None
-    operator: str = "new"
-    badness: dict[int, float] = field(default_factory=dict)
-    estimate: float = -math.inf
-    deviation: float = math.inf
-    last: AttemptSummary = field(init=False)
-    """Its last attempt: the one with the most runs."""
-
-    def __post_init__(self) -> None:
-        self.last = self.attempt
-
-    @property
-    def index(self) -> int:
-        """The index of its first attempt."""
-        return self.attempt.index
-
-    @property
-    def scenario_index(self) -> int:
-        """The number of its scenario."""
-        return self.attempt.scenario_index
-
-    @property
-    def scenario(self) -> Scenario:
-        """The scenario that is run."""
-        scenario = self.attempt.record.proposal.scenario
-        assert scenario is not None
-        return scenario
-
-    @property
-    def runs(self) -> int:
-        """Return how many runs have an objective."""
-        return len(self.badness)
-
-    @property
-    def mean(self) -> float:
-        """The mean badness of the runs."""
-        return math.fsum(self.badness.values()) / len(self.badness)
-
-    @property
-    def upper(self) -> float:
-        """The upper bound of the estimate."""
-        return self.estimate + BOUND * self.deviation
-
-    @property
-    def lower(self) -> float:
-        """The lower bound of the estimate."""
-        return self.estimate - BOUND * self.deviation
 
 
 def estimate(candidates: Sequence[Candidate]) -> None:
@@ -298,73 +236,3 @@ def in_the_race(candidates: Sequence[Candidate]) -> list[Candidate]:
     known = [c for c in candidates if c.runs]
     best = max((c.lower for c in known), default=-math.inf)
     return [c for c in known if c.upper >= best]
-
-
-TUNED = "tune"
-"""The operator of a candidate that the generator did not write."""
-LAST = 4
-"""So many written configurations are listed, each with the best of its tuned forms."""
-
-
-def written(candidate: Candidate) -> Candidate:
-    """Return the configuration of the generator that a candidate was tuned from; itself if the generator wrote it."""
-    while candidate.operator == TUNED and candidate.parent is not None:
-        candidate = candidate.parent
-    return candidate
-
-
-def last_written(own: Sequence[Candidate]) -> Candidate | None:
-    """Return the last configuration of a scenario that the generator wrote; None if all were tuned."""
-    return next((candidate for candidate in reversed(own) if candidate.operator != TUNED), None)
-
-
-def mean_of(candidate: Candidate, requirement: Requirement) -> float:
-    """Return the mean objective of a candidate's runs."""
-    return requirement.badness(candidate.mean)  # the sign turned back
-
-
-def tuning_of(candidate: Candidate, own: Sequence[Candidate], requirement: Requirement) -> Tuning | None:
-    """Return what was tuned of a candidate; None where nothing was tried of what the generator wrote.
-
-    Args:
-        own: The candidates of the scenario that have runs.
-    """
-    origin = written(candidate)
-    forms = _forms(origin, own)
-    if not forms:
-        return None
-    change = _difference(origin, candidate) if candidate is not origin else ""
-    return Tuning(forms=len(forms), mean=mean_of(origin, requirement), runs=origin.runs, change=change)
-
-
-def tried(own: Sequence[Candidate], requirement: Requirement) -> tuple[Tried, ...]:
-    """Return the last configurations that the generator wrote, each with the best of its tuned forms.
-
-    What changed from the one it was made from is told in one line. There is no list of a single one: `tuning_of` says
-    what became of it.
-    """
-
-    def told(candidate: Candidate, change: str, forms: int) -> Tried:
-        violations = None
-        if requirement.threshold is not None:  # the sign of badness turned back
-            violations = sum(requirement.violated_by(requirement.badness(b)) for b in candidate.badness.values())
-        mean = mean_of(candidate, requirement)
-        return Tried(mean=mean, change=change, runs=candidate.runs, violations=violations, best_of=forms)
-
-    origins = [c for c in own if c.operator != TUNED]
-    found: list[Tried] = []
-    for origin in origins[-LAST:] if len(origins) > 1 else ():
-        before = origin.parent
-        found.append(told(origin, _difference(before, origin) if before else "first configuration", 0))
-        if forms := _forms(origin, own):
-            best = max(forms, key=lambda c: (c.estimate, -c.index))
-            found.append(told(best, _difference(origin, best), len(forms)))
-    return tuple(found)
-
-
-def _difference(before: Candidate, after: Candidate) -> str:
-    return differences(before.scenario.people, after.scenario.people)
-
-
-def _forms(origin: Candidate, own: Sequence[Candidate]) -> list[Candidate]:
-    return [c for c in own if c is not origin and written(c) is origin]

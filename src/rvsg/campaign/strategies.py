@@ -12,7 +12,8 @@ from collections.abc import Callable, Generator, Iterable, Mapping
 from typing import Any, ClassVar, Protocol
 
 from rvsg.campaign.attempt import Attempt, AttemptSummary, Measurement, Plan
-from rvsg.campaign.feedback import FeedbackSource, with_history
+from rvsg.campaign.candidates import with_history
+from rvsg.campaign.feedback import FeedbackSource
 from rvsg.campaign.ledger import Ledger
 from rvsg.campaign.ranking import last_untold, lessons_of, remember
 from rvsg.core.errors import StoreError

@@ -18,23 +18,13 @@ from rvsg.core.errors import BudgetSpent, InputError, StoreError
 from rvsg.core.records import canonical_json
 from rvsg.generation.descriptions import Described, described_scenario
 from rvsg.generation.environment import description_of
-from rvsg.generation.facts import (
-    answer_object,
-    brief_facts,
-    configuration_object,
-    human_names,
-    offered,
-    passes_of,
-    pictures_of,
-    rehearsal_facts,
-    small_map_of,
-    world_facts,
-)
+from rvsg.generation.facts import brief_facts, human_names, offered, pictures_of, small_map_of, world_facts
 from rvsg.generation.generator import Generator, Proposal, Rehearsal, Rehearse, surprises
 from rvsg.generation.people_sampler import added, placed
 from rvsg.generation.prompts import Dialogue, Prompts, number
 from rvsg.generation.replies import Reply, read_configuration, read_description, read_path_lines
 from rvsg.generation.reply_json import configuration_schema
+from rvsg.generation.result_facts import answer_object, configuration_object, passes_of, rehearsal_facts
 from rvsg.generation.vlm.access import Tell, model_access
 from rvsg.generation.vlm.model import Access, Answer, Message, Model, Picture
 from rvsg.generation.vlm.recording import MEASURED, place_of
@@ -197,6 +187,7 @@ class Conversation(ABC):
             generator.access, generator.prompts, session_of(brief), facts, self._pictures(self.drive)
         )
         self.replies: list[Reply] = []
+        self.rehearsals: list[tuple[HumanConfiguration, float]] = []
         self.description = ""
         """That of the scenario, where an answer before the configuration gives it."""
 
@@ -255,6 +246,7 @@ class Conversation(ABC):
             repairs=repairs,
             corrections=len(self.replies) - 1,
             calls=tuple(self.dialogue.calls),
+            rehearsals=tuple(self.rehearsals),
             extra={
                 "conversation": self.generator.conversation,
                 "pictures": [p.reference.model_dump(mode="json") for p in self.dialogue.pictures.values()],
@@ -317,14 +309,16 @@ class CompactConversation(Conversation):
             mission, _ = placed(self.brief.mission, self.world, self._moved(reply))
             rehearsal = self.generator.rehearse(mission, people)
             found = surprises(rehearsal, reply.plan)
-        wanted = bool(found)
+            if rehearsal.value is not None:
+                self.rehearsals.append((people, rehearsal.value))
+        wanted = bool(found) and not rehearsal.capped
         if access.replaying:
             place, ending = place_of(dialogue.session), f"/{len(dialogue.calls) + 1:02d}-rehearse"
             calls = access.recording or ()
             wanted = any(call.key.endswith(ending) and place_of(call.session) == place for call in calls)
         if not wanted:
             return None
-        told = rehearsal_facts(rehearsal, passes_of(self.drive, self.world.grid))
+        told = rehearsal_facts(rehearsal, passes_of(self.drive, self.world.grid), self.brief.requirement)
         try:
             answer = dialogue.ask(
                 "rehearse", "compact-rehearsal", shape=self.shape, surprises=list(found), rehearsal=told

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -12,8 +12,9 @@ import numpy as np
 
 from rvsg.generation.generator import Rehearsal
 from rvsg.generation.replies import LONGEST_DELAY_S, MOST_MOVED
+from rvsg.generation.result_facts import FEWER_ROWS, feedback_facts, passes_of
 from rvsg.generation.vlm.model import Picture
-from rvsg.scenario.brief import Brief, Feedback, Remembered, Row
+from rvsg.scenario.brief import Brief, Remembered
 from rvsg.scenario.placement import start_gap_m
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.rules import SPEED_RANGE_M_S, START_CLEARANCE_M
@@ -27,43 +28,27 @@ from rvsg.scenario.scenario import (
     Attention,
     Behaviour,
     Human,
-    HumanConfiguration,
     Mission,
     PersonKind,
 )
 from rvsg.scenario.validity import is_walkable
 from rvsg.world.grid import Grid
 from rvsg.world.passages import route_paragraph
-from rvsg.world.world import Description, Route, SolidObject, World
+from rvsg.world.world import Description, Route, World
 
-LONGEST_SERIES = 120
 NEAREST_STARTS = 4
-LONGEST_ANALYSIS = 800
-"""Characters of an analysis that are told back: its end, which says what was changed and why."""
-Pass = tuple[float, float]
-"""First and last time, in seconds."""
-NEWS = 0.1
-"""Values of single runs are told where they differ by more than this share of their mean."""
-
-TOLD_AS_MEASURED = frozenset(
-    {
-        *("parts", "passings", "arrival_s", "arrived", "touched", "touches", "touches_elsewhere"),
-        *("best_mean", "best_runs", "tried", "tuning", "tuned", "capped", "objectives", "mildest", "mean"),
-        *("violation_share", "previous_mean", "influences", "series_of"),
-    }
-)
 
 MEANINGS = {
-    Behaviour.REGULAR: "makes room for the robot as for another person, and walks on; who waits or pauses steps aside "
-    "when its body comes within 0.5 m of theirs, and then comes back, which costs it a second or two, not the drive",
-    Behaviour.IMPASSIVE: "takes the robot for a thing: walks round it as round a wall, without making room; who waits "
-    "or pauses stays until its body is within 0.4 m of theirs, then steps aside and comes back",
+    Behaviour.REGULAR: "makes room for the robot as for another person; who waits or pauses steps aside when its body "
+    "comes within 0.5 m of theirs, and then comes back, which costs it a second or two, not the drive",
+    Behaviour.IMPASSIVE: "walks round the robot as round a wall, without making room; who waits or pauses stays until "
+    "its body is within 0.4 m of theirs, then steps aside and comes back",
     Behaviour.SURPRISED: "stops and looks at the robot, for up to 30 s while it is within 4 m and in view; does not "
     "step aside then, and steps back only when it touches",
     Behaviour.SCARED: "walks on at 0.6 m/s at most and is pushed away from the robot, for up to 40 s while it is "
     "within 3 m and in view",
-    Behaviour.CURIOUS: "leaves the way and comes up to the robot, slower the nearer, for up to 40 s while it is within "
-    "10 m and in view; stops at 1.5 m, does not step aside then, and steps back only when it touches",
+    Behaviour.CURIOUS: "comes up to the robot, slower the nearer, for up to 40 s while it is within 10 m and in view; "
+    "stops at 1.5 m, does not step aside then, and steps back only when it touches",
     Behaviour.THREATENING: "hurries to a point 1.4 m in front of the robot and blocks it, for up to 40 s while it is "
     "within 4.5 m and in view; does not make room for it then",
 }
@@ -114,7 +99,7 @@ def world_facts(world: World, description: Description | None = None) -> dict[st
                 "kind": area.kind,
                 "region": area.region,
                 "note": area.note,
-                "waypoints": [name for name in area.waypoints if name in grid.valid],
+                "waypoints": _in_rows([name for name in area.waypoints if name in grid.valid], grid),
             }
             for area in world.areas
         ],
@@ -129,6 +114,19 @@ def world_facts(world: World, description: Description | None = None) -> dict[st
         **neighbour_rule(grid, [(a, b) for a, b in grid.hops if is_walkable(a, b, world)]),
         "invalid": _invalid(grid),
     }
+
+
+def _in_rows(names: Sequence[str], grid: Grid) -> list[str]:
+    """Return names of waypoints with three or more neighbours of one row in a row as in `G11-G14`."""
+    found: list[list[str]] = []
+    for name in names:
+        before = grid.by_name[found[-1][-1]] if found else None
+        here = grid.by_name[name]
+        if before is not None and (here.row, here.column) == (before.row, before.column + 1):
+            found[-1].append(name)
+        else:
+            found.append([name])
+    return [word for run in found for word in ([f"{run[0]}-{run[-1]}"] if len(run) > 2 else run)]
 
 
 def _invalid(grid: Grid) -> list[str]:
@@ -191,7 +189,7 @@ def brief_facts(
         "lessons": list(brief.lessons),
         "tunes": brief.tunes,
         "feedback": feedback_facts(brief.feedback, requirement, passes) if brief.feedback else None,
-        "untold": feedback_facts(brief.untold, requirement, passes) if brief.untold else None,
+        "untold": feedback_facts(brief.untold, requirement, passes, FEWER_ROWS) if brief.untold else None,
     }
 
 
@@ -244,135 +242,6 @@ def requirement_facts(requirement: Requirement) -> dict[str, Any]:
         "worse": requirement.worse,
         "limit": requirement.threshold,
     }
-
-
-def feedback_facts(feedback: Feedback, requirement: Requirement | None, passes: Mapping[str, Pass]) -> dict[str, Any]:
-    """Return a result as prompts tell it; `passes` tells when the robot passes which waypoint without people."""
-    worse, limit = (requirement.worse, requirement.threshold) if requirement else ("smaller", None)
-    previous, values, people = feedback.previous_mean, feedback.objectives, feedback.scenario.people
-    spread = max(values) - min(values) > NEWS * abs(feedback.mean)
-    begins = {human.name: human.tasks[0].path[0] for human in people.humans}
-    rows, shown = [], set[int]()
-    for row in feedback.rows:
-        standing = [k for k, stop in enumerate(feedback.stops) if stop.time_s <= row.time_s <= stop.until_s]
-        stop = feedback.stops[standing[0]].model_dump(mode="json") if standing else None
-        rows.append(_row(row, passes) | {"stop": stop})
-        shown.update(standing)
-    return {
-        "beyond": None if limit is None else (limit - feedback.mean) * (1 if worse == "smaller" else -1),
-        "at_limit": feedback.capped == len(values),
-        "runs": len(values),
-        "spread": spread,
-        "mildest_parts": [part.model_dump() for part in feedback.mildest_parts] if spread else [],
-        "low": feedback.interval[0],
-        "high": feedback.interval[1],
-        "separable": bool(feedback.separable),
-        "better": previous is not None
-        and (feedback.mean < previous if worse == "smaller" else feedback.mean > previous),
-        "moments": [
-            moment.model_dump(mode="json") | {"humans_at": [{"name": n, "at": a} for n, a in moment.humans_at.items()]}
-            for moment in feedback.moments
-        ],
-        **feedback.model_dump(mode="json", include=set(TOLD_AS_MEASURED)),
-        "unusual": feedback.unusual,
-        "unusual_runs": feedback.unusual_runs,
-        "rows": rows,
-        "stops_between": [s.model_dump(mode="json") for k, s in enumerate(feedback.stops) if k not in shown],
-        "planned": any(feedback.planned.values()),
-        "arrivals": {human.name: _arrivals(human, feedback) for human in people.humans},
-        "missed": [
-            {"name": name, "at": at, "time_s": time}
-            for name, moments in feedback.planned.items()
-            for at, time in moments.items()
-            if at != begins.get(name) and at not in {arrival.at for arrival in feedback.arrivals.get(name, ())}
-        ],
-        "weaker": feedback_facts(feedback.weaker, requirement, passes) if feedback.weaker else None,
-        "configuration": configuration_object(people),
-        "best": configuration_object(feedback.best.people) if feedback.best else None,
-        "series": [sample.model_dump(mode="json") for sample in feedback.series[:LONGEST_SERIES]],
-    }
-
-
-def _arrivals(human: Human, feedback: Feedback) -> list[dict[str, Any]]:
-    """Return a person's first arrivals where they planned to be, pause, end a task or come last, in order."""
-    planned = feedback.planned.get(human.name, {})
-    wanted = {at for task in human.tasks for at in (*task.path[-1:], *(pause.at for pause in task.pauses))} | {*planned}
-    first = {arrival.at: arrival for arrival in reversed(feedback.arrivals.get(human.name, ()))}
-    order = dict.fromkeys(arrival.at for arrival in feedback.arrivals.get(human.name, ()))
-    wanted |= set(list(order)[-1:])
-    return [first[at].model_dump() | {"planned_s": planned.get(at)} for at in order if at in wanted]
-
-
-def passes_of(undisturbed: Rehearsal | None, grid: Grid) -> dict[str, Pass]:
-    """Return when the robot is first and last nearest to each waypoint of its way without people, in seconds."""
-    found: dict[str, Pass] = {}
-    for time, x, y in undisturbed.way if undisturbed is not None else ():
-        name = grid.nearest(x, y)
-        found[name] = (found.get(name, (time, time))[0], time)
-    return found
-
-
-def rehearsal_facts(rehearsal: Rehearsal, passes: Mapping[str, Pass]) -> dict[str, Any]:
-    """A rehearsal as prompts tell it."""
-    return {"arrival_s": rehearsal.arrival_s, "rows": [_row(row, passes) | {"stop": None} for row in rehearsal.rows]}
-
-
-def _row(row: Row, passes: Mapping[str, Pass]) -> dict[str, Any]:
-    """Return a row with how much later than without people the robot is there; None where it never is there then."""
-    first, last = passes.get(row.robot_at, (math.nan, math.nan))
-    behind = max(0.0, row.time_s - last) + min(0.0, row.time_s - first)
-    return row.model_dump(mode="json") | {"behind_s": round(behind) if row.robot_at in passes else None}
-
-
-def configuration_object(
-    people: HumanConfiguration,
-    description: str | None = None,
-    *,
-    rich: bool = True,
-    moved: Sequence[SolidObject] = (),
-) -> Any:
-    """A configuration in the form replies have; without `rich` only names, tasks and paths."""
-    humans = []
-    for human in people.humans:
-        tasks = []
-        for task in human.tasks:
-            entry: dict[str, Any] = {"task": task.name, "path": list(task.path)}
-            if rich and task.pauses:
-                entry["pauses"] = [{"at": p.at, "duration_s": p.duration_s} for p in task.pauses]
-            tasks.append(entry)
-        chosen: dict[str, Any] = {
-            "behaviour": human.behaviour.value,
-            "speed_m_s": human.speed_m_s,
-            "start_delay_s": human.start_delay_s,
-        }
-        if human.attention is not Attention.ATTENTIVE:
-            chosen["attention"] = human.attention.value
-        if human.group is not None:
-            chosen["group"] = human.group
-        if human.kind is not PersonKind.ADULT:
-            chosen["kind"] = human.kind.value
-        if human.trolley is not None:
-            chosen["trolley"] = human.trolley.model_dump(mode="json")
-        humans.append({"name": human.name, **(chosen if rich else {}), "tasks": tasks})
-    told: dict[str, Any] = {} if description is None else {"description": description}
-    told["humans"] = humans
-    if moved:
-        told["moved"] = []
-    for thing in moved:
-        (x, y, _), sizes = thing.box.center, zip(("length_m", "width_m", "height_m"), thing.box.size, strict=True)
-        told["moved"].append({"name": thing.name, "x": x, "y": y, **dict(sizes), "yaw": thing.box.yaw})
-    return told
-
-
-def answer_object(feedback: Feedback, moved: Sequence[SolidObject] = ()) -> Any:
-    """Return the configuration that was simulated as its generator answered it, with the end of its analysis."""
-    found = configuration_object(feedback.scenario.people, feedback.scenario.description, moved=moved)
-    analysis = feedback.analysis
-    if len(analysis) > LONGEST_ANALYSIS:
-        end = analysis[-LONGEST_ANALYSIS:]
-        begin = end.find(". ") + 2 if ". " in end else end.find(" ") + 1
-        analysis = f"... {end[begin:]}"
-    return ({"analysis": analysis} if analysis else {}) | found
 
 
 def _remembered(earlier: Remembered) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import math
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 from pydantic import Field
@@ -47,6 +47,8 @@ class Walked(Record):
     nearest_s: float
     met_s: float | None = None
     """When the person is first within `MET_M` of the robot, in seconds; None: never."""
+    reacted_s: Annotated[float | None, Field(exclude_if=lambda time: time is None)] = None
+    """When the person first reacts to the robot, in seconds; None: never."""
 
 
 class Rehearsal(Record):
@@ -59,6 +61,10 @@ class Rehearsal(Record):
     people: dict[str, Walked] = Field(default_factory=dict)
     rows: tuple[Row, ...] = ()
     """What everybody does every two seconds; empty without people."""
+    value: Annotated[float | None, Field(exclude_if=lambda value: value is None)] = None
+    """The value of the requirement; None: not measured, or the run has none."""
+    capped: Annotated[bool, Field(exclude_if=lambda capped: not capped)] = False
+    """Whether the time limit sets the value."""
 
 
 Rehearse = Callable[[Mission, HumanConfiguration], Rehearsal]
@@ -72,13 +78,14 @@ def surprises(rehearsal: Rehearsal, plan: Plan) -> tuple[str, ...]:
     """Return what does not happen as planned: who is held up, who never comes near, who arrives at another time.
 
     Only what goes wrong before the first person meets the robot is a mistake of the plan; afterwards robot and people
-    hold each other up, which is what the test is for.
+    hold each other up, which is what the test is for. Somebody who reacts to the robot no longer walks as planned.
     """
     met = min((walked.met_s for walked in rehearsal.people.values() if walked.met_s is not None), default=math.inf)
     held_up = math.isfinite(met) and rehearsal.arrival_s is None
     found = []
     for name, walked in rehearsal.people.items():
-        stuck, left = walked.stuck_s, math.inf if walked.left_s is None else walked.left_s
+        stuck = walked.stuck_s
+        left, reacted = (math.inf if time is None else time for time in (walked.left_s, walked.reacted_s))
         if stuck is not None and stuck < met:
             found.append(f"{name} gets stuck at {walked.stuck_at} from {stuck:g} s on and does not walk further.")
         for start, end, at in walked.stood:
@@ -93,7 +100,7 @@ def surprises(rehearsal: Rehearsal, plan: Plan) -> tuple[str, ...]:
             if at == walked.begins_at and planned < left + LATE_S:
                 continue  # there from the start on
             actual = reached.get(at, math.inf)
-            if min(planned, actual) >= met or abs(actual - planned) < LATE_S:
+            if min(planned, actual) >= min(met, reacted) or abs(actual - planned) < LATE_S:
                 continue
             if math.isfinite(actual):
                 what = f"reaches {at} at {actual:.1f} s"
@@ -143,6 +150,10 @@ class Proposal(Record):
     repairs: tuple[Repair, ...] = ()
     corrections: int = 0
     calls: tuple[Call, ...] = ()
+    rehearsals: Annotated[
+        tuple[tuple[HumanConfiguration, float], ...], Field(exclude_if=lambda rehearsals: not rehearsals)
+    ] = ()
+    """Configurations that were simulated once on the way to this one, this one among them, and their values."""
     extra: dict[str, Any] = Field(default_factory=dict)
 
 

@@ -41,6 +41,10 @@ class Sample(Record):
     value: float | None = None
 
 
+Coordinate = Annotated[float | None, Field(exclude_if=lambda value: value is None)]
+"""Metres in the world's frame; None: not known."""
+
+
 class PersonAt(Record):
     """One person at one moment, as seen from the robot."""
 
@@ -52,6 +56,8 @@ class PersonAt(Record):
     """`ahead`, `left`, `right` or `behind` of the robot."""
     distance_m: float
     """Distance of the centres."""
+    x: Coordinate = None
+    y: Coordinate = None
 
 
 class Row(Record):
@@ -61,6 +67,8 @@ class Row(Record):
     robot_at: str
     people: dict[str, PersonAt]
     value: float | None = None
+    x: Coordinate = None
+    y: Coordinate = None
 
 
 class Arrival(Record):
@@ -99,6 +107,20 @@ class Stop(Record):
     """The person of the reason; else empty."""
 
 
+class Reacted(Record):
+    """A person begins to react to the robot."""
+
+    who: str
+    behaviour: str
+    time_s: float
+    until_s: float
+    x: float
+    """Of the person, metres in the world's frame."""
+    y: float
+    distance_m: float
+    """To the robot, of the centres."""
+
+
 class Passing(Record):
     """A person near the robot: how they come, and on which side of it they are at the smallest gap."""
 
@@ -124,7 +146,7 @@ class Part(Record):
 
 
 class Tried(Record):
-    """A configuration of the scenario that was measured: its mean, and what it changed in one line."""
+    """A configuration of the scenario that was measured, and what it changed in one line."""
 
     mean: float
     change: str
@@ -133,7 +155,21 @@ class Tried(Record):
     violations: int | None = None
     """How many of them violate the requirement; None: not known, or there is no limit."""
     best_of: int = 0
-    """0: written by the generator. Else the configuration before it with other numbers, the best of so many tried."""
+    """0: written by the generator. Else tuned, the best of so many forms."""
+    number: Annotated[int | None, Field(exclude_if=lambda number: number is None)] = None
+    """The attempt that measured it first; None: not known."""
+    made_from: Annotated[int | None, Field(exclude_if=lambda number: number is None)] = None
+    """The number of the configuration that `change` compares with; None: nothing."""
+    objectives: Annotated[tuple[float, ...], Field(exclude_if=lambda values: not values)] = ()
+    """The value of each run."""
+    estimate: Annotated[float | None, Field(exclude_if=lambda estimate: estimate is None)] = None
+    """What the race expects of further runs, by which configurations are ordered; None: the mean orders them."""
+    margin: Annotated[float | None, Field(exclude_if=lambda margin: margin is None)] = None
+    """Half-width of the 90 % interval of the estimate."""
+    repeats: Annotated[int, Field(exclude_if=lambda count: count == 0)] = 0
+    """So many later answers differ only in what acts after the end of the drive; their runs count here."""
+    rehearsed: Annotated[tuple[tuple[float, str], ...], Field(exclude_if=lambda values: not values)] = ()
+    """The values of its rehearsals before the generator changed it, and what changed then."""
 
 
 class Tuning(Record):
@@ -147,6 +183,8 @@ class Tuning(Record):
     """Runs that it is of."""
     change: str = ""
     """What differs in the best of the forms, in one line; empty where none is better than what was written."""
+    origin: Annotated[Tried | None, Field(exclude_if=lambda origin: origin is None)] = None
+    """The configuration as written; None: not known."""
 
 
 class Encounter(Record):
@@ -189,6 +227,8 @@ class Feedback(Record):
     parts: tuple[Part, ...] = ()
     stops: tuple[Stop, ...] = ()
     """Where the robot stands in that run, and why."""
+    reactions: Annotated[tuple[Reacted, ...], Field(exclude_if=lambda reactions: not reactions)] = ()
+    """The reactions in that run."""
     passings: tuple[Passing, ...] = ()
     """The closest encounters of that run."""
     mildest: float | None = None
@@ -227,13 +267,17 @@ class Feedback(Record):
     """The mean of the configuration that is worst for the robot so far, of all that `tried` lists."""
     best_runs: int = 0
     """Runs that it is of; 0: not known."""
+    standing: Annotated[Tried | None, Field(exclude_if=lambda standing: standing is None)] = None
+    """Where the configuration stands in the order of its scenario; None: not known."""
+    untried: Annotated[tuple[float, ...], Field(exclude_if=lambda values: not values)] = ()
+    """The means of the configurations of the scenario that `tried` leaves out."""
     weaker: Annotated[Feedback | None, Field(exclude_if=lambda weaker: weaker is None)] = None
     """What the last configuration that a model wrote for the scenario measured, where `scenario` is another one that is
     worse for the robot; else None."""
     encounter: Encounter | None = None
     """Of the run that is worst for the robot; None without people, or where it was not looked at."""
     tried: tuple[Tried, ...] = ()
-    """All measured configurations of the scenario, the first one first."""
+    """Measured configurations of the scenario in their order, the worst for the robot first."""
 
 
 class Remembered(Record):

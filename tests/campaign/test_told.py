@@ -1,0 +1,236 @@
+"""What a model is told of the configurations of a scenario: one order, all runs, and nothing that is no change."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import pytest
+from tests.campaign.parts import REQUIREMENT, plan, warehouse
+from tests.campaign.test_hybrid import Dear, hybrid
+
+from rvsg.campaign.attempt import Attempt, Measurement
+from rvsg.campaign.candidates import REHEARSAL, Candidate, badness_of, last_written, tried, with_others
+from rvsg.campaign.feedback import FeedbackSource
+from rvsg.campaign.hybrid import HybridStrategy
+from rvsg.campaign.observation import acting, observe
+from rvsg.generation.generator import Proposal
+from rvsg.generation.prompts import Prompts
+from rvsg.generation.result_facts import feedback_facts
+from rvsg.scenario.brief import Brief, Feedback
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Human, HumanConfiguration, Pause, Scenario, Task
+from rvsg.simulation.simulators import make_simulator
+
+TIME = Requirement(name="R3", title="Time", text="Arrive.", metric="trg", worse="larger", limit=50.0, unit="s")
+
+
+def configured(
+    index: int,
+    values: Sequence[float],
+    estimate: float,
+    parent: Candidate | None = None,
+    *,
+    operator: str = "tune",
+    requirement: Requirement = REQUIREMENT,
+    rehearsals: tuple[tuple[HumanConfiguration, float], ...] = (),
+) -> Candidate:
+    """A candidate whose people walk at a speed of its own."""
+    task = Task(name="to", path=("G12", "G13"))
+    people = HumanConfiguration(humans=(Human(name="Human 1", tasks=(task,), speed_m_s=1.0 + index / 100),))
+    scenario = Scenario(mission=plan().mission, people=people)
+    proposal = Proposal(generator="x", scenario=scenario, rehearsals=rehearsals)
+    made = Candidate(Attempt.model_construct(index=index, proposal=proposal), parent, operator)
+    made.badness = {k: requirement.badness(value) for k, value in enumerate(values)}
+    made.estimate, made.deviation = requirement.badness(estimate), 0.02
+    return made
+
+
+def prompt(candidate: Candidate, own: Sequence[Candidate], requirement: Requirement = REQUIREMENT) -> str:
+    """The refinement that a model is asked for, as `hybrid` asks for it."""
+
+    def told(c: Candidate) -> Feedback:
+        values = tuple(requirement.badness(b) for b in c.badness.values())
+        mean = sum(values) / len(values)
+        return Feedback(scenario=c.scenario, objectives=values, mean=mean, interval=(mean, mean))
+
+    feedback, last = with_others(told(candidate), candidate, own, requirement), last_written(own)
+    if last is not candidate and last is not None:
+        feedback = feedback.replace(weaker=told(last).replace(standing=tried(last, own, requirement)))
+    facts = {"feedback": feedback_facts(feedback, requirement, {}), "lessons": [], "drive": None, "tunes": True}
+    given = {"unit": requirement.unit, "worse": requirement.worse, "limit": requirement.threshold}
+    return Prompts().render("compact-refine", {**facts, "requirement": given})
+
+
+def contradictions(text: str, requirement: Requirement = REQUIREMENT) -> list[str]:
+    """What a prompt says against its own list."""
+    lines = re.findall(r"^- #(\d+) \(.*?; estimate ([\d.]+) ± ", text, re.MULTILINE)
+    badness = {number: requirement.badness(float(estimate)) for number, estimate in lines}
+    worst = max(badness.values())
+    found = [] if list(badness.values()) == sorted(badness.values(), reverse=True) else ["the list is not in order"]
+    found += [f"#{n} is not listed" for n in set(re.findall(r"#(\d+)", text)) - badness.keys()]
+    for number, estimate in re.findall(r"#(\d+):? ?\(?[^()]*?estimate ([\d.]+)", text):
+        if badness.get(number) != requirement.badness(float(estimate)):
+            found.append(f"#{number} has two estimates")
+    first = re.search(r"Measured #(\d+)", text)
+    assert first is not None
+    base = badness[first[1]]
+    if base < worst and "The first in the order is" not in text:
+        found.append("it goes on from another than the first")
+    if (last := re.search(r"Your last answer #(\d+) .* stands behind", text)) and badness[last[1]] > base:
+        found.append("the last answer stands before the base")
+    if ("stands before yours" in text or "The first of them is" in text) and base < worst:
+        found.append("another stands before it")
+    return found
+
+
+def test_the_weaker_configuration_is_the_one_with_the_weaker_estimate() -> None:
+    """It was told "1.11 m, less bad than the configuration above", which had 1.18 m, where smaller is worse."""
+    base = configured(0, [1.18, 1.11, 1.1], 1.13, operator="new")
+    last = configured(1, [1.11], 1.16, base, operator="refine")
+    text = prompt(base, [base, last])
+    assert contradictions(text) == []
+    assert "Measured #0: 3 runs: 1.18, 1.11, 1.1 m; mean 1.13; estimate 1.13 ± 0.0329" in text
+    assert "Your last answer #1 (1 run: 1.11 m; estimate 1.16 ± 0.0329) stands behind" in text
+    assert "chance may explain the difference" in text
+    certain = prompt(base, [base, configured(1, [1.4], 1.38, base, operator="refine")])
+    assert "chance may explain" not in certain
+
+
+def test_nothing_is_the_best_beside_a_better_one() -> None:
+    """It was told "this is the best of them" beside a better one."""
+    first = configured(0, [1.13, 1.18], 1.16, operator="new")
+    form, better = configured(1, [1.15], 1.14, first), configured(2, [1.12], 1.12, first)
+    assert "The first of them is the configuration above" in prompt(better, [first, form, better])
+    text = prompt(form, [first, form, better])
+    assert contradictions(text) == []
+    assert "One of them is the configuration above" in text and "The first in the order is #2" in text
+
+
+def test_none_stands_before_yours_where_the_list_says_so() -> None:
+    """It was told "none was better than yours (53.9)" beside 56.9 and 57.2."""
+    own = [configured(0, [53.9, 65.0], 57.5, operator="new", requirement=TIME)]
+    own += [configured(k, [v], v - 1.0, own[0], requirement=TIME) for k, v in ((1, 56.9), (2, 57.2))]
+    text = prompt(own[0], own, TIME)
+    assert contradictions(text, TIME) == []
+    assert "None of them stands before yours." in text and "2 runs: 53.9, 65 s; mean 59.5; estimate 57.5" in text
+    assert "above the limit, a violation" in text
+
+
+def test_every_configuration_is_listed_or_counted() -> None:
+    """A configuration of 1.12 m was missing from the list."""
+    own = [configured(0, [1.3], 1.3, operator="new")]
+    own += [configured(k, [1.12 + k / 50], 1.2 + k / 50, own[0]) for k in range(1, 9)]
+    own.append(configured(9, [1.12], 1.21, own[0]))
+    text = prompt(own[1], own)
+    assert "- #9 (1 run: 1.12 m; estimate 1.21" in text
+    listed, rest = len(re.findall("^- #", text, re.MULTILINE)), re.search(r"And (\d+) more, all behind the first", text)
+    assert rest is not None and listed + int(rest[1]) == len(own)
+    assert contradictions(text) == []
+
+
+@pytest.mark.parametrize("seed", [7, 8])
+def test_no_prompt_of_a_campaign_contradicts_itself(seed: int) -> None:
+    generator = Dear()
+    hybrid(generator=generator, scenarios=1, refinements=4, proposals=5, budget_runs=50, seed=seed)
+    facts = {"lessons": [], "drive": None, "tunes": True}
+    given = {"unit": "m", "worse": "smaller", "limit": 1.0}
+    for brief in generator.briefs[1:]:
+        assert brief.feedback is not None
+        result = feedback_facts(brief.feedback, REQUIREMENT, {})
+        text = Prompts().render("compact-refine", {**facts, "feedback": result, "requirement": given})
+        assert contradictions(text) == []
+
+
+def test_a_rehearsal_is_a_run_of_its_configuration_and_is_told_of_the_one_before() -> None:
+    before = configured(1, [50.0], 50.0).scenario.people
+    now = configured(0, [53.9], 53.9).scenario.people
+    values = ((before, 65.0), (now, 60.0))
+    made = configured(0, [53.9], 57.0, operator="new", requirement=TIME, rehearsals=values)
+    proposal = made.attempt.record.proposal
+    attempt = Attempt.model_construct(proposal=proposal, measurements=(measurement(0, 53.9),))
+    made.badness = badness_of(attempt, TIME)
+    assert made.badness == {REHEARSAL: 60.0, 0: 53.9} and made.runs == 1
+    text = prompt(made, [made, configured(2, [50.0], 50.0, made, requirement=TIME)], TIME)
+    assert "2 runs: 60, 53.9 s; mean 57" in text
+    assert 'rehearsed with 65 where "Human 1 walks at 1 m/s (was 1.01)"' in text
+
+
+def measurement(seed: int, value: float) -> Measurement:
+    return Measurement(run_id=f"r{seed}", seed=seed, outcome="reached", values={}, objective=value)
+
+
+class Silent(FeedbackSource):
+    """Knows only that the person reached the second goal."""
+
+    def __call__(self, attempt: Attempt, previous: Attempt | None) -> Feedback:
+        raise AssertionError("not asked for")
+
+    def encounter(self, attempt: Attempt) -> None:
+        return None
+
+    def reached(self, attempt: Attempt) -> dict[str, int]:
+        return {"Human 1": 1}
+
+
+def walking(pauses: dict[str, float]) -> HumanConfiguration:
+    """Somebody who walks six waypoints to and fro, and pauses at some."""
+    path = ("G12", "G13", "G14", "G15", "G16", "G17")
+    held = tuple(Pause(at=at, duration_s=seconds) for at, seconds in pauses.items())
+    tasks = (Task(name="to", path=path, pauses=held), Task(name="fro", path=path[::-1]))
+    return HumanConfiguration(humans=(Human(name="Human 1", tasks=tasks),))
+
+
+def test_an_answer_that_differs_only_after_the_end_of_the_drive_is_a_repeat() -> None:
+    strategy = HybridStrategy(plan(), Silent(), warehouse())
+
+    def add(index: int, seed: int, pauses: dict[str, float]) -> None:
+        scenario = Scenario(mission=plan().mission, people=walking(pauses))
+        brief = Brief(mission=plan().mission, requirement=REQUIREMENT, seed=index)
+        attempt = Attempt(
+            campaign="c",
+            index=index,
+            strategy="hybrid",
+            brief=brief,
+            proposal=Proposal(generator="x", scenario=scenario),
+            measurements=(measurement(seed, 1.0 + index),),
+        )
+        strategy._add(attempt, None, "refine")
+
+    add(0, 0, {})
+    add(1, 1, {"G16": 3.0})  # two goals after the one that is reached
+    add(2, 0, {"G13": 3.0})
+    first, other = strategy.candidates
+    assert first.repeats == [1] and first.badness == {0: -1.0, 1: -2.0}
+    assert other.index == 2 and last_written([first, other]) is other
+    other.repeats, first.repeats = [], [3]
+    first.estimate, other.estimate, first.deviation, other.deviation = -1.0, -2.0, 0.1, 0.1
+    assert last_written([first, other]) is first
+    assert "differs from it only in what acts after the end of the drive" in prompt(first, [first, other])
+
+
+def test_what_acts_after_the_end_of_a_run_changes_no_bit_of_it() -> None:
+    """The runs themselves: a pause that nobody reached before the end, and one that somebody did."""
+    simulator, place = make_simulator("embedded"), warehouse()
+
+    def run(pauses: dict[str, float]):
+        scenario = Scenario(mission=plan().mission, people=people(pauses))
+        return simulator.run(scenario, place, seed=5)
+
+    def people(pauses: dict[str, float]) -> HumanConfiguration:
+        slow = walking(pauses).humans[0].replace(speed_m_s=0.35, start_delay_s=2.0)
+        path = ("M2", "M3", "M4", "M5", "M6", "M7", "M8", "M9", "M10", "M11", "M12", "M13", "M14")
+        held = tuple(Pause(at=at, duration_s=seconds) for at, seconds in pauses.items())
+        return HumanConfiguration(humans=(slow.replace(tasks=(Task(name="to", path=path, pauses=held),)),))
+
+    before = run({})
+    (person,) = observe(before, place).people
+    assert person.reached is not None and 2 <= person.reached <= 8
+    reached = {person.name: person.reached}
+    late, early = {"M13": 3.0}, {"M4": 3.0}
+    assert acting(people(late), place.grid, reached) == acting(people({}), place.grid, reached)
+    assert acting(people(early), place.grid, reached) != acting(people({}), place.grid, reached)
+    same = (before.trajectory.human_x == run(late).trajectory.human_x).all()
+    assert same and (before.trajectory.x == run(late).trajectory.x).all()
+    changed = run(early).trajectory.human_x
+    assert len(changed) != len(before.trajectory.human_x) or (changed != before.trajectory.human_x).any()
