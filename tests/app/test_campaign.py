@@ -45,7 +45,8 @@ def test_events_tell_what_happens_in_order(tmp_path: Path) -> None:
     seen = list(campaign.run(jobs=1))
     assert isinstance(seen[0], execution.CampaignStarted) and seen[0].attempts == 0
     kinds = [type(event).__name__ for event in seen]
-    assert kinds[1:6] == ["ProposalStarted", "RunFinished", "RunFinished", "AttemptFinished", "ProposalStarted"]
+    assert kinds[1:5] == ["AloneStarted", "RunFinished", "RunFinished", "RunFinished"]
+    assert kinds[5:10] == ["ProposalStarted", "RunFinished", "RunFinished", "AttemptFinished", "ProposalStarted"]
     assert "ConfirmationStarted" in kinds and "ExplanationStarted" in kinds
     assert isinstance(seen[-1], execution.CampaignFinished) and seen[-1].complete
     assert campaign.finished and len(campaign.attempts()) == seen[-1].attempts

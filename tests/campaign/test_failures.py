@@ -8,14 +8,15 @@ from tests.campaign.parts import REQUIREMENT, MemoryLedger, a_scenario, parts, p
 from tests.evaluation.runs import run_of as measured_run
 from tests.evaluation.runs import trajectory
 
-from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.confirmation import Confirmations
-from rvsg.campaign.findings import Finding, distinct_failures, worst_confirmation
+from rvsg.campaign.findings import Finding, Removal, distinct_failures, severity_of, worst_confirmation
 from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.observation import FailureMode, encounter_of, met, mode_of, observe, usual
 from rvsg.campaign.runner import Evaluator, FinishedRun, Runner
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.evaluation.verdict import judge
+from rvsg.report.answer import cause_of
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Outcome, Run
 
@@ -81,7 +82,43 @@ def test_confirmed_violations_are_grouped_by_how_the_robot_fails_and_more_runs_c
         )
         for bad, good in ((2, 0), (14, 1))
     )
-    assert worst_confirmation([few, many]) is many
+    assert worst_confirmation([few, many], REQUIREMENT) is many
+
+
+def confirmed(index: int, objectives: list[float], contacts: int) -> Attempt:
+    values = [{"contacts": float(k < contacts), "min_distance": 0.1, "completed": 1.0} for k in range(len(objectives))]
+    measured = tuple(Measurement.model_construct(values=each) for each in values)
+    verdict = judge(REQUIREMENT, objectives)
+    return Attempt.model_construct(index=index, purpose="confirmation", verdict=verdict, measurements=measured)
+
+
+def test_contact_comes_first_then_always_sometimes_open_and_not_violated_then_share_and_mean() -> None:
+    in_order = [
+        confirmed(1, [0.5] * 15, 10), confirmed(2, [0.1] * 15, 3), confirmed(3, [0.5] * 3 + [2.0] * 3, 6),
+        confirmed(4, [2.0] * 15, 1), confirmed(5, [0.1] * 15, 0), confirmed(6, [0.5] * 15, 0),
+        confirmed(7, [0.5] * 3 + [2.0] * 3, 0), confirmed(8, [0.5, 2.0], 0), confirmed(9, [2.0] * 15, 0),
+    ]  # fmt: skip
+    keys = [severity_of(attempt, REQUIREMENT) for attempt in in_order]
+    assert keys == sorted(keys, reverse=True) and len(set(keys)) == len(keys)
+    assert worst_confirmation(in_order[::-1], REQUIREMENT) is in_order[0]
+
+
+def removals(*people: tuple[str, float]) -> tuple[Removal, ...]:
+    return tuple(Removal(without=name, violated=0, of=5, before=5, p=p) for name, p in people)
+
+
+@pytest.mark.parametrize(
+    ("cause", "said"),
+    [
+        (removals(("Human 1", 0.001), ("Human 2", 0.2)), ("Human 1", "without Human 1: 0/5")),
+        (removals(("Human 1", 0.2), ("Human 2", 0.1)), ("open", "not told apart: without Human 2 0/5")),
+        (removals(*((f"Human {k}", 1.0) for k in range(20))), ("no single person", "none explains it (20 tried)")),
+        (removals(*((f"Human {k}", 0.01) for k in range(5))), ("5 people", "without Human 0: 0/5")),
+    ],
+)
+def test_a_cause_is_named_where_its_removal_is_told_apart(cause: tuple[Removal, ...], said: tuple[str, str]) -> None:
+    shown = finding(1, True, 1.0, None).model_copy(update={"cause": cause, "verdict": judge(REQUIREMENT, [0.1] * 15)})
+    assert cause_of(shown) == said
 
 
 @pytest.mark.parametrize(

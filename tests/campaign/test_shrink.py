@@ -207,7 +207,7 @@ def test_an_interrupted_end_resumes_to_the_same_records(ended: tuple[MemoryLedge
     assert campaign(ledger) == attempts
 
 
-@pytest.mark.parametrize(("violated", "before", "holds"), [(0, 2, False), (0, 0, False), (4, 10, False), (5, 10, True)])
+@pytest.mark.parametrize(("violated", "before", "holds"), [(0, 2, False), (1, 1, False), (4, 10, False), (8, 10, True)])
 def test_what_no_longer_fails_is_not_told_as_the_failure_shrunk(violated: int, before: int, holds: bool) -> None:
     smallest = Smallest(attempt=7, scenario_id="x", taken_away=("Human 1",), violated=violated, of=10, before=before)
     assert smallest.holds is holds

@@ -54,7 +54,7 @@ def finished(_finished: Path, tmp_path: Path) -> Path:
 def attempts_of(folder: Path) -> list[Any]:
     """The attempts that a campaign keeps."""
     with SqliteLedger.existing(folder / LEDGER) as ledger:
-        return list(ledger.attempts(*ledger.campaigns()))
+        return list(ledger.attempts(ledger.campaigns()[0]))
 
 
 def records(folder: Path) -> list[str]:
@@ -221,11 +221,11 @@ def test_a_violation_in_few_fresh_runs_fails_the_build_though_fail_or_flaky_is_o
     terminal: Terminal, far: list[str]
 ) -> None:
     said = terminal("run", far, "--confirmations 8 --fail-on-violation --junit junit.xml", code=1)
-    assert "INCONCLUSIVE (violated; FAIL or FLAKY is still open)" in " ".join(said.split())
+    assert "far is violated in 8/8 runs; how often is open" in " ".join(said.split())
     assert '<failure message="INCONCLUSIVE (violated; FAIL or FLAKY is still open)' in Path("junit.xml").read_text()
     page = Path("one/report.html").read_text()
-    assert '<span class="chip bad">violated</span>' in page
-    assert "violates far in 8 of 8 confirmation runs; FAIL or FLAKY is still open (INCONCLUSIVE)." in page
+    assert '<span class="chip bad">VIOLATED</span>' in page
+    assert "far is violated in 8/8 runs; how often is open" in page
 
 
 @pytest.fixture
@@ -282,7 +282,7 @@ def test_a_simulator_that_fails_says_that_what_there_is_is_kept(
 
     def failing(self, scenario, world, *, seed):
         made.append(seed)
-        if len(made) > 5:
+        if len(made) > 3 + 5:  # the robot drives alone first
             raise SimulationError("the display is gone")
         return run(self, scenario, world, seed=seed)
 

@@ -158,7 +158,7 @@ def test_progress_shows_the_call_under_way_why_it_waits_and_what_was_spent(termi
     with serving(fails(500, "busy"), says(GOOD)) as server:
         told = terminal(ONE, of(server), SOON, "--generator-option prices=2,0.5,8")
     assert "new: the service failed. It said: HTTP 500, busy. Waits 0 s, then try 2 of 2." in told
-    assert "left; model 0.0012 USD" in told
+    assert "model 0.0012 USD" in told
 
 
 def test_a_budget_is_for_all_the_campaigns_of_a_command_together(terminal: Terminal) -> None:

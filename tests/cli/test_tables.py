@@ -1,26 +1,21 @@
 import io
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from rich.console import Console
 from tests.campaign.parts import MemoryLedger
-from tests.report.test_page import campaign
+from tests.report.test_page import answer, campaign
 
 from rvsg.campaign.attempt import Plan
-from rvsg.cli.tables import matrix_table, ranked_table, without_common_beginning
-from rvsg.evaluation.verdict import Status
-from rvsg.report.summary import Summary, summarise
+from rvsg.cli import tables
+from rvsg.cli.tables import MOST_ROWS, matrix_table, rows_table, show_answer
+from rvsg.report.answer import Answer, Elsewhere
 
 
 @pytest.fixture(scope="module")
-def found() -> tuple[Plan, Summary]:
-    the_plan, attempts = campaign(MemoryLedger())
-    return the_plan, summarise(the_plan, attempts)
-
-
-def drawn(*cells: tuple[Plan, Summary], width: int) -> list[str]:
-    return on_paper(matrix_table(cells), width).splitlines()
+def found() -> tuple[Plan, Answer]:
+    ledger = MemoryLedger()
+    the_plan, attempts = campaign(ledger)
+    return the_plan, answer(the_plan, attempts, ledger, stack="nav2-dwb", commands={"planner": "rvsg replay X --trace"})
 
 
 def on_paper(table: object, width: int = 80) -> str:
@@ -30,63 +25,51 @@ def on_paper(table: object, width: int = 80) -> str:
 
 
 @pytest.mark.parametrize("width", [78, 80, 100])
-def test_several_campaigns_with_long_names_and_values_fit_a_terminal(found: tuple[Plan, Summary], width: int) -> None:
-    the_plan, summary = found
+def test_several_campaigns_with_long_names_and_values_fit_a_terminal(found: tuple[Plan, Answer], width: int) -> None:
+    the_plan, told = found
     route = the_plan.mission.route.replace(name="from_the_loading_dock")
     requirement = the_plan.requirement.replace(name="keeps_its_distance", unit="m/s^3")
     long = the_plan.replace(mission=the_plan.mission.replace(route=route), requirement=requirement)
-    lines = drawn((long, summary.replace(confirmed=None)), found, width=width)
+    lines = on_paper(matrix_table([(long, told), found]), width).splitlines()
     assert all(len(line) <= width for line in lines)
-    assert lines[1].split() == ["campaign", "worst", "[95", "%]", "verdict", "violated"]
-    assert "…" not in "".join(lines)
-    assert sum("*" in line for line in lines) == 2  # the one that is not confirmed, and what that means
-    assert lines[-1].startswith("* ")
+    assert lines[1].split()[:5] == ["campaign", "verdict", "violated", "measured", "contact"]
+    assert told.rows[0].share in "".join(lines)
+    empty = told.replace(rows=(), status="no result")
+    assert "no result" in on_paper(matrix_table([(the_plan, empty)]), width)
 
 
-def test_a_violation_of_which_fail_or_flaky_is_open_is_marked(found: tuple[Plan, Summary]) -> None:
-    the_plan, summary = found
-    assert summary.confirmed and summary.confirmed.verdict
-    verdict = summary.confirmed.verdict.replace(status=Status.INCONCLUSIVE, violations=8, runs=8)
-    shown = summary.replace(confirmed=summary.confirmed.replace(verdict=verdict))
-    lines = drawn((the_plan, shown), width=80)
-    assert "INCONCLUSIVE†" in "".join(lines)
-    assert lines[-1].rstrip() == "† violated; FAIL or FLAKY is still open."
-    assert not {"†", "*"} & set("".join(drawn(found, width=80)))  # confirmed: it needs no remark
+def test_contact_in_other_configurations_is_marked_in_the_table_of_campaigns(found: tuple[Plan, Answer]) -> None:
+    the_plan, told = found
+    other = told.replace(elsewhere=Elsewhere(text="Contact", number="2.1", attempt=3, runs=("run-a",)))
+    lines = on_paper(matrix_table([(the_plan, other)])).splitlines()
+    assert f"{told.rows[0].contact}‡" in "".join(lines) and lines[-1].startswith("‡ contact in other")
+    assert "‡" not in on_paper(matrix_table([found]))
 
 
-def test_a_long_objective_takes_its_room_from_the_description_and_not_from_the_rank(
-    found: tuple[Plan, Summary],
+@pytest.mark.parametrize("width", [80, 100, 160])
+def test_the_answer_takes_at_most_23_lines_with_every_number_whole(
+    found: tuple[Plan, Answer], width: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    the_plan, summary = found
-    values = {"mean": -0.7461, "interval": (-0.7841, -0.7071), "status": Status.INCONCLUSIVE}
-    values |= {"violations": 2, "runs": 2}
-    ranking = tuple(
-        entry.replace(verdict=entry.verdict.replace(**values), description=f"{entry.scenario} {'pick goods ' * 9}")
-        for entry in summary.ranking
-    )
-    text = on_paper(ranked_table(the_plan, summary.replace(ranking=ranking), width=80))
-    lines = text.splitlines()
-    assert all(len(line) <= 80 for line in lines) and "verdict, violated runs" in text
-    row = next(line for line in lines if line.split()[:1] == ["1"])
-    assert "-0.746 [-0.784, -0.707] m" in row and "INCONCLUSIVE† 2/2" in row
+    first = found[1].rows[0]
+    long = first.replace(number="17.125", share="142/145", contact="119/145", contacts=119, status="INCONCLUSIVE")
+    long = long.replace(cause="Human 1, Human 2, Human 3", caused="without Human 1: 0/10")
+    elsewhere = Elsewhere(text="Contact in 26 of 354 other runs; most: 19.8, 3/15." * 2, number="", attempt=1, runs=())
+    told = found[1].replace(rows=(long,) * 15, elsewhere=elsewhere, rest="18 more scenarios were not violated.")
+    monkeypatch.setattr(tables, "console", lambda: Console(width=width))
+    monkeypatch.setenv("COLUMNS", str(width))
+    show_answer(told, page="runs/first/report.html", again="rvsg run --seed 0")
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) <= 23
+    rows = [line for line in lines if line.startswith("17.125")]
+    assert len(rows) == MOST_ROWS and all(long.share in row and long.contact in row for row in rows)
+    assert all(len(line) <= width for line in rows)
+    assert lines[-3:] == [
+        "  open      runs/first/report.html", "  next      rvsg replay X --trace --run " + first.run,
+        "  again     rvsg run --seed 0",
+    ]  # fmt: skip
 
 
-def test_a_table_says_how_many_scenarios_it_leaves_out(found: tuple[Plan, Summary]) -> None:
-    the_plan, summary = found
-    ranking = tuple(summary.ranking[0].replace(rank=k + 1) for k in range(13))
-    ten, all_ = (on_paper(ranked_table(the_plan, summary.replace(ranking=ranking), rows=rows)) for rows in (10, 13))
-    assert "3 more scenarios in the report" in ten and "more scenario" not in all_
-
-
-def test_words_that_all_begin_with_are_left_away() -> None:
-    assert without_common_beginning(["the work: pick a", "the work: pack"]) == ["pick a", "pack"]
-    assert without_common_beginning(["same", "same"]) == ["same", "same"]
-    assert without_common_beginning(["alone"]) == ["alone"]
-    assert without_common_beginning([]) == []
-
-
-@given(st.lists(st.text(alphabet="ab ", min_size=1), max_size=5))
-def test_what_is_left_is_the_end_of_each_text(texts: list[str]) -> None:
-    left = without_common_beginning(texts)
-    assert all(text.endswith(end) for text, end in zip(texts, left, strict=True))
-    assert len({len(text) - len(end) for text, end in zip(texts, left, strict=True)}) <= 1
+def test_the_causes_stand_in_a_wide_table_alone(found: tuple[Plan, Answer]) -> None:
+    rows = [found[1].rows[0].replace(cause="Human 7")]
+    assert "Human 7" in on_paper(rows_table(rows, 120), 120)
+    assert "cause" not in on_paper(rows_table(rows, 80), 80)

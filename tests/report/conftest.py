@@ -52,12 +52,9 @@ class Pages(dict[str, Path]):
 
 
 def overview() -> str:
-    link, the_plan, summary = reported()
-    row = {"campaign": "route_1, R1", "scenario": "1. Two people", "where": "Shelf 1", "happens": "A person stands."}
-    row |= {"chip": "FAIL", "violated": "15 of 15", "contacts": "0 of 15", "people": "yes"}
-    at = {"address": "#run=a&t=1.0", "x": 1.0, "y": 2.0, "world": warehouse()}
-    pin = Pin(link=link, name="route_1, R1, scenario 1", row=row, **at)
-    several = [(link, the_plan, summary), ("route_3-R3/report.html", the_plan, summary)]
+    link, the_plan, summary, told = reported()
+    pin = Pin(link=link, campaign="route_1, R1", x=1.0, y=2.0, world=warehouse(), row=told.rows[0])
+    several = [(link, the_plan, summary, told), ("route_3-R3/report.html", the_plan, summary, told)]
     return render_overview(several, command="rvsg run", pins=[pin])
 
 

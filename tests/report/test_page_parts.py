@@ -10,26 +10,20 @@ from typing import Any, cast
 import pytest
 from hypothesis import given
 from hypothesis.strategies import floats, lists, tuples
-from tests.evaluation.runs import run_of, trajectory
-from tests.simulation.parts import ALONG, hall
 
 from rvsg.campaign.feedback import MapCell
-from rvsg.campaign.runner import Evaluator
 from rvsg.generation.generator import Call
 from rvsg.generation.vlm.model import Answer, Message, Request
 from rvsg.generation.vlm.recording import Recording
 from rvsg.report import page_contents
-from rvsg.report.answer import robot_words, seen_beside, under_test
 from rvsg.report.page import broken
 from rvsg.report.page_contents import Conversations
-from rvsg.report.run_facts import run_facts
-from rvsg.report.stills import beside, box_around, free_place, pins, spread
+from rvsg.report.stills import beside, box_around, free_place, spread
+from rvsg.report.words import robot_words, under_test
 from rvsg.scenario.brief import Encounter
-from rvsg.scenario.requirement import shipped_requirements
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
-from rvsg.simulation.run import ObstacleContact, Run
-from rvsg.world.world import Door
+from rvsg.simulation.run import Run
 from rvsg.world.world_folder import load_world
 
 
@@ -86,24 +80,6 @@ def test_a_place_and_a_kind_show_their_worst_cell_on_any_part_of_the_way() -> No
     assert table["places"] == ("Shelf 1", "Area 2")
     assert dict(table["rows"]) == {"crosses": [worst, None], "stands": [None, third]}
     assert broken([])["rows"] == []
-
-
-OPEN = Door(name="D", hinge=(8.0, 1.2), end=(8.0, 2.8), state="open")
-LEAF, FRAME = (6.4, 1.2), (7.95, 2.8)
-
-
-@pytest.mark.parametrize(("places", "said"), [([LEAF], "the door D"), ([LEAF, FRAME], "an obstacle")])
-def test_a_door_that_the_robot_hits_is_named_where_it_is_that_alone(
-    places: list[tuple[float, float]], said: str
-) -> None:
-    requirement, world = shipped_requirements()["R1"], hall(OPEN)
-    hits = [ObstacleContact(time_s=k, x=x, y=y, until_s=k, speed_m_s=0.5) for k, (x, y) in enumerate(places)]
-    run = run_of(trajectory([0.0, 1.0, 2.0], [2.0, 3.0, 4.0]), events=tuple(hits))
-    facts = run_facts(run, Evaluator(requirement, world).measure(run), requirement, world)
-    plan: Any = SimpleNamespace(mission=SimpleNamespace(route=ALONG))
-    badges, sentences = seen_beside([facts], plan, "run")
-    assert f"hits {said} in 1 of 1" in [badge.text for badge in badges]
-    assert f"The robot hits {said} in " in [sentence[0].text for sentence in sentences]
 
 
 def stack_run(**stack: Any) -> Run:
@@ -179,10 +155,8 @@ def test_no_marker_covers_another_one_or_leaves_the_map(points: list[tuple[float
         assert placed[0] == points[0]
 
 
-def test_markers_on_one_point_all_find_a_place_and_have_a_line_to_their_point() -> None:
+def test_markers_on_one_point_all_find_a_place() -> None:
     assert len({(round(x, 3), round(y, 3)) for x, y in spread([(15.0, 10.0)] * 8, 0.5, INSIDE)}) == 8
-    assert "leader" not in "".join(pins([(5.0, 5.0), (20.0, 5.0)], ["1", "2"], "0 0 30 20"))
-    assert "".join(pins([(5.0, 5.0), (5.1, 5.0)], ["1", "2"], "0 0 30 20")).count("leader") == 1
 
 
 def test_a_name_stands_above_its_body_unless_that_is_taken() -> None:

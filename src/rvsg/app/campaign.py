@@ -18,6 +18,7 @@ from rvsg.app.stored_campaign import StoredCampaign
 from rvsg.app.wiring import COPY, Wired, jobs_of, remembered_file, strategy_class, wire
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.confirmation import Confirmations
+from rvsg.campaign.drive_alone import campaigns_of
 from rvsg.campaign.execution import Event, Message, ModelCall
 from rvsg.campaign.findings import entries_of_campaign
 from rvsg.campaign.ledger import CachedLedger, Ledger
@@ -79,7 +80,7 @@ def resumed(
 def _first_record(folder: Path, store: str, options: dict[str, Any]) -> CampaignRecord | None:
     """Return the record of the campaign in a folder; None where none has begun."""
     with opened(folder, store, options) as ledger:
-        names = ledger.campaigns()
+        names = campaigns_of(ledger)
         kept = ledger.settings(names[0]) if names else None
     record = None if kept is None else CampaignRecord.read(kept)
     if kept is not None and record is None:

@@ -7,7 +7,9 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
+from rvsg.app.folder import BEST
 from rvsg.app.settings import MACHINE, OF_THE_CALL, CampaignConfig, option_of
+from rvsg.report.summary import Summary
 
 
 def command_for(config: CampaignConfig, *, out: Path | None = None) -> str:
@@ -29,7 +31,7 @@ def command_for_more(config: CampaignConfig, made: int) -> str:
     runs, recorded = max(default, 2 * made), config.folder / "vlm"
     replay = str(recorded) if (recorded / "calls.jsonl").exists() else config.replay
     again = config.replace(confirmations=default, replay=replay)
-    new_folder = config.folder.with_name(f"{config.folder.name}-{runs}")
+    new_folder = config.folder.parent / f"{config.folder.resolve().name}-{runs}"
     return f"{command_for(again, out=new_folder)} --confirmations {runs}"
 
 
@@ -43,6 +45,24 @@ def resume_command(config: CampaignConfig, *, without: Sequence[str] = ()) -> st
 def confirm_command(folder: Path, attempt: int) -> str:
     """Return the command that confirms a candidate."""
     return shlex.join(["rvsg", "confirm", str(folder), str(attempt)])
+
+
+def next_commands(config: CampaignConfig, summary: Summary) -> dict[str, str]:
+    """Return the commands of next steps, by the names that `rvsg.report.answer` gives them."""
+    folder, requirement = config.folder, config.requirement
+    scenarios = sum(entry.state == "confirmed" for entry in summary.ranking)
+    verdict = summary.confirmed.verdict if summary.confirmed else None
+    each = max(summary.accounting.confirmation_runs, verdict.runs * scenarios if verdict else 0)
+    kept = ["--suite", "suite", *(("--requirement", requirement) if requirement != "R1" else ())]
+    return {
+        "resume": resume_command(config),
+        "contact": command_for(config.replace(requirement="no_contact")),
+        "confirm": shlex.join(["rvsg", "confirm", str(folder)]),
+        "more": command_for_more(config, each),
+        "keep": shlex.join(["rvsg", "suite", "add", str(folder / BEST), *kept]),
+        "planner": shlex.join(["rvsg", "replay", str(folder), "--trace"]),
+        "repeat": command_for(config.replace(seed=config.seed + 1)),
+    }
 
 
 def runs_command(scenario: str, config: CampaignConfig | None, *, seed: int, repeats: int, out: str) -> str:

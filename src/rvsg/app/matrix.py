@@ -45,7 +45,7 @@ from rvsg.core.files import write_whole
 from rvsg.core.inputs import exists, parse_json, read_text
 from rvsg.core.outputs import make_folder
 from rvsg.core.plugins import find_format, ignore
-from rvsg.report.overview import Pin, pins_of, write_overview
+from rvsg.report.overview import Pin, Reported, pins_of, write_overview
 from rvsg.report.summary import junit_of
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.world.world_folder import load_world
@@ -239,16 +239,18 @@ def report_all(folder: Path, campaigns: Sequence[Campaign], command: str, *, mis
     """
     page = folder / REPORT
     if campaigns:
-        reported = [(f"{each.folder.name}/{each.page().name}", each.plan, each.summary()) for each in campaigns]
-        pins = [pin for each, known in zip(campaigns, reported, strict=True) for pin in _pins(each, known[0])]
+        reported = [
+            (f"{each.folder.name}/{each.page().name}", each.plan, each.summary(), each.answer) for each in campaigns
+        ]
+        pins = [pin for each, known in zip(campaigns, reported, strict=True) for pin in _pins(each, known)]
         write_overview(page, reported, command=command, missing=missing, pins=pins)
     return page
 
 
-def _pins(campaign: Campaign, link: str) -> list[Pin]:
-    found, attempts = campaign.findings, campaign.attempts()
+def _pins(campaign: Campaign, reported: Reported) -> list[Pin]:
+    link, plan, _, answer = reported
     with campaign.reading() as ledger:
-        return pins_of(link, campaign.plan, attempts, found, campaign.world, ledger.run)
+        return pins_of(link, plan, answer, campaign.world, ledger.run)
 
 
 def folders_in(folder: Path) -> list[Path]:

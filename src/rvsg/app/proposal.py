@@ -11,6 +11,7 @@ from rvsg.app.folder import CONFIG, reading, store_of
 from rvsg.app.record import CampaignRecord
 from rvsg.app.settings import CampaignConfig, effective, read_campaign_file
 from rvsg.app.wiring import Wired, let_rehearse, proposals_of, wire
+from rvsg.campaign.drive_alone import campaigns_of
 from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.ranking import search_attempts
 from rvsg.campaign.strategies import single_brief
@@ -160,7 +161,7 @@ def _next_brief(config: CampaignConfig) -> tuple[Brief, Wired]:
     if store_of(config.folder) is None:
         return wired.strategy(CachedLedger(MemoryLedger()), plan).ask()[0].brief, wired
     with reading(config.folder) as ledger:
-        known = ledger.campaigns()
+        known = campaigns_of(ledger)
         record = CampaignRecord.read(ledger.settings(known[0]) or {}) if known else None
         strategy = wired.strategy(CachedLedger(ledger), plan, record.strategy if record else None)
         for attempt in search_attempts(list(ledger.attempts(known[0] if known else wired.plan.name))):

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-from rvsg.app.commands import command_for, confirm_command
+from rvsg.app.commands import command_for, confirm_command, next_commands
 from rvsg.app.folder import BEST, LEDGER, MATRIX, REPORT, reading, store_of
 from rvsg.app.input_files import paths_of
 from rvsg.app.record import CampaignRecord
 from rvsg.app.settings import CampaignConfig, safe_name
 from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.drive_alone import stored_alone
 from rvsg.campaign.execution import runs_of
 from rvsg.campaign.feedback import MapCell, failure_map
-from rvsg.campaign.findings import DistinctFailure, Finding, distinct_failures, findings
+from rvsg.campaign.findings import DistinctFailure, Finding, distinct_failures, findings, worst_confirmation
 from rvsg.campaign.ledger import Ledger
 from rvsg.campaign.ranking import Front, best_attempt, candidates, front_of, search_attempts, standing
 from rvsg.core.errors import InputError, NothingJudged
@@ -23,6 +25,7 @@ from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec
 from rvsg.evaluation.verdict import Verdict, counted
 from rvsg.generation.vlm.recording import CALLS, Recording
+from rvsg.report.answer import Answer, answer_of
 from rvsg.report.page import render_page
 from rvsg.report.replay_data import traces_beside
 from rvsg.report.summary import Summary, summarise
@@ -31,7 +34,7 @@ from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.scenario.world_lookup import world_of
 from rvsg.simulation.run import Run
-from rvsg.simulation.simulators import by_content, described, with_stack
+from rvsg.simulation.simulators import by_content, described, stack_name, with_stack
 from rvsg.world.routes import fitted
 from rvsg.world.world import World
 
@@ -145,9 +148,27 @@ class StoredCampaign:
         ]
         found["failure_map"] = [cell.model_dump(mode="json") for cell in self.failure_map]
         front = self.front
+        answer = {"answer": self.answer.model_dump(mode="json")}
         several = {"front": front.model_dump(mode="json") if front is not None else None}
         kept = {"out": str(self.folder), "report": str(self.folder / REPORT), "command": self.command}
-        return self.summary().model_dump(mode="json", exclude={"confirmed"}) | found | several | kept
+        return self.summary().model_dump(mode="json", exclude={"confirmed"}) | found | answer | several | kept
+
+    @property
+    def answer(self) -> Answer:
+        """What the campaign says, in finished text; every page and the terminal show it."""
+        with self.reading() as ledger:
+            attempts, run_of = list(ledger.attempts(self.name)), cache(ledger.run)
+            found = findings(self.plan, attempts, run_of=run_of, world=self.world, procedure=self.record.judging)
+            known = summarise(self.plan, attempts)
+            return answer_of(
+                self.plan, attempts, known, found, world=self.world, run_of=run_of, **self._beside(ledger, known)
+            )
+
+    def _beside(self, ledger: Ledger, known: Summary) -> dict[str, Any]:
+        """Return what the answer tells besides the attempts."""
+        commands = next_commands(self.config, known) if self.resumable else {}
+        alone, stack = stored_alone(ledger, self.plan), stack_name(self.record.simulator)
+        return {"alone": alone, "stack": stack, "commands": commands}
 
     def runs(self) -> Iterator[Run]:
         """Return every run of the campaign, one at a time, in the order of the attempts."""
@@ -224,16 +245,21 @@ class StoredCampaign:
                 run_of=ledger.run,
                 command=self.command,
                 simulator=described(self.record.simulator),
+                **self._beside(ledger, summarise(self.plan, attempts)),
                 overview=f"../{REPORT}" if page.parent == self.folder and (overview or known) else "",
                 traces=traces_beside(page, {m.run_id for attempt in attempts for m in attempt.measurements}),
                 recording=self.recording,
                 replayed=self.config.replay is not None,
             )
         write_whole(page, text)
-        best = best_attempt(attempts, self.requirement)
+        best = self._worst(attempts)
         if path is None and best is not None and best.proposal.scenario is not None:
             write_whole(self.folder / BEST, scenario_json(best.proposal.scenario, self.found_with))
         return page
+
+    def _worst(self, attempts: Sequence[Attempt]) -> Attempt | None:
+        """Return the most severe confirmation; without one the candidate that ranks first."""
+        return worst_confirmation(attempts, self.requirement) or best_attempt(attempts, self.requirement)
 
     @property
     def recording(self) -> Recording | None:

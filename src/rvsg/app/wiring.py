@@ -104,6 +104,7 @@ class Wired:
             procedure=judging,
             cancelled=cancelled,
             limits=Limits() if config.replay is not None else limits,  # a replay costs nothing
+            alone=True,
             shrink_runs=config.shrink_runs,
         )
 

@@ -76,6 +76,13 @@ class AttemptFinished(Event):
 
 
 @dataclass(frozen=True, kw_only=True)
+class AloneStarted(Event):
+    """The robot drives the mission without people, in so many `runs`, before the search."""
+
+    runs: int
+
+
+@dataclass(frozen=True, kw_only=True)
 class ConfirmationStarted(Event):
     """The confirmation of a candidate begins: number `number` of `of`, in at most `runs` runs."""
 
@@ -96,9 +103,11 @@ class ExplanationStarted(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class ReductionStarted(Event):
-    """The scenario of a confirmation is shrunk, in at most `runs` runs."""
+    """The scenario of a confirmation is shrunk, in at most `runs` runs: number `number` of `of`."""
 
     confirmation: Attempt
+    number: int
+    of: int
     runs: int
 
 
@@ -214,6 +223,8 @@ class Parts:
     """Asked before every proposal and every run."""
     limits: Limits = field(default_factory=Limits)
     """What the calls of the generator may cost."""
+    alone: bool = False
+    """Whether the robot first drives the mission without people."""
     shrink_runs: int = 0
     """Runs in which the distinct failures are shrunk at the end, together; 0: they are not."""
 

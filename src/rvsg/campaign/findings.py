@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Annotated, Literal
 
@@ -13,7 +14,7 @@ from rvsg.campaign.ranking import confirmations
 from rvsg.campaign.suite import CaseResult
 from rvsg.core.records import Record
 from rvsg.evaluation.realism import PEOPLE_REALISM, Motion, motions, rarest, summary
-from rvsg.evaluation.statistics import share_difference
+from rvsg.evaluation.statistics import fisher, holm, share_difference
 from rvsg.evaluation.story import story_of
 from rvsg.evaluation.verdict import (
     DEFAULT,
@@ -64,6 +65,8 @@ class Removal(Record):
     of: int
     before: int
     """Violations with everybody, in the same number of runs."""
+    p: float = 1.0
+    """One-sided p value of Fisher's exact test against all confirmation runs, corrected by Holm over all people."""
 
 
 class Smallest(Record):
@@ -80,9 +83,18 @@ class Smallest(Record):
     """Violations of the confirmed scenario on the same seeds."""
 
     @property
+    def rarer(self) -> float:
+        """The one-sided p value of Fisher's exact test that it violates no more rarely than the confirmed scenario."""
+        return fisher(self.before, self.of, self.violated, self.of)
+
+    @property
     def holds(self) -> bool:
-        """Whether it still shows the failure: at least half as many violations as before, and one."""
-        return self.violated > 0 and 2 * self.violated >= self.before
+        """Whether it still shows the failure: it violates more than rarely, and not more rarely than before.
+
+        Both with the error rate of a verdict; 1 of 10 runs against 1 of 10 tells nothing.
+        """
+        told_apart = self.rarer <= DEFAULT.error_rate
+        return DEFAULT.violated(self.violated, self.of) and not told_apart and 2 * self.violated >= self.before
 
 
 AboutPeople = Literal["yes", "no", "open", "not violated"]
@@ -95,6 +107,8 @@ class Finding(Record):
 
     scenario: int
     """The scenario's number, from 0."""
+    configuration: int = 0
+    """The number of its configuration, from 0."""
     attempt: int
     """The attempt of the search that is confirmed."""
     confirmation: int
@@ -135,6 +149,17 @@ class Finding(Record):
     in all."""
 
     @property
+    def number(self) -> str:
+        """Scenario and configuration, from 1, e.g. `3.2`."""
+        return f"{self.scenario + 1}.{self.configuration + 1}"
+
+    @property
+    def blamed(self) -> tuple[Removal, ...]:
+        """The people whose removal makes violations rarer, with the error rate of the verdict; the clearest first."""
+        told = (each for each in self.cause if each.p <= self.verdict.judged_by.error_rate)
+        return tuple(sorted(told, key=lambda each: each.p))
+
+    @property
     def also_alone(self) -> bool:
         """Whether it also happens without people, and the runs do not tell whether they make it more frequent."""
         return self.about_people == "open" and self.without_people is not None and self.without_people.violated > 0
@@ -158,7 +183,8 @@ def findings(
     modes = mode_of_run or (lambda run_id: mode_of(run_of(run_id), world))
     confirmed = [a for a in confirmations(attempts) if a.verdict is not None]
     made = [_finding(plan, attempt, attempts, run_of, modes, world, procedure) for attempt in confirmed]
-    return tuple(sorted(made, key=lambda f: badness(f.verdict, procedure), reverse=True))
+    made.sort(key=lambda f: severity(f.verdict, f.contacts, plan.requirement, procedure), reverse=True)
+    return tuple(made)
 
 
 def rarest_motion(measurements: Iterable[Measurement], run_of: RunOf) -> tuple[Run, Motion] | None:
@@ -218,12 +244,36 @@ def distinct_failures(found: Sequence[Finding]) -> tuple[DistinctFailure, ...]:
     )
 
 
-def worst_confirmation(attempts: Sequence[Attempt]) -> Attempt | None:
-    """Return the confirmation that says most against the robot; None without one."""
-    return max(confirmations(attempts), key=lambda a: (badness(a.verdict), -a.index), default=None)
+Severity = tuple[bool, int, float, float, float]
 
 
-def badness(verdict: Verdict | None, procedure: Procedure = DEFAULT) -> tuple[bool, bool, float]:
+def severity(
+    verdict: Verdict | None, contacts: Contacts, requirement: Requirement, procedure: Procedure | None = None
+) -> Severity:
+    """Return how severe runs are for the robot, as a key that sorts as pages show them; larger is worse.
+
+    Contact with a person comes first, whatever the requirement judges. Then: violated always, sometimes (or surely, but
+    how often is open), open, not violated; then the share of runs with contact, the share of violating runs, of which
+    the lower end of the interval counts, and the mean.
+    """
+    bad, always, at_least = badness(verdict, procedure)
+    level = 3 if always else 2 if bad else 1 if verdict is None or verdict.status is Status.INCONCLUSIVE else 0
+    mean = -math.inf if verdict is None or verdict.mean is None else requirement.badness(verdict.mean)
+    return contacts.runs > 0, level, contacts.runs / max(1, contacts.of), at_least, mean
+
+
+def severity_of(attempt: Attempt, requirement: Requirement) -> Severity:
+    """Return the severity of the runs of an attempt."""
+    safety = summarise_safety([measured.values for measured in attempt.measurements])
+    return severity(attempt.verdict, safety.contacts, requirement)
+
+
+def worst_confirmation(attempts: Sequence[Attempt], requirement: Requirement) -> Attempt | None:
+    """Return the most severe confirmation; the earliest of equals, None without one."""
+    return max(confirmations(attempts), key=lambda a: (severity_of(a, requirement), -a.index), default=None)
+
+
+def badness(verdict: Verdict | None, procedure: Procedure | None = None) -> tuple[bool, bool, float]:
     """Return how much a verdict says against the robot: violated at all, always (FAIL), and how often at least.
 
     The lower end of the interval counts: 2 of 2 runs say less than 14 of 15.
@@ -257,7 +307,8 @@ def _finding(
         share, before = _share(other, other, requirement), _share(attempt, other, requirement).violated
         if other.purpose == "removal":
             name = ", ".join(other.without)
-            cause.append(Removal(without=name, violated=share.violated, of=share.of, before=before))
+            p = fisher(verdict.violations, verdict.runs, share.violated, share.of) if share.of else 1.0
+            cause.append(Removal(without=name, violated=share.violated, of=share.of, before=before, p=p))
         elif smallest is None and other.scenario_id is not None:
             smallest = Smallest(
                 attempt=other.index,
@@ -267,9 +318,11 @@ def _finding(
                 of=share.of,
                 before=before,
             )
+    corrected = holm({each.without: each.p for each in cause})
     difference, difference_interval, about_people = _blame(verdict, without, bad, procedure)
     return Finding(
         scenario=attempt.brief.scenario_index,
+        configuration=attempt.brief.configuration_index,
         attempt=attempt.confirms if attempt.confirms is not None else attempt.index,
         confirmation=attempt.index,
         scenario_id=scenario.id,
@@ -286,7 +339,7 @@ def _finding(
         difference=difference,
         difference_interval=difference_interval,
         about_people=about_people,
-        cause=tuple(cause),
+        cause=tuple(each.replace(p=corrected[each.without]) for each in cause),
         smallest=smallest,
         failure=usual(modes(m.run_id) for m in attempt.violating(requirement)),
         story=tuple(sentence.text for sentence in story_of(worst, world=world, scenario=scenario)),

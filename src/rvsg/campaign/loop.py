@@ -1,5 +1,7 @@
 """The loop of a campaign: ask, propose, simulate, judge, tell; then confirm, explain and shrink what was found.
 
+Before the first of it, the robot drives alone.
+
 A strategy returns Asks. An Ask without a proposal goes to the generator; one with a proposal is simulated as it is.
 An Ask may name the seeds of its runs; runs that the ledger holds already are not simulated again.
 """
@@ -13,6 +15,7 @@ from itertools import islice
 
 from rvsg.campaign.attempt import Attempt, AttemptSummary, Plan
 from rvsg.campaign.confirmation import confirm_all
+from rvsg.campaign.drive_alone import drive_alone
 from rvsg.campaign.execution import (
     AttemptFinished,
     CampaignFinished,
@@ -64,6 +67,8 @@ def stream_campaign(plan: Plan, strategy: Strategy, parts: Parts) -> Iterator[Ev
     complete = True
     try:
         if len(search_attempts(attempts)) == len(attempts):
+            if parts.alone:
+                yield from drive_alone(plan, parts)
             yield from _search(plan, strategy, known, parts)
         for rest in (confirm_all, shrink_all):
             for event in rest(plan, tuple(attempts), parts):

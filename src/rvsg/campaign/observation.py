@@ -42,6 +42,13 @@ MOVES = {
     "crosses its way": "crosses the robot's way, {side} it",
 }
 """What a person does, and how it reads with the side on which it happens."""
+SHORT = {
+    "stands": "Standing {side} the robot",
+    "walks the same way": "Walking along {side} the robot",
+    "comes towards it": "Oncoming {side} the robot",
+    "crosses its way": "Crossing {side} the robot",
+}
+"""The same as the beginning of a name."""
 
 
 class FailureMode(Record):
@@ -59,12 +66,17 @@ class FailureMode(Record):
         """The failure in one sentence."""
         return f"At the closest approach, near {self.place}, a person {met(self.person)}; the robot {self.robot}."
 
+    @property
+    def name(self) -> str:
+        """The failure as a name, e.g. "Standing beside the robot at Shelf 5, it stops"."""
+        return f"{met(self.person, SHORT)} at {self.place}, it {self.robot}"
 
-def met(kind: str) -> str:
+
+def met(kind: str, words: Mapping[str, str] = MOVES) -> str:
     """Return how a person is met in words that name the robot, e.g. "crosses the robot's way, ahead of it"."""
     for side in SIDES:
         if kind.endswith(f" {side} it"):
-            return MOVES.get(kind.removesuffix(f" {side} it"), kind).format(side=side)
+            return words.get(kind.removesuffix(f" {side} it"), kind).format(side=side)
     return kind
 
 

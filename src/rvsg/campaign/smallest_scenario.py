@@ -17,7 +17,7 @@ from pathlib import Path
 
 from rvsg.campaign.attempt import Attempt, AttemptSummary, Measurement, Plan
 from rvsg.campaign.execution import AttemptFinished, Event, Parts, ReductionStarted, make, submit
-from rvsg.campaign.findings import distinct_failures, findings
+from rvsg.campaign.findings import badness, distinct_failures, findings
 from rvsg.campaign.runner import Evaluator, Runner
 from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec, ignore
@@ -254,6 +254,8 @@ def shrink_all(plan: Plan, attempts: Sequence[AttemptSummary], parts: Parts) -> 
     world = parts.runner.world
     modes = partial(parts.ledger.failure_mode, world=world)
     found = findings(plan, done, run_of=parts.ledger.run, world=world, procedure=parts.procedure, mode_of_run=modes)
+    # What is shrunk first goes by the verdicts alone, as in every stored campaign.
+    found = tuple(sorted(found, key=lambda f: (badness(f.verdict, parts.procedure), -f.confirmation), reverse=True))
     confirmations = {finding.attempt: finding.confirmation for finding in found}
     worst = [confirmations[failure.attempts[0]] for failure in distinct_failures(found)]
     for place, confirmed in enumerate(worst):
@@ -262,7 +264,11 @@ def shrink_all(plan: Plan, attempts: Sequence[AttemptSummary], parts: Parts) -> 
         if share < REPEATS + CHECKED or any(attempt.confirms == confirmed for attempt in shrunk):
             continue
         index += 1
-        for event in _shrunk(plan, next(a for a in done if a.index == confirmed), index, parts, share):
+        confirmation = next(a for a in done if a.index == confirmed)
+        yield ReductionStarted(
+            campaign=plan.name, confirmation=confirmation, number=place + 1, of=len(worst), runs=share
+        )
+        for event in _shrunk(plan, confirmation, index, parts, share):
             if isinstance(event, AttemptFinished):
                 done.append(event.attempt)
             yield event
@@ -272,7 +278,6 @@ def _shrunk(plan: Plan, confirmation: Attempt, index: int, parts: Parts, runs: i
     """Shrink one confirmed scenario in at most `runs` runs, the check at the end included."""
     scenario = confirmation.proposal.scenario
     assert scenario is not None
-    yield ReductionStarted(campaign=plan.name, confirmation=confirmation, runs=runs)
     seeds = [m.seed for m in confirmation.measurements][:CHECKED]
     shrinking = Shrinker(
         requirement=plan.requirement,

@@ -131,6 +131,7 @@ def seconds_of(option: str, text: str) -> float:
     return float(match[1]) * {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0}[match[2]]
 
 
+Verbose = Annotated[bool, typer.Option("--verbose", hidden=True, help="Print every finding in full.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON on standard output.")]
 Jobs = Annotated[int, typer.Option(min=1, help="Worker processes.")]
 JobsPerCore = Annotated[int | None, typer.Option(min=1, help="Worker processes. [one per core]")]

@@ -1,17 +1,21 @@
-"""Progress of a campaign on standard error: a bar with an estimate on a terminal, else a line per scenario."""
+"""Progress of a campaign on standard error: its stages with what is left, in a line on a terminal.
+
+Redirected, a line for the beginning of each stage and for every tenth of it.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from types import TracebackType
-from typing import Self
+from typing import Literal, Self
 
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Column
+from rich.status import Status
 
 from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.confirmation import FEWEST_WITHOUT_ONE, WITHOUT_ONE
 from rvsg.campaign.execution import (
+    AloneStarted,
     AttemptFinished,
     ConfirmationStarted,
     Event,
@@ -22,12 +26,17 @@ from rvsg.campaign.execution import (
     ReductionStarted,
     RunFinished,
 )
+from rvsg.campaign.runner import FinishedRun
 from rvsg.cli.console import console, say
-from rvsg.evaluation.verdict import counted, number, status_in_words
+from rvsg.evaluation.verdict import number, violated
 from rvsg.generation.vlm.access import CallNews
 from rvsg.generation.vlm.model import Spending
 from rvsg.report.terminal import describe_spending
-from rvsg.scenario.brief import Brief
+
+Stage = Literal["prepare", "alone", "search", "confirm", "cause", "shrink"]
+STAGES: tuple[Stage, ...] = ("prepare", "alone", "search", "confirm", "cause", "shrink")
+AFTERWARDS = 2
+"""Runs that name causes and shrink failures, at most, as a multiple of the confirmation runs; until they are known."""
 
 
 class CampaignProgress:
@@ -35,152 +44,145 @@ class CampaignProgress:
 
     Args:
         attempts: the attempts stored earlier.
-        name: of a campaign that runs beside others; prefixes its lines, and no bar is shown.
+        name: of a campaign that runs beside others; prefixes its lines, which are not drawn over each other.
         check: called with every event; it may raise KeyboardInterrupt.
     """
 
     def __init__(
-        self,
-        plan: Plan,
-        attempts: list[Attempt],
-        *,
-        name: str = "",
-        check: Callable[[], None] = lambda: None,
+        self, plan: Plan, attempts: list[Attempt], *, name: str = "", check: Callable[[], None] = lambda: None
     ) -> None:
         self.plan = plan
         self.check = check
+        self.name = f"{name}: " if name else ""
         self.worst: float | None = None
         self.known = {m.run_id for a in attempts for m in a.measurements}
-        self.runs = len(self.known) + sum(len(a.failures) for a in attempts)
-        self.made = 0
-        self.total = plan.runs
-        self.begin: float | None = None
-        self.place = ""
+        self.confirmed: list[Attempt] = []
+        self.stage: Stage = "prepare"
+        self.done, self.total = 0, 0
+        """Runs of the stage, and the most that it can need; of shrinking, failures."""
+        self.searched = 0
         self.spent: Spending | None = None
+        self.made, self.begin = 0, time.monotonic()
+        """Runs of this session, and when the first of them began."""
         for attempt in attempts:
             self._note(attempt)
-        live = console().is_terminal and not name
-        self.name = f"{name}: " if name else ""
-        self.bar: Progress | None = None
-        if live:
-            self.bar = Progress(
-                BarColumn(bar_width=14),
-                MofNCompleteColumn(table_column=Column(no_wrap=True)),
-                TextColumn("runs,", table_column=Column(no_wrap=True)),
-                TimeRemainingColumn(table_column=Column(no_wrap=True)),
-                TextColumn("left", table_column=Column(no_wrap=True)),
-                # On a narrow terminal, shorten the description and keep the numbers.
-                TextColumn("{task.description}", table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis")),
-                console=console(),
-                transient=True,
-                expand=True,
-            )
-            self.task = self.bar.add_task("starting", total=self.total, completed=self.runs)
+        self.line = Status("", console=console()) if console().is_terminal and not name else None
 
     def __enter__(self) -> Self:
-        if self.bar:
-            self.bar.start()
+        if self.line:
+            self.line.start()
+        self._enter("prepare", 0)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        if self.bar:
-            self.bar.stop()
+        if self.line:
+            self.line.stop()
 
     def __call__(self, event: Event) -> None:
         """Show an event."""
         self.check()
-        if self.begin is None and isinstance(event, ProposalStarted | RunFinished):
-            self.begin = time.monotonic()  # campaigns of a matrix are prepared together and start one after the other
         match event:
             case Message():
                 say(f"{self.name}{event.text}")
+            case AloneStarted():
+                self._enter("alone", event.runs)
             case ProposalStarted():
-                self._proposing(event.brief)
+                self._enter("search", self.plan.search_runs, self.searched)
             case ModelCall():
                 self._calling(event.news)
             case RunFinished():
                 self._made(event)
             case AttemptFinished():
-                self._attempted(event.attempt)
+                self._note(event.attempt)
+                if event.attempt.same_as is not None:
+                    same = f"Attempt {event.attempt.index} repeats attempt {event.attempt.same_as}"
+                    say(f"{self.name}{same} and shares its runs.")
             case ConfirmationStarted():
-                self._describe(f"confirming {event.number} of {event.of}")
+                self._enter("confirm", self.plan.confirmations, sum(a.runs for a in self.confirmed))
             case ExplanationStarted():
-                which = "without people" if event.people == 0 else f"without {', '.join(event.without)}"
-                self._after_confirming(which, event.runs)
+                self._enter("cause", self._most_of_cause())
             case ReductionStarted():
-                self._after_confirming("shrinking a failure", event.runs)
+                self._enter("shrink", event.of)
+                self.done = event.number - 1
+                self._show()
+
+    def text(self) -> str:
+        """Return the stages with what the current one has done, and the time left."""
+        ahead = STAGES[STAGES.index(self.stage) + 1 :]
+        if not self.plan.confirmations:
+            ahead = tuple(stage for stage in ahead if stage in ("alone", "search"))
+        now = f"{self.stage} {self.done}/{self.total}" if self.total else self.stage
+        worst = f"   worst {number(self.worst, self.plan.requirement.unit)}" if self.worst is not None else ""
+        model = f"   model {describe_spending(self.spent)}" if self.spent is not None and self.spent.calls else ""
+        return f"{self.name}{' · '.join([now, *ahead])}{self._left()}{worst}{model}"
+
+    def _enter(self, stage: Stage, total: int, done: int = 0) -> None:
+        """Begin a stage; what it can need at most is said once and does not grow."""
+        if stage == self.stage and self.total:
+            return
+        if stage == "search" and self.stage in ("prepare", "alone"):
+            self.made, self.begin = 0, time.monotonic()  # campaigns of a matrix wait for each other
+        self.stage, self.total, self.done = stage, total, min(done, total)
+        self._show(line=True)
 
     def _made(self, event: RunFinished) -> None:
         """Count a run, unless an earlier attempt made it."""
-        run_id = getattr(event.run, "id", None)
-        if run_id is not None and run_id in self.known:
+        if event.purpose == "search" and self.stage in ("prepare", "alone"):
+            self._enter("search", self.plan.search_runs, self.searched)
+        run_id = event.run.id if isinstance(event.run, FinishedRun) else None
+        if run_id in self.known:
             return
         if run_id is not None:
             self.known.add(run_id)
-        self.runs += 1
         self.made += 1
-        if self.bar:
-            self.bar.update(self.task, completed=self.runs, total=max(self.total, self.runs))
+        self.searched += event.purpose == "search"
+        if self.stage == "shrink":
+            return
+        before, self.done = self.done, min(self.done + 1, self.total)
+        tenth = 10 * self.done // max(1, self.total) > 10 * before // max(1, self.total)
+        self._show(line=tenth and self.stage != "alone")
 
-    def _after_confirming(self, text: str, runs: int) -> None:
-        """Show the beginning of runs that explain or shrink a finding, which the plan does not count."""
-        self.total = self.runs + runs
-        if self.bar:
-            self.bar.update(self.task, description=text, total=self.total)
-        else:
-            say(f"{self.name}{counted(self.runs, 'run')}; {text}: at most {runs} more")
+    def _show(self, *, line: bool = False) -> None:
+        if self.line:
+            self.line.update(self.text())
+        elif line:
+            say(self.text())
 
-    def _describe(self, text: str) -> None:
-        if self.bar:
-            self.place = text
-            self.bar.update(self.task, description=self.place)
+    def _left(self) -> str:
+        """Return the time left: a range, whose upper end counts what the later stages may need."""
+        if not self.made or self.stage in ("prepare", "alone"):
+            return ""
+        each, here = (time.monotonic() - self.begin) / self.made, self.total - self.done
+        if self.stage == "shrink":
+            return ""
+        after = {"search": self.plan.confirmations * (1 + AFTERWARDS), "confirm": self.plan.confirmations * AFTERWARDS}
+        low, high = each * (here if self.stage == "search" else 0), each * (here + after.get(self.stage, 0))
+        return f"   {_span(low, high)} left"
 
-    def _proposing(self, brief: Brief) -> None:
-        """Show the configuration in progress."""
-        if self.bar:
-            place = f"scenario {brief.scenario_index + 1}"
-            if self.plan.refinements:
-                place += f", configuration {brief.configuration_index + 1}"
-            worst = (
-                f" (worst so far {number(self.worst, self.plan.requirement.unit)})" if self.worst is not None else ""
-            )
-            self.place = place + worst
-            self.bar.update(self.task, description=self.place + self._spent())
+    def _most_of_cause(self) -> int:
+        """Return the most runs that name the causes of what is confirmed."""
+        found = [a for a in self.confirmed if a.verdict is not None and a.proposal.scenario is not None]
+        bad = [a.proposal.scenario for a in found if a.verdict is not None and violated(a.verdict)]
+        people = [len(scenario.people.humans) for scenario in bad if scenario is not None]
+        each = sum(n * max(FEWEST_WITHOUT_ONE, WITHOUT_ONE // n) for n in people if n > 1)
+        return max((a.measured_runs for a in found), default=0) + each
 
     def _calling(self, news: CallNews) -> None:
-        """Show a call of a model in the bar; print a line when it waits."""
+        """Show what the model spent; print a line when it waits."""
         self.spent = news.spent
-        if self.bar:
-            doing = {"asked": f": asking {news.model}", "waiting": f": waiting for {news.model}", "answered": ""}
-            self.bar.update(self.task, description=self.place + doing[news.what] + self._spent())
         if news.what == "waiting":
             say(f"{self.name}{news.model}, {news.purpose}: {news.why}")
-
-    def _spent(self) -> str:
-        return f"; model {describe_spending(self.spent)}" if self.spent is not None and self.spent.calls else ""
-
-    def _attempted(self, attempt: Attempt) -> None:
-        """Without a terminal, print a line with an estimate after every scenario."""
-        if attempt.same_as is not None:
-            say(f"{self.name}Attempt {attempt.index} repeats attempt {attempt.same_as} and shares its runs.")
-        self._note(attempt)
-        if attempt.purpose == "confirmation" and not self.bar and attempt.verdict is not None:
-            verdict = attempt.verdict
-            say(
-                f"{self.name}{self.runs} runs; scenario {attempt.brief.scenario_index + 1} confirmed in "
-                f"{counted(verdict.runs, 'run')}: {status_in_words(verdict)}"
-            )
-        last = (attempt.index + 1) % self.plan.configurations == 0
-        if self.bar or attempt.purpose != "search" or not last:
-            return
-        spent = time.monotonic() - self.begin if self.begin is not None else 0.0
-        left = spent / self.made * max(0, self.plan.runs - self.runs) if self.made else 0.0
-        lasts = f"{left:.0f} s" if left < 120 else f"{left / 60:.0f} min"
-        say(
-            f"{self.name}{self.runs} of {self.plan.runs} runs; {self.plan.requirement.name} at worst "
-            f"{number(self.worst, self.plan.requirement.unit)}; about {lasts} left{self._spent()}"
-        )
+        self._show()
 
     def _note(self, attempt: Attempt) -> None:
+        if attempt.purpose == "confirmation":
+            self.confirmed = [a for a in self.confirmed if a.confirms != attempt.confirms] + [attempt]
         if attempt.purpose == "search" and attempt.mean is not None:
             self.worst = attempt.mean if self.worst is None else self.plan.requirement.worst(self.worst, attempt.mean)
+
+
+def _span(low: float, high: float) -> str:
+    """Return a range of seconds in words, e.g. `40-90 s` or `2-5 min`."""
+    unit, scale = ("s", 1.0) if high < 120.0 else ("min", 60.0)
+    a, b = round(low / scale), max(1, round(high / scale))
+    return f"{a}-{b} {unit}" if 0 < a < b else f"{'at most ' if a < b else ''}{b} {unit}"

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rvsg.cli.console import as_started, console, print_json, say
+from rvsg.cli.console import as_started, print_json, say
 from rvsg.cli.frame import verb
-from rvsg.cli.options import AsJson, FailOnViolation, JobsPerCore, Junit
+from rvsg.cli.options import AsJson, FailOnViolation, JobsPerCore, Junit, Verbose
 
 if TYPE_CHECKING:
     from rvsg.app.campaign import Campaign
@@ -32,6 +32,7 @@ def report(
     ] = None,
     world: Annotated[str | None, typer.Option(help="Folder of the world, if it was moved.")] = None,
     fail_on_violation: FailOnViolation = False,
+    verbose: Verbose = False,
     json: AsJson = False,
 ) -> None:
     """Write the page of a campaign, finished or not, and print its ranked scenarios.
@@ -57,7 +58,7 @@ def report(
         _show_all(store, campaigns)
     else:
         for campaign, page in zip(campaigns, pages, strict=True):
-            _show(campaign, page)
+            _show(campaign, page, verbose=verbose)
     if fail_on_violation:
         for campaign in campaigns:
             campaign.check_judged()
@@ -65,19 +66,17 @@ def report(
             raise typer.Exit(1)
 
 
-def _show(campaign: Campaign, page: Path) -> None:
-    """Print the results of one campaign; for an unfinished one, its progress and how to resume it."""
-    from rvsg.cli.tables import how_far, ranked_table, show_findings
+def _show(campaign: Campaign, page: Path, *, verbose: bool) -> None:
+    """Print the answer of one campaign; for an unfinished one, its progress and how to resume it."""
+    from rvsg.cli.tables import how_far, show_answer, show_findings
 
     plan, summary = campaign.plan, campaign.summary()
-    if summary.ranking:
-        say(ranked_table(plan, summary, width=console().width))
-    if summary.complete:
-        show_findings(campaign, summary)
-    else:
+    if verbose:
+        show_findings(campaign)
+    if not summary.complete:
         resume = _resume(campaign.folder) if campaign.resumable else ""
         say(f"The campaign is not finished: {how_far(plan, summary)}.{resume}")
-    say(f"Report: {page}")
+    show_answer(campaign.answer, page=str(page), again=campaign.command)
 
 
 def _show_all(folder: Path, campaigns: list[Campaign]) -> None:
@@ -87,7 +86,7 @@ def _show_all(folder: Path, campaigns: list[Campaign]) -> None:
 
     page, matrix = overview(folder, campaigns)
     found = [(campaign.plan, campaign.summary()) for campaign in campaigns]
-    say(matrix_table(found))
+    say(matrix_table([(campaign.plan, campaign.answer) for campaign in campaigns]))
     unfinished = [(campaign, *each) for campaign, each in zip(campaigns, found, strict=True) if not each[1].complete]
     for campaign, plan, summary in unfinished:
         resume = _resume(campaign.folder) if matrix is None and campaign.resumable else ""

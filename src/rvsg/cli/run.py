@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rvsg.app.settings import BUDGETS, LISTED, CampaignConfig, effective, option_of, read_campaign_file
-from rvsg.cli.console import as_started, console, print_json, say
+from rvsg.cli.console import as_started, print_json, say
 from rvsg.cli.frame import verb
-from rvsg.cli.options import AsJson, setting_options
+from rvsg.cli.options import AsJson, Verbose, setting_options
 
 if TYPE_CHECKING:
     from rvsg.app.campaign import Campaign
@@ -30,6 +30,7 @@ app = verb()
 def run(
     settings: dict[str, Any],
     campaign: Annotated[Path | None, typer.Argument(help="A campaign file; its keys are the options below.")] = None,
+    verbose: Verbose = False,
     json: AsJson = False,
 ) -> None:
     """Find, confirm and report scenarios that make the robot violate a requirement.
@@ -51,7 +52,7 @@ def run(
         {key: value[0] if isinstance(value, list) and key in LISTED else value for key, value in values.items()}
         for values in (from_file, settings)
     ]
-    raise typer.Exit(run_campaign_of(*single, as_json=json))
+    raise typer.Exit(run_campaign_of(*single, as_json=json, verbose=verbose))
 
 
 def run_campaign_of(
@@ -59,13 +60,14 @@ def run_campaign_of(
     given: dict[str, Any],
     *,
     as_json: bool,
+    verbose: bool = False,
     remark: Callable[[Plan, Summary], str] | None = None,
 ) -> int:
     """Run or resume the campaign of a campaign file and options, show its results, and return the exit code."""
     started = time.monotonic()
     campaign = run_one(from_file, given)
     summary = campaign.summary()
-    _show(campaign, summary, time.monotonic() - started, as_json=as_json)
+    _show(campaign, summary, time.monotonic() - started, as_json=as_json, verbose=verbose)
     campaign.check_judged()
     if remark is not None:
         say(remark(campaign.plan, summary))
@@ -109,13 +111,12 @@ def _run(campaign: Campaign, *, resumed: bool) -> None:
         say(f"Resuming {folder}: {there} stored." if known else f"Starting again in {folder}.")
     how = f"Resume with: {as_started(resume_command(campaign.config))}"
     try:
-        with interruptible() as interruption:
+        with interruptible() as interruption, CampaignProgress(plan, known, check=interruption.check) as progress:
             if not campaign.finished:
                 with interruption.at_once(f"Interrupted before a run was made. {how}"):
                     campaign.prepare(say)
-            with CampaignProgress(plan, known, check=interruption.check) as progress:
-                for _ in campaign.run(observe=progress):
-                    interruption.check()
+            for _ in campaign.run(observe=progress):
+                interruption.check()
     except KeyboardInterrupt:
         kept = counted(len(campaign.attempts()), "finished attempt is", "finished attempts are")
         so_far = as_started(shlex.join(["rvsg", "report", str(folder)]))
@@ -129,7 +130,7 @@ def _run(campaign: Campaign, *, resumed: bool) -> None:
 
 
 def _what_it_does(campaign: Campaign) -> str:
-    from rvsg.evaluation.verdict import counted
+    from rvsg.evaluation.verdict import counted, title_of
 
     plan = campaign.plan
     search = (
@@ -138,12 +139,10 @@ def _what_it_does(campaign: Campaign) -> str:
         else f"{counted(plan.scenarios, 'scenario')} x {counted(plan.configurations, 'configuration')} x "
         f"{counted(plan.repeats, 'run')}"
     )
-    at_most = "at most " if plan.requirement.threshold is not None and plan.confirmations else ""
-    return (
-        f"{plan.requirement.name} ({plan.requirement.title}) on {plan.mission.world}, {plan.mission.route.name}: "
-        f"{search}, then {at_most}{plan.confirmations or 'none'} to confirm"
-        f"{' and further ones without some of the people, to name the cause' if plan.confirmations else ''}."
-    )
+    confirmed = f"at most {plan.confirmations}" if plan.requirement.threshold is not None else plan.confirmations
+    then = f", then {confirmed} to confirm, and more to name causes" if plan.confirmations else ""
+    title = f"{plan.requirement.name}, {title_of(plan.requirement)[:1].lower()}{title_of(plan.requirement)[1:]}"
+    return f"{title}, on {plan.mission.world}, {plan.mission.route.name}: {search}{then}."
 
 
 def _show_lost(attempts: list[Attempt]) -> None:
@@ -162,31 +161,22 @@ def _show_lost(attempts: list[Attempt]) -> None:
         say(unusable)
 
 
-def _show(campaign: Campaign, summary: Summary, spent_s: float, *, as_json: bool) -> None:
-    """Print the ranked table, the findings, the path of the report, and the command that repeats the campaign."""
-    from rvsg.app.commands import command_for_more
+def _show(campaign: Campaign, summary: Summary, spent_s: float, *, as_json: bool, verbose: bool) -> None:
+    """Print the answer with the path of the report and the command that repeats the campaign."""
     from rvsg.app.folder import REPORT
-    from rvsg.cli.tables import ranked_table, show_findings
-    from rvsg.evaluation.verdict import Status, counted
+    from rvsg.cli.tables import show_answer, show_findings
+    from rvsg.evaluation.verdict import counted
 
-    plan, folder = campaign.plan, campaign.folder
+    folder, account = campaign.folder, summary.accounting
     if as_json:
         print_json(campaign.result())
-    if summary.ranking:
-        say(ranked_table(plan, summary, width=console().width))
-        show_findings(campaign, summary)
-    verdict = summary.confirmed.verdict if summary.confirmed else None
-    if verdict and verdict.status is Status.INCONCLUSIVE:
-        scenarios = sum(entry.state == "confirmed" for entry in summary.ranking)
-        each = max(summary.accounting.confirmation_runs, verdict.runs * scenarios)
-        more = as_started(command_for_more(campaign.config, each))
-        say(f"More confirmation runs can decide it: {more}")
-    account = summary.accounting
-    say(
-        f"{counted(account.search_runs, 'run')} of search, {account.confirmation_runs} of confirmation, "
-        f"{account.baseline_runs} without some of the people and {account.shrinking_runs} to shrink, in "
-        f"{spent_s:.0f} s; stored in {folder}"
-    )
+    if verbose:
+        show_findings(campaign)
+        say(
+            f"{counted(account.search_runs, 'run')} of search, {account.confirmation_runs} of confirmation, "
+            f"{account.baseline_runs} without some of the people and {account.shrinking_runs} to shrink, in "
+            f"{spent_s:.0f} s; stored in {folder}"
+        )
     if account.calls:
         asked = "In the recording, the model" if campaign.config.replay else "The model"
         cost = f"{account.cost_usd:.4f} USD" if account.cost_usd is not None else "cost unknown"
@@ -196,8 +186,7 @@ def _show(campaign: Campaign, summary: Summary, spent_s: float, *, as_json: bool
         )
     for note in campaign.notes:
         say(note)
-    say(f"Report: {folder / REPORT}")
-    say(f"Repeat it with: {as_started(campaign.command)}")
+    show_answer(campaign.answer, page=str(folder / REPORT), again=campaign.command)
 
 
 def run_matrix(matrix: Matrix, *, as_json: bool) -> int:
@@ -284,7 +273,7 @@ def _show_all(
             for each in done
         ]
         print_json({"campaigns": found, **overview})
-    say(matrix_table([(each.plan, each.summary()) for each in done]))
+    say(matrix_table([(each.plan, each.answer) for each in done]))
     say(f"{len(done)} of {len(campaigns)} campaigns done in {spent_s:.0f} s; stored in {matrix.folder}")
     say(f"Reports: {matrix.folder / REPORT}")
     say(f"Repeat it with: {matrix.commands(as_started)}")

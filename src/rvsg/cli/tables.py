@@ -1,166 +1,133 @@
-"""The results of a campaign as tables for a terminal."""
+"""The answer of a campaign for a terminal: at most 23 lines, and 12 for each campaign of a matrix."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import takewhile
+import textwrap
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
-from rvsg.app.commands import confirm_command
 from rvsg.campaign.attempt import Plan
-from rvsg.cli.console import as_started, say
-from rvsg.evaluation.verdict import OPEN, Status, Verdict, counted, number, still_open, value_in_words
-from rvsg.report.summary import Ranked, Summary
-from rvsg.report.terminal import describe_failure, describe_finding
+from rvsg.cli.console import as_started, console, say
+from rvsg.evaluation.verdict import counted, number
+from rvsg.report.answer import Answer, Row, Tone
+from rvsg.report.summary import Summary
+from rvsg.report.terminal import describe_finding
 
 if TYPE_CHECKING:
     from rvsg.app.campaign import Campaign
     from rvsg.campaign.feedback import MapCell
     from rvsg.campaign.ranking import Front
 
-WITHOUT_TEXT = 35
-"""Characters of a row without the scenario's description and the objective."""
-OBJECTIVE = 21
-"""Characters that an objective usually takes at most."""
-
-STYLES = {
-    Status.PASS: "green",
-    Status.FAIL: "bold red",
-    Status.FLAKY: "red",
-    Status.INCONCLUSIVE: "dim",
-    Status.UNJUDGED: "dim",
+STYLES: dict[Tone, str] = {"bad": "bold red", "warn": "yellow", "good": "green", "quiet": "dim"}
+MOST_ROWS = 6
+"""Configurations in the table of one campaign; the others are in the report."""
+WIDE = 100
+"""Characters of a terminal with room for the causes."""
+COLUMNS: dict[str, Callable[[Row], str]] = {
+    "#": lambda row: row.number,
+    "verdict": lambda row: row.status,
+    "violated": lambda row: row.share,
+    "contact": lambda row: row.contact,
+    "cause": lambda row: row.cause,
 }
+LABEL = 10
+"""Characters of the labels on the left."""
 
 
-MARK_OPEN = f"† violated; {OPEN}."
+def show_answer(answer: Answer, *, page: str, again: str) -> None:
+    """Print the answer of a campaign in at most 23 lines.
+
+    Args:
+        page: The path of the report.
+        again: The command that repeats the campaign.
+    """
+    say(Text.assemble((answer.status, STYLES[answer.tone]), "  ", answer.title, "  ", ("  ".join(answer.setup), "dim")))
+    _line("", answer.headline)
+    if answer.alone is not None:
+        _line("alone", answer.alone.warning or answer.alone.text, "warn" if answer.alone.warning else None)
+    if answer.rows:
+        _facts(answer)
+    if answer.elsewhere is not None:
+        _line("!", answer.elsewhere.text, "warn")
+    if answer.shown:
+        say(rows_table(answer.shown[:MOST_ROWS], console().width))
+    more = len(answer.shown) - MOST_ROWS
+    left = [f"{counted(more, 'more configuration')} in the report."] if more > 0 else []
+    if rest := " ".join([*left, answer.rest]).strip():
+        _line("", rest)
+    _line("open", page)
+    for step in answer.next[:1]:
+        say(Text(f"  {'next':{LABEL}}{as_started(step.command)}"), soft_wrap=True)
+    say(Text(f"  {'again':{LABEL}}{as_started(again)}"), soft_wrap=True)
 
 
-CANDIDATE = "candidate"
-TOUCHED = "‡ robot and person touch in at least one of these runs."
-
-
-def _marked(verdict: Verdict) -> str:
-    return verdict.status.value + ("†" if still_open(verdict) else "")
-
-
-def _shown_verdict(entry: Ranked) -> str:
-    """Return the verdict of a confirmed scenario, or whether the search made it a candidate."""
-    said = _marked(entry.verdict) if entry.state == "confirmed" else CANDIDATE if entry.state == CANDIDATE else "–"
-    return said + ("‡" if entry.seen.contacts.runs else "")
-
-
-def _style(verdict: Verdict) -> str:
-    return STYLES[Status.FLAKY] if still_open(verdict) else STYLES[verdict.status]
-
-
-def _objective(verdict: Verdict, unit: str) -> str:
-    """Return the mean with its interval; where runs did not arrive in time the median and their number, in lines."""
-    if not verdict.censored:
-        return value_in_words(verdict, unit)
-    late = f"{verdict.censored}/{verdict.runs} did not arrive"
-    return f"median {number(verdict.median, unit)}\n{late}" if verdict.median is not None else late
-
-
-def ranked_table(plan: Plan, summary: Summary, *, width: int = 80, rows: int = 10) -> Table:
-    """Return the table of scenarios, worst first, in `width` characters."""
-    requirement = plan.requirement
-    worse = f"{requirement.worse} is worse".replace("smaller", "lower").replace("larger", "higher")
-    limit = f", limit {number(requirement.limit, requirement.unit)}" if requirement.limit is not None else ""
-    measured = requirement.metric or "robustness"
-    title = f"{requirement.name} {requirement.title}: {measured} ({worse}{limit})"
-    table = Table(
-        title=title,
-        title_justify="left",
-        caption=_legend(summary, rows),
-        caption_justify="left",
-        box=SIMPLE_HEAD,
-        pad_edge=False,
+def _facts(answer: Answer) -> None:
+    """Print the figures of the most severe configuration."""
+    often, measured, closest, cause = answer.figures
+    limit = f", {measured.note}" if measured.note else ""
+    _line("often", f"{often.value} runs violate, {often.note}   {measured.value}{limit}")
+    row = answer.rows[0]
+    where = f"{row.place}, {row.moment_s:.1f} s" if row.place else f"{row.moment_s:.1f} s"
+    _line("where", f"{where}   who  {row.who or 'nobody'}   cause  {cause.value} ({cause.note})")
+    _line(
+        "contact", f"{closest.note.removeprefix('contact ')}, closest {closest.value}", "bad" if row.contacts else None
     )
-    table.add_column("#", justify="right", no_wrap=True)
-    shown = summary.ranking[:rows]
-    objectives = [_objective(entry.verdict, requirement.unit) for entry in shown]
-    longest = max([OBJECTIVE, *(len(line) for each in objectives for line in each.splitlines())])
-    room = max(12, width - WITHOUT_TEXT - longest)
-    table.add_column("scenario", overflow="ellipsis", no_wrap=True, max_width=room)
-    table.add_column("objective [95 %]", justify="right", no_wrap=True)
-    table.add_column("verdict, violated runs", no_wrap=True)
-    names = without_common_beginning([" ".join(entry.description.split()) for entry in shown])
-    for entry, name, objective in zip(shown, names, objectives, strict=True):
-        verdict = entry.verdict
-        counted = f" {verdict.violations}/{verdict.runs}" if requirement.threshold is not None else ""
-        style = _style(verdict) if entry.state == "confirmed" else STYLES[Status.INCONCLUSIVE]
-        table.add_row(
-            str(entry.rank),
-            Text(f"{entry.scenario + 1}. {name}"),
-            Text(objective),
-            Text(_shown_verdict(entry) + counted, style=style),
-        )
+
+
+def _line(label: str, text: str, tone: Tone | None = None) -> None:
+    """Print a labelled text, its further lines under its first; paths and commands are not broken."""
+    width = max(40, console().width)
+    lines = textwrap.wrap(text, width - LABEL - 2, break_long_words=False, break_on_hyphens=False) or [""]
+    for k, line in enumerate(lines):
+        say(Text(f"  {label if k == 0 else '':{LABEL}}{line}", style=STYLES[tone] if tone else ""), soft_wrap=True)
+
+
+def rows_table(rows: Sequence[Row], width: int) -> Table:
+    """Return the table of configurations, the most severe first, a line each."""
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    wide = width >= WIDE
+    longest = {each: max([len(each), *(len(getter(row)) for row in rows)]) for each, getter in COLUMNS.items()}
+    longest["cause"] = min(longest["cause"], 18) if wide else -2
+    room = width - sum(longest.values()) - 2 * len(longest)
+    table.add_column("#", no_wrap=True, min_width=longest["#"])
+    table.add_column("what happens", no_wrap=True, overflow="ellipsis", max_width=max(20, room - 2))
+    for name in ("verdict", "violated", "contact"):
+        table.add_column(name, no_wrap=True, min_width=longest[name])
+    if wide:
+        table.add_column("cause", no_wrap=True, overflow="ellipsis", max_width=longest["cause"])
+    for row in rows:
+        contact = Text(row.contact, style=STYLES["bad"] if row.contacts else "")
+        verdict, cause = Text(row.status, style=STYLES[row.tone]), [row.cause] if wide else []
+        table.add_row(row.number, row.name, verdict, row.share, contact, *cause)
     return table
 
 
-def _legend(summary: Summary, rows: int) -> str:
-    """Return how many scenarios the table leaves out, and what the words and marks in the rows mean."""
-    shown, more = summary.ranking[:rows], len(summary.ranking) - rows
-    confirmed = [entry.verdict for entry in shown if entry.state == "confirmed"]
-    said = [f"{counted(more, 'more scenario')} in the report."] if more > 0 else []
-    if confirmed:
-        said.append("Verdicts are those of the confirmation runs.")
-    if any(entry.state == CANDIDATE for entry in shown):
-        said.append("A candidate violated in the search and is not confirmed.")
-    if any(map(still_open, confirmed)):
-        said.append(MARK_OPEN)
-    if any(verdict.status is Status.INCONCLUSIVE and not still_open(verdict) for verdict in confirmed):
-        said.append("INCONCLUSIVE: too few runs for a verdict.")
-    if any(entry.seen.contacts.runs for entry in shown):
-        said.append(TOUCHED)
-    return " ".join(said)
-
-
-def matrix_table(found: Sequence[tuple[Plan, Summary]]) -> Table:
-    """Return the table of several campaigns, with the worst confirmed scenario of each."""
+def matrix_table(found: Sequence[tuple[Plan, Answer]]) -> Table:
+    """Return the table of several campaigns, with the most severe configuration of each."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, caption_justify="left")
     table.add_column("campaign", overflow="fold", min_width=len("campaign"))
-    table.add_column("worst [95 %]", justify="right", no_wrap=True)
-    table.add_column("verdict", no_wrap=True)
-    table.add_column("violated", no_wrap=True)
-    opened = unconfirmed = touched = False
-    for plan, summary in found:
-        confirmed = summary.confirmed.verdict if summary.confirmed else None
-        verdict = confirmed or (summary.ranking[0].verdict if summary.ranking else None)
-        requirement, unit = plan.requirement, plan.requirement.unit
-        name = f"{plan.mission.route.name} {requirement.name}"
-        if verdict is None:
-            table.add_row(name, "–", Text("no scenario" if summary.complete else "unfinished", style="dim"), "")
+    for name in ("verdict", "violated", "measured", "contact"):
+        table.add_column(name, no_wrap=True)
+    table.add_column("what happens", overflow="ellipsis", no_wrap=True)
+    elsewhere = False
+    for plan, answer in found:
+        name, verdict = f"{plan.mission.route.name} {plan.requirement.name}", Text(answer.status, STYLES[answer.tone])
+        if not answer.rows:
+            table.add_row(name, verdict, "", "", "", "")
             continue
-        often = ""
-        if verdict.violation_probability is not None and verdict.violation_interval is not None:
-            low, high = verdict.violation_interval
-            often = f"{verdict.violation_probability:.2f} [{low:.2f}, {high:.2f}]"
-        unconfirmed = unconfirmed or not confirmed
-        seen = summary.seen is not None and summary.seen.contacts.runs > 0
-        touched = touched or seen
-        said = _marked(verdict) + ("" if confirmed else "*") + ("‡" if seen else "")
-        table.add_row(name, _objective(verdict, unit), Text(said, style=_style(verdict)), often)
-        opened = opened or still_open(verdict)
-    notes = [MARK_OPEN] if opened else []
-    notes += ["* from the search only, not confirmed"] if unconfirmed else []
-    notes += [TOUCHED] if touched else []
-    table.caption = "\n".join(notes) or None
+        row = answer.rows[0]
+        mark = "‡" if answer.elsewhere is not None else ""
+        elsewhere = elsewhere or bool(mark)
+        contact = Text(
+            row.contact + mark, style=STYLES["bad" if row.contacts else "warn"] if row.contacts or mark else ""
+        )
+        table.add_row(name, verdict, row.share, row.measured, contact, row.name if row.counts else "")
+    table.caption = "‡ contact in other configurations of the campaign" if elsewhere else None
     return table
-
-
-def without_common_beginning(texts: list[str]) -> list[str]:
-    """Return the texts without the words that all of them begin with, if there are two or more."""
-    words = [text.split(" ") for text in texts]
-    same = 0
-    if len(words) > 1:
-        columns = takewhile(lambda column: len(set(column)) == 1, zip(*words, strict=False))
-        same = min(len(list(columns)), min(len(each) for each in words) - 1)
-    return [" ".join(each[same:]) for each in words]
 
 
 def how_far(plan: Plan, summary: Summary) -> str:
@@ -171,33 +138,15 @@ def how_far(plan: Plan, summary: Summary) -> str:
     return f"{done} of {counted(plan.attempts, 'attempt')} of the search"
 
 
-def show_findings(campaign: Campaign, summary: Summary) -> None:
-    """Print the worst finding in full, one line for each other finding, and the candidates."""
-    if not summary.ranking:
-        say("No valid scenario was measured, so nothing is known of the robot.")
-        return
-    found = campaign.findings
-    if not found:
-        say("The best scenario was not confirmed.")
-    for finding in found:
-        for line in describe_finding(finding, campaign.requirement, brief=finding is not found[0]):
+def show_findings(campaign: Campaign) -> None:
+    """Print every finding in full, and the front and the map of the strategies that have one."""
+    for finding in campaign.findings:
+        for line in describe_finding(finding, campaign.requirement):
             say(line)
-    distinct = campaign.distinct_failures
-    if len(distinct) > 1 or any(failure.smallest for failure in distinct):
-        say(f"{counted(len(distinct), 'distinct failure')}:")
-        for failure in distinct:
-            for line in describe_failure(failure):
-                say(f"  {line}")
     if (front := campaign.front) is not None:
         show_front(front)
     if campaign.fills_a_map:
         show_map(campaign.failure_map)
-    if left := campaign.candidates():
-        command = as_started(confirm_command(campaign.folder, left[0].index))
-        many = counted(len(left), "configuration")
-        say(
-            f"{many} violated in the search and {'is' if len(left) == 1 else 'are'} not confirmed; the worst: {command}"
-        )
 
 
 def show_front(front: Front) -> None:

@@ -115,6 +115,13 @@ def _correlation(first: Sequence[bool], second: Sequence[bool]) -> float:
     return float(product / margins**0.5)
 
 
+def fisher(successes: int, trials: int, others: int, other_trials: int) -> float:
+    """Return the one-sided p value of Fisher's exact test that the first share is not larger than the other one."""
+    total, ways = successes + others, math.comb(trials + other_trials, successes + others)
+    most = min(trials, total)
+    return sum(math.comb(trials, k) * math.comb(other_trials, total - k) for k in range(successes, most + 1)) / ways
+
+
 def welch(first: Values, second: Values) -> float | None:
     """Return the two-sided p value of Welch's t test that two means are equal; None with a single value in a sample.
 

@@ -1,556 +1,621 @@
-"""Words for requirements on the page and in the terminal."""
+"""The answer of a campaign: what happened, to whom, where, how often, why, how sure, and what to do next.
+
+One record, made in one place, that the report, the overview, the terminal, JSON and the studio show. All of its text
+is finished and its numbers are formatted, so that every door says the same.
+"""
 
 from __future__ import annotations
 
-import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from string import Formatter
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Literal
 
-from rvsg.campaign.attempt import Plan
-from rvsg.campaign.findings import realism_in_words
-from rvsg.evaluation.metrics.measurement import find_metric
+from rvsg.campaign.attempt import Attempt, Measurement, Plan
+from rvsg.campaign.drive_alone import DroveAlone, drove_alone
+from rvsg.campaign.findings import Finding, Smallest, severity_of
+from rvsg.campaign.observation import mode_of, usual
+from rvsg.campaign.ranking import confirmations
+from rvsg.core.records import Record
+from rvsg.evaluation.detection import contacts, place_namer
 from rvsg.evaluation.run_events import Contact, place_name
-from rvsg.evaluation.story import Sentence, what_is_hit
+from rvsg.evaluation.sampled import sampled
 from rvsg.evaluation.verdict import (
-    OPEN,
     Status,
     Verdict,
     counted,
-    difference_in_words,
     metres,
     number,
-    share_in_words,
+    percent,
     still_open,
+    summarise_safety,
+    title_of,
     value_in_words,
     violated,
 )
-from rvsg.report.run_facts import INVOLVED_M, AttemptFacts, Cause, Pair, RunFacts, Why
-from rvsg.report.summary import Summary
+from rvsg.report.summary import Ranked, Standing, Summary, configuration_number
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.run import Run
+from rvsg.world.world import World
+
+Violated = Literal["yes", "no", "open", "no limit"]
+Often = Literal["always", "sometimes", "rarely", "not settled"]
+Tone = Literal["bad", "warn", "good", "quiet"]
+MOVED = {
+    "robot": "the robot drives into the person",
+    "person": "the person walks into the robot",
+    "both": "both move",
+    "neither": "neither approaches",
+}
+"""Who moves where robot and person first touch."""
+OPEN_STATUS = "VIOLATED"
+"""The status where the requirement is violated, and FAIL or FLAKY is open."""
+LISTED = 3
+"""People that are named as a cause; of more, their number."""
+MANY = 4
+"""Of more people than this, none may explain a violation alone."""
 
 
-def quantity(requirement: Requirement) -> str:
-    """Return the judged quantity in words, with the id of its metric."""
-    if requirement.formula is not None:
-        return "robustness of the formula"
-    known = find_metric(requirement.metric)
-    if known is None:
-        return requirement.metric or "objective"
-    title = known.title[:1].lower() + known.title[1:] if known.title[1:2].islower() else known.title
-    return f"{title} ({requirement.metric})"
+class Figure(Record):
+    """A number of the answer with its label and a note."""
+
+    label: str
+    value: str
+    note: str = ""
 
 
-def direction(requirement: Requirement) -> str:
-    """Return which values are worse, e.g. `lower is worse`."""
-    return "lower is worse" if requirement.worse == "smaller" else "higher is worse"
+class Row(Record):
+    """A configuration, by its confirmation runs; without these by those of the search."""
 
-
-def shown_at(t_s: float) -> str:
-    """Return the tenth of a second at which the replay shows what happens at a time: the first that is not before."""
-    return f"{math.ceil(10 * t_s - 1e-6) / 10:.1f}"
-
-
-def untimed(sentence: Sentence) -> str:
-    """Return the text of a sentence without its time, which stands beside it."""
-    text = sentence.text.removeprefix(f"At {sentence.time_s:.1f} s ").removeprefix(f"From {sentence.time_s:.1f} s on ")
-    return text[:1].upper() + text[1:]
-
-
-def robot_words(mission: Mission) -> str:
-    """Return the robot's name and whether it is calibrated; the name alone where only another simulator knows it."""
-    robot = mission.robot_record
-    if robot is None:
-        return mission.robot_name
-    return f"{robot.name} ({'' if robot.calibrated else 'not '}calibrated against published runs)"
-
-
-@dataclass(frozen=True)
-class UnderTest:
-    """The stack under test in the runs of a campaign."""
-
-    repeatable: bool
-    """Whether equal seeds give equal runs."""
-    rows: tuple[tuple[str, str], ...]
-    """What there is to tell, each with its label."""
-
-
-def under_test(runs: Iterable[Run]) -> UnderTest:
-    """Return what the runs tell of their people and their stack; of the built-in stack only what went wrong."""
-    made = {run.id: run for run in runs}.values()  # attempts share runs
-    told = [(run, facts) for run in made if isinstance(facts := run.details.get("stack"), Mapping)]
-    kept, runs = [facts for _, facts in told], [run for run, _ in told]
-    rows = (*_people(made), *_start(runs), *_pace(kept), *_trouble(kept, runs))
-    return UnderTest(all(facts.get("repeatable", True) for facts in kept), rows)
-
-
-def _people(runs: Iterable[Run]) -> Iterable[tuple[str, str]]:
-    """Yield the profile of the people of the embedded simulator; what 0.2 stored as `default` is `hunavsim` today."""
-    found = set()
-    for options in (run.options for run in runs if run.simulator == "embedded"):
-        old = "published-study" if options.get("profile") == "published-study" else "hunavsim"
-        found.add("default profile" if options.get("human_model") == "anticipation" else old)
-    if found:
-        yield "People", ", ".join(sorted(found))
-
-
-def _start(runs: list[Run]) -> Iterable[tuple[str, str]]:
-    for name, label in (("launch", "Launch command"), ("params", "Parameter file")):
-        given = {str(value) for run in runs if (value := _options(run).get(name))}
-        if given:
-            yield label, ", ".join(sorted(given))
-
-
-def _options(run: Run) -> Mapping[str, Any]:
-    stack = run.options.get("stack")
-    options = stack.get("options") if isinstance(stack, Mapping) else None
-    return options if isinstance(options, Mapping) else {}
-
-
-def _pace(told: list[Mapping[str, Any]]) -> Iterable[tuple[str, str]]:
-    """Yield how fast the runs went, and how many control periods were missed."""
-    releases = sorted({str(facts["release"]) for facts in told if "release" in facts})
-    if releases:
-        yield "ROS 2", ", ".join(releases)
-    kept = [facts for facts in told if "speed" in facts and "speed_asked" in facts]
-    if kept:
-        asked = _range([float(facts["speed_asked"]) for facts in kept], "g")
-        reached = _range([float(facts["speed"]) for facts in kept], ".2f")
-        yield "Speed, in times of real time", f"{asked} asked, {reached} reached"
-    counts = [(facts["missed_periods"], facts["missed_periods"] + facts["commands"]) for facts in kept]
-    due = sum(every for _, every in counts)
-    if due:
-        missed, worst = sum(some for some, _ in counts), max(some / every for some, every in counts if every)
-        most = f" ({100.0 * missed / due:.2g} %), at most {100.0 * worst:.2g} % in one run" if missed else ""
-        yield "Control periods missed", f"{missed:,} of {due:,}{most}"
-
-
-def _trouble(told: list[Mapping[str, Any]], runs: list[Run]) -> Iterable[tuple[str, str]]:
-    """Yield the velocities that the robot could not take as they came, and the first warnings of the stack."""
-    for name, label in (
-        ("clipped", "Velocities beyond the limits of the robot, cut"),
-        ("not_finite", "Velocities that are no numbers, left out"),
-    ):
-        found = [facts[name] for facts in told if facts.get(name)]
-        if found:
-            yield label, f"{sum(found):,} in {counted(len(found), 'run')}"
-    warned = [run for run in runs if run.stack_warnings]
-    if warned:
-        first = list(dict.fromkeys(text for run in warned for text in run.stack_warnings))[:3]
-        yield "Runs with warnings of the stack", f"{len(warned)} of {len(runs)}; for instance: {'; '.join(first)}"
-
-
-def _range(values: list[float], form: str) -> str:
-    low, high = format(min(values), form), format(max(values), form)
-    return low if low == high else f"{low} to {high}"
-
-
-class Piece(NamedTuple):
-    """A part of a sentence. With `runs` it is a link that opens them; `t_s` is the time at which it does."""
-
-    text: str
-    runs: tuple[str, ...] = ()
-    t_s: float | None = None
+    number: str
+    """Scenario and configuration, from 1, e.g. `3.2`."""
+    attempt: int
+    """The attempt of the search."""
+    confirmation: int | None
+    """The attempt that confirms it."""
+    state: Standing
+    name: str
+    """What happens, where and to whom."""
+    who: str
+    """The person nearest to the robot in the run that is shown; empty without people."""
+    place: str
+    status: str
+    """The code of the verdict, VIOLATED where FAIL or FLAKY is open, `candidate` or `not violated`."""
+    tone: Tone
+    violated: Violated
+    often: Often
+    violations: int
+    runs: int
+    share: str
+    """E.g. `15/15`."""
+    interval: str
+    """The interval of the share, e.g. `78 to 100 %`; empty without a limit."""
+    bounds: tuple[float, float] | None
+    """The same as numbers from 0 to 1, for a bar."""
+    measured: str
+    """The judged quantity over the runs."""
+    contacts: int
+    contact: str
+    """Runs with contact, e.g. `1/15`."""
+    touch: str
+    """How fast and who moves where they touch; empty without contact."""
+    closest: str
+    """The smallest gap."""
+    arrived: str
+    others: str
+    """Runs that end before the goal or touch an obstacle; empty where none does."""
+    cause: str
+    """The people who cause it, in short."""
+    caused: str
+    """The runs that show it."""
+    shrunk: str
+    """What of the scenario does not matter, or why that is not known."""
+    run: str
+    """The id of the run that shows it: of those that fail as most do, with the longest contact, else the worst."""
+    moment_s: float
+    """When in that run it happens."""
 
     @property
-    def address(self) -> str:
-        """The part of the page's address that opens the runs in the replay."""
-        if len(self.runs) == 1:
-            return f"#run={self.runs[0]}" + (f"&t={shown_at(self.t_s)}" if self.t_s is not None else "")
-        return "#runs=" + ",".join(self.runs)
+    def counts(self) -> bool:
+        """Whether confirmation runs violate the requirement or touch a person."""
+        return self.state == "confirmed" and (self.violated == "yes" or self.contacts > 0)
 
 
-Pieces = list[Piece]
+class Elsewhere(Record):
+    """Contact in configurations other than the first row's."""
 
-
-def of_runs(text: str, runs: Iterable[RunFacts]) -> Piece:
-    """Return a text that opens runs."""
-    return Piece(text, ids_of(runs))
-
-
-def said(text: str, **values: Piece | str) -> Pieces:
-    """Return a sentence: a text in which each `{name}` stands for a value."""
-    pieces: Pieces = []
-    plain = ""
-    for literal, name, _, _ in Formatter().parse(text):
-        value = values[name] if name else ""
-        plain += literal
-        if isinstance(value, str):
-            plain += value
-        else:
-            pieces += [*([Piece(plain)] if plain else []), value]
-            plain = ""
-    return [*pieces, Piece(plain)] if plain else pieces
-
-
-@dataclass(frozen=True, kw_only=True)
-class Badge:
-    """A fact in two or three words beside the verdict. `tone` is bad, good, warn or quiet."""
-
-    tone: str
     text: str
-    runs: tuple[str, ...] = ()
+    number: str
+    """The configuration that has most of it."""
+    attempt: int
+    """Its attempt of the search, where it is not confirmed; else -1."""
+    runs: tuple[str, ...]
+    """Its runs with contact."""
 
 
-def span_of(times: Sequence[float]) -> str:
-    """Return between which times after the start something happens, in words."""
-    low, high = min(times), max(times)
-    when = f"{low:.0f} s" if round(low) == round(high) else f"{low:.0f} to {high:.0f} s"
-    return f"{when} after the start"
+class NextStep(Record):
+    """What to do next, with its command."""
+
+    text: str
+    command: str
 
 
-def ids_of(runs: Iterable[RunFacts]) -> tuple[str, ...]:
-    """Return the ids of runs."""
-    return tuple(run.id for run in runs)
+class Answer(Record):
+    """What a campaign says."""
+
+    status: str
+    """The strongest verdict of a confirmation, as `Row.status`; else `not confirmed`, `no limit` or `no result`."""
+    violated: Violated
+    often: Often
+    tone: Tone
+    """`good` only where nothing violates and no run of the campaign touches a person."""
+    title: str
+    """The requirement, by what it measures."""
+    setup: tuple[str, ...]
+    """World, route, robot and stack."""
+    headline: str
+    """The most severe failure in a sentence, or what was found instead."""
+    counts: str
+    """How many configurations violate the requirement, and how often."""
+    figures: tuple[Figure, ...]
+    alone: DroveAlone | None
+    """The robot without people; None where an older version ran the campaign."""
+    elsewhere: Elsewhere | None
+    """Contact in the rest of the campaign; None where there is none."""
+    next: tuple[NextStep, ...]
+    rows: tuple[Row, ...]
+    """Every scenario by its most severe configuration, and further confirmed ones, as `Ranked.place` orders them."""
+    rest: str
+    """How many scenarios did not violate in the search and are not confirmed."""
+
+    @property
+    def failures(self) -> tuple[Row, ...]:
+        """The rows that are failures or contacts of confirmed configurations."""
+        return tuple(row for row in self.rows if row.counts)
+
+    @property
+    def shown(self) -> tuple[Row, ...]:
+        """The rows of confirmed configurations and of candidates."""
+        return tuple(row for row in self.rows if row.state != "not violated")
+
+    def row(self, confirmation: int) -> Row:
+        """Return the row of a confirmation, by the index of its attempt."""
+        return next(row for row in self.rows if row.confirmation == confirmation)
 
 
-def seen_beside(
-    runs: Sequence[RunFacts], plan: Plan, kind: str, nobody: Pair | None = None
-) -> tuple[list[Badge], list[Pieces]]:
-    """Return what the runs show besides the requirement: contacts, arrivals and the smallest gap.
+def share_of(runs: int, of: int) -> str:
+    """Return runs of a number of runs as `8/65`."""
+    return f"{runs}/{of}"
+
+
+def between(verdict: Verdict) -> str:
+    """Return the interval of the share of violating runs, e.g. `78 to 100 %`."""
+    if verdict.violation_interval is None:
+        return ""
+    low, high = verdict.violation_interval
+    return f"{100 * low:.0f} to {percent(high)}"
+
+
+def is_violated(verdict: Verdict) -> Violated:
+    """Return whether runs violate the requirement; `open` where they do not tell."""
+    if verdict.status is Status.UNJUDGED:
+        return "no limit"
+    return "yes" if violated(verdict) else "no" if verdict.status is Status.PASS else "open"
+
+
+def status_of(verdict: Verdict) -> str:
+    """Return the code of a verdict; VIOLATED where it surely is and only how often is open."""
+    return OPEN_STATUS if still_open(verdict) else verdict.status.value
+
+
+def how_often(verdict: Verdict) -> Often:
+    """Return how often runs violate the requirement."""
+    words: dict[Status, Often] = {Status.FAIL: "always", Status.FLAKY: "sometimes", Status.PASS: "rarely"}
+    return words.get(verdict.status, "not settled")
+
+
+def tone_of(verdict: Verdict, touched: int) -> Tone:
+    """Return the tone of a verdict: bad where it is violated, good where it passed and nobody is touched."""
+    return "bad" if violated(verdict) else "warn" if touched else "good" if verdict.status is Status.PASS else "quiet"
+
+
+class _Shown:
+    """The run that shows a configuration best, and what it shows."""
+
+    def __init__(
+        self,
+        measurements: Sequence[Measurement],
+        requirement: Requirement,
+        world: World,
+        run_of: Callable[[str], Run],
+    ) -> None:
+        touched = [m for m in measurements if (m.values.get("contacts") or 0.0) > 0.0]
+        bad = [m for m in measurements if m.objective is not None and requirement.violated_by(m.objective)]
+        chosen = touched if touched and 2 * len(touched) >= len(bad) else bad or list(measurements)
+        runs = {m.run_id: run_of(m.run_id) for m in chosen}
+        modes = {run_id: mode_of(run, world) for run_id, run in runs.items()}
+        self.mode = usual(modes.values())
+        usual_ones = [m for m in chosen if modes[m.run_id] == self.mode] or chosen
+
+        def worst(m: Measurement) -> tuple[float, float]:
+            badness = float("-inf") if m.objective is None else requirement.badness(m.objective)
+            return (m.values.get("contact_longest") or 0.0, badness)
+
+        self.run = runs[max(usual_ones, key=worst).run_id]
+        self.who, self.moment_s = _nearest(self.run)
+        self.touch = ""
+        if touched:
+            met = [_contacts(run_of(m.run_id), world) for m in touched]
+            first = [touches[0] for touches in met if touches]
+            speed = max((m.values.get("contact_speed") or 0.0) for m in touched)
+            moved = [MOVED[who] for who, _ in Counter(each.moved_by for each in first).most_common(1)]
+            self.touch = ", ".join([f"up to {number(speed, 'm/s')}", *moved])
+            if own := _contacts(self.run, world):
+                self.who, self.moment_s = own[0].person, own[0].time_s
+
+    def name(self, world: World) -> str:
+        """Return what happens, where and to whom."""
+        if self.mode is not None:
+            return f"{self.mode.name}: {self.who}"
+        path = self.run.trajectory
+        at = place_name(world, float(path.x[-1]), float(path.y[-1])) if len(path) else "the start"
+        return f"Ends at {at}, {self.run.outcome.value}"
+
+
+def _nearest(run: Run) -> tuple[str, float]:
+    """Return who comes nearest to the robot, and when (s)."""
+    if not run.human_names or not len(run.trajectory):
+        return "", 0.0
+    gap = sampled(run).gap
+    row = int(gap.min(axis=1).argmin())
+    return run.human_names[int(gap[row].argmin())], float(run.trajectory.t[row])
+
+
+def _contacts(run: Run, world: World) -> list[Contact]:
+    return sorted(contacts(sampled(run, world), place_namer(world)), key=lambda contact: contact.time_s)
+
+
+def row_of(
+    entry: Ranked,
+    shown: Attempt,
+    requirement: Requirement,
+    world: World,
+    run_of: Callable[[str], Run],
+    finding: Finding | None = None,
+) -> Row:
+    """Return the row of a configuration.
 
     Args:
-        nobody: The same seeds without people.
+        shown: The attempt whose runs are shown.
+        finding: What its confirmation means; None without one.
     """
-    badges, sentences = [], []
-    total = counted(len(runs), kind)
-    touched = [run for run in runs if run.contacts]
-    near = [(run.closest_m, run) for run in runs if run.closest_m is not None]
-    if touched:
-        badges.append(Badge(tone="bad", text=f"contact in {len(touched)} of {len(runs)} runs", runs=ids_of(touched)))
-        sentences.append(_contacts(touched, total))
-    elif near:
-        badges.append(Badge(tone="good", text=f"no contact in {counted(len(runs), 'run')}"))
-    struck = [run for run in runs if run.obstacle_contacts]
-    if struck:
-        hit = f"hits {_what_is_hit(struck)} in {len(struck)} of {len(runs)}"
-        badges.append(Badge(tone="bad", text=hit, runs=ids_of(struck)))
-        sentences.append(_struck(struck, total, nobody))
-    late = [run for run in runs if not run.arrived]
-    if late:
-        badges.append(Badge(tone="bad", text=f"{len(late)} of {len(runs)} did not arrive", runs=ids_of(late)))
-        sentences.append(
-            said(
-                "The robot does not reach its goal in {often} (time limit {limit}).",
-                often=of_runs(f"{len(late)} of {total}", late),
-                limit=number(plan.mission.route.time_limit_s, "s"),
-            )
-        )
-    else:
-        badges.append(Badge(tone="good", text="all arrived"))
-    if near and not touched:
-        gap, run = min(near, key=lambda each: each[0])
-        sentences.append(
-            said(
-                "The robot touches nobody; the smallest gap is {gap}, to {who} near {place}, {when}.",
-                gap=Piece(metres(gap), (run.id,), run.closest_s),
-                who=run.closest_to,
-                place=run.closest_near,
-                when=span_of([run.closest_s]),
-            )
-        )
-    return badges, sentences
-
-
-def _contacts(touched: Sequence[RunFacts], total: str) -> Pieces:
-    """Return in which runs robot and person touch, whom most often, where, for how long at most, and how fast."""
-
-    def worst(metric: str, unit: str, otherwise: Callable[[Contact], float]) -> Piece:
-        """Return the largest value, by the metric that the terminal reports, too."""
-        pairs = [
-            (otherwise(each) if (value := run.measurement.values.get(metric)) is None else value, run)
-            for run in touched
-            for each in run.contacts
-        ]
-        value, run = max(pairs, key=lambda pair: pair[0])
-        return Piece(number(value, unit), (run.id,), run.contacts[0].time_s)
-
-    first = [(run, run.contacts[0]) for run in touched]
-    who, count = Counter(contact.person for _, contact in first).most_common(1)[0]
-    theirs = [(run, contact) for run, contact in first if contact.person == who]
-    near = Counter(place_name(run.world, contact.place.x, contact.place.y) for run, contact in theirs)
-    return said(
-        "Robot and person touch in {often} ({who}, near {place}, {when}); the longest contact lasts {longest}, and the "
-        "largest relative speed is {fastest}.",
-        often=of_runs(f"{len(touched)} of {total}", touched),
-        who=who if count == len(touched) else f"{who} in {count}",
-        place=near.most_common(1)[0][0],
-        when=span_of([contact.time_s for _, contact in theirs]),
-        longest=worst("contact_longest", "s", lambda each: each.duration_s),
-        fastest=worst("contact_speed", "m/s", lambda each: each.closing_speed_m_s),
+    verdict, seen = entry.verdict, entry.seen
+    best = _Shown(shown.measurements, requirement, world, run_of)
+    cause, caused = cause_of(finding) if finding is not None else ("–", "not confirmed")
+    bounds = verdict.violation_interval
+    return Row(
+        number=entry.number,
+        attempt=entry.attempt,
+        confirmation=shown.index if shown.purpose == "confirmation" else None,
+        state=entry.state,
+        name=best.name(world),
+        who=best.who,
+        place=best.mode.place if best.mode is not None else "",
+        status=status_of(verdict) if entry.state == "confirmed" else entry.state,
+        tone=tone_of(verdict, seen.contacts.runs) if entry.state == "confirmed" else "quiet",
+        violated=is_violated(verdict),
+        often=how_often(verdict),
+        violations=verdict.violations,
+        runs=verdict.runs,
+        share=share_of(verdict.violations, verdict.runs) if bounds is not None else "–",
+        interval=between(verdict),
+        bounds=bounds,
+        measured=_measured(verdict, requirement),
+        contacts=seen.contacts.runs,
+        contact=share_of(seen.contacts.runs, seen.contacts.of) if seen.contacts.of else "–",
+        touch=best.touch,
+        closest=metres(seen.least_clearance_m) if seen.least_clearance_m is not None else "–",
+        arrived=share_of(seen.arrived.runs, seen.arrived.of) if seen.arrived.of else "–",
+        others=_others(shown, seen.arrived.runs, seen.arrived.of),
+        cause=cause,
+        caused=caused,
+        shrunk=_shrunk(finding.smallest) if finding is not None and finding.smallest is not None else "",
+        run=best.run.id,
+        moment_s=round(best.moment_s, 1),
     )
 
 
-def _struck(runs: Sequence[RunFacts], total: str, nobody: Pair | None) -> Pieces:
-    """Return in which runs the robot hits an obstacle, where, how fast, and whether it does so without people."""
-    first = [run.obstacle_contacts[0] for run in runs]
-    near = Counter(place_name(run.world, e.place.x, e.place.y) for run, e in zip(runs, first, strict=True))
-    hits = ((event, run) for run in runs for event in run.obstacle_contacts)
-    hardest, in_hardest = max(hits, key=lambda pair: pair[0].speed_m_s)
-    alone = [run for run in nobody.runs if run.obstacle_contacts] if nobody is not None else []
-    without = "" if nobody is None else "; on the same seeds without people in {alone}"
-    return said(
-        f"The robot hits {{what}} in {{often}}, first near {{place}}, {{when}}; at most at {{speed}}{without}.",
-        what=_what_is_hit(runs),
-        often=of_runs(f"{len(runs)} of {total}", runs),
-        place=near.most_common(1)[0][0],
-        when=span_of([event.time_s for event in first]),
-        speed=Piece(number(hardest.speed_m_s, "m/s"), (in_hardest.id,), hardest.time_s),
-        alone=of_runs(f"{len(alone)} of {counted(len(nobody.runs), 'run')}", alone or nobody.runs) if nobody else "",
+def _others(shown: Attempt, arrived: int, of: int) -> str:
+    gaps = [gap for m in shown.measurements if (gap := m.values.get("obstacle_distance")) is not None]
+    hits, late = sum(gap <= 0.0 for gap in gaps), of - arrived
+    said = [f"{share_of(late, of)} do not arrive"] if late else []
+    return ", ".join([*said, f"{share_of(hits, len(gaps))} touch an obstacle"] if hits else said)
+
+
+def _measured(verdict: Verdict, requirement: Requirement) -> str:
+    """Return the mean of the judged quantity; where runs did not arrive, the median and their number."""
+    if not verdict.censored:
+        return number(verdict.mean, requirement.unit)
+    late = f"{share_of(verdict.censored, verdict.runs)} late"
+    return late if verdict.median is None else f"{number(verdict.median, requirement.unit)}, {late}"
+
+
+def cause_of(finding: Finding) -> tuple[str, str]:
+    """Return who causes a violation, as far as runs with fewer people tell it from chance, and which runs show it."""
+    alone, blamed = finding.without_people, finding.blamed
+    if not finding.violated:
+        return "–", "not violated"
+    if finding.about_people == "no" and alone is not None:
+        return "not the people", f"alone: {share_of(alone.violated, alone.of)}"
+    if blamed:
+        names = ", ".join(each.without for each in blamed)
+        first = blamed[0]
+        return (
+            names if len(blamed) <= LISTED else counted(len(blamed), "person", "people"),
+            f"without {first.without}: {share_of(first.violated, first.of)}",
+        )
+    if len(finding.cause) > MANY:
+        return "no single person", f"none explains it ({len(finding.cause)} tried)"
+    if finding.cause:
+        least = min(finding.cause, key=lambda each: each.p)
+        return "open", f"not told apart: without {least.without} {share_of(least.violated, least.of)}"
+    if finding.about_people == "yes" and alone is not None:
+        return "the people", f"alone: {share_of(alone.violated, alone.of)}"
+    return "open", "too few runs to tell" if alone is not None else "not tried"
+
+
+def _shrunk(smallest: Smallest) -> str:
+    """Return what of a scenario does not matter, where its rate is not told apart from that of the original."""
+    left = f"{share_of(smallest.violated, smallest.of)} runs violate, {share_of(smallest.before, smallest.of)} before"
+    if not smallest.holds:
+        return f"Could not be shrunk: {left}; that is too few, or fewer than before."
+    taken = "; ".join(smallest.taken_away)
+    same = f"{left}, not told apart (p {smallest.rarer:.2g})"
+    return f"Does not matter: {taken} ({same})." if taken else f"Everything in it matters ({same})."
+
+
+def answer_of(
+    plan: Plan,
+    attempts: Sequence[Attempt],
+    summary: Summary,
+    found: Sequence[Finding],
+    *,
+    world: World,
+    run_of: Callable[[str], Run],
+    alone: Attempt | None = None,
+    stack: str = "",
+    commands: Mapping[str, str] | None = None,
+) -> Answer:
+    """Return the answer of a campaign, finished or not.
+
+    Args:
+        found: The findings of its confirmations.
+        run_of: Finds a run by its id.
+        alone: The runs of the robot without people.
+        stack: The stack under test.
+        commands: Commands of next steps by name: `contact`, `confirm`, `keep`, `planner`, `more`, `resume`.
+    """
+    requirement, by_index = plan.requirement, {attempt.index: attempt for attempt in attempts}
+    latest = {attempt.confirms: attempt for attempt in confirmations(attempts)}
+    by_scenario = {attempt.scenario_id: attempt for attempt in confirmations(attempts)}
+    findings = {finding.confirmation: finding for finding in found}
+    rows = []
+    listed = (*summary.ranking, *summary.further)
+    for entry in sorted(listed, key=lambda entry: entry.place, reverse=True):
+        shown = by_index[entry.attempt]
+        if entry.state == "confirmed":
+            shown = latest.get(entry.attempt) or by_scenario[entry.scenario_id]
+        rows.append(row_of(entry, shown, requirement, world, run_of, findings.get(shown.index)))
+    elsewhere = _elsewhere(rows, attempts, requirement)
+    strongest = max((e.verdict for e in listed if e.state == "confirmed"), key=_strength, default=None)
+    status, is_, often = _status(summary, strongest, requirement)
+    touched = sum(row.contacts for row in rows) + (elsewhere is not None)
+    return Answer(
+        status=status,
+        violated=is_,
+        often=often,
+        tone=tone_of(strongest, touched) if strongest is not None else "warn" if touched else "quiet",
+        title=f"{requirement.name}: {_quantity(requirement)}",
+        setup=_setup(plan.mission, plan.mission.world, stack),
+        headline=_headline(plan, summary, rows, strongest),
+        counts=_counts(rows),
+        figures=_figures(rows[0], requirement) if rows else (),
+        alone=drove_alone(plan, alone) if alone is not None else None,
+        elsewhere=elsewhere,
+        next=_next_steps(plan, summary, rows, elsewhere, strongest, commands or {}),
+        rows=tuple(rows),
+        rest=_rest(summary),
     )
 
 
-def _what_is_hit(runs: Sequence[RunFacts]) -> str:
-    """Return what the robot hits in any of the runs: a door by its name where it is that alone."""
-    hit = {what_is_hit(event) for run in runs for event in run.obstacle_contacts}
-    return hit.pop() if len(hit) == 1 else "an obstacle"
+def answer_of_runs(plan: Plan, attempt: Attempt, *, world: World, run_of: Callable[[str], Run]) -> Answer:
+    """Return the answer of judged runs that belong to no campaign."""
+    requirement, verdict = plan.requirement, attempt.verdict
+    assert verdict is not None
+    seen = summarise_safety([measured.values for measured in attempt.measurements])
+    entry = Ranked(
+        rank=1,
+        scenario=0,
+        configuration=0,
+        configurations=1,
+        attempt=0,
+        scenario_id="",
+        description="",
+        state="confirmed",
+        verdict=verdict,
+        seen=seen,
+        severity=severity_of(attempt, requirement),
+    )
+    row = row_of(entry, attempt, requirement, world, run_of).replace(cause="–", caused="not tried")
+    often = f"{requirement.name} is violated in {row.share} runs" if row.bounds else f"{requirement.name} has no limit"
+    touch = f", touching in {row.contact}" if row.contacts else ""
+    return Answer(
+        status=row.status,
+        violated=row.violated,
+        often=row.often,
+        tone=row.tone,
+        title=f"{requirement.name}: {_quantity(requirement)}",
+        setup=_setup(plan.mission, world.title),
+        headline=f"{row.name}. {often}{touch}.",
+        counts="",
+        figures=_figures(row, requirement),
+        alone=None,
+        elsewhere=None,
+        next=(),
+        rows=(row,),
+        rest="",
+    )
 
 
-def elsewhere(others: Sequence[AttemptFacts], searched: Sequence[AttemptFacts]) -> list[Pieces]:
-    """Return in how many runs that are not of the finding robot and person touch, if they do in any."""
-    sentence: Pieces = []
-    for attempts, kind, which in (
-        (others, "confirmation run", " of other configurations"),
-        (searched, "run", " of the search"),
-    ):
-        runs = distinct_runs(attempts)
-        touched = [run for run in runs if run.contacts]
-        if touched:
-            begins = " and in " if sentence else "Elsewhere in the campaign, robot and person touch in "
-            often = of_runs(f"{len(touched)} of {counted(len(runs), kind)}", touched)
-            sentence += said(f"{begins}{{often}}{which}", often=often)
-    return [[*sentence, Piece(".")]] if sentence else []
+def _quantity(requirement: Requirement) -> str:
+    return title_of(requirement).removesuffix(f" (study's {requirement.name})")
 
 
-def distinct_runs(attempts: Iterable[AttemptFacts]) -> list[RunFacts]:
-    """Return every run of some attempts once."""
-    return list({run.id: run for attempt in attempts for run in attempt.runs}.values())
+def _setup(mission: Mission, *more: str) -> tuple[str, ...]:
+    world, *stack = (Path(each).name for each in more)
+    return tuple(each for each in (world, mission.route.name, mission.robot_name, *stack) if each)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Answer:
-    """The top of the page."""
-
-    tone: str
-    chip: str
-    text: str
-    badges: list[Badge] = field(default_factory=list)
-    sentences: list[Pieces] = field(default_factory=list)
+def _strength(verdict: Verdict) -> tuple[bool, bool, bool, float]:
+    often = verdict.violation_probability or 0.0
+    return violated(verdict), verdict.status is Status.FAIL, verdict.status is not Status.PASS, often
 
 
-def headline(plan: Plan, summary: Summary) -> dict[str, str]:
-    """Return what a campaign found in one sentence, in a word (`chip`), and the `tone` in which it is shown."""
-    confirmed = summary.confirmed.verdict if summary.confirmed else None
-    name = plan.requirement.name
+def _status(summary: Summary, strongest: Verdict | None, requirement: Requirement) -> tuple[str, Violated, Often]:
     if not summary.ranking:
-        return {"tone": "quiet", "chip": "no result", "text": "No valid scenario has been simulated yet."}
-    if confirmed is None:
-        state = "complete" if summary.complete else "not finished"
-        text = f"The search is {state}. No candidate is confirmed yet."
-        return {"tone": "quiet", "chip": "not confirmed", "text": text}
-    if confirmed.status is Status.UNJUDGED:
-        text = f"{name} has no limit. The worst scenario measures {value_in_words(confirmed, plan.requirement.unit)}."
-        return {"tone": "quiet", "chip": "no limit", "text": text}
-    runs = counted(confirmed.runs, "confirmation run")
-    text = f"The worst scenario violates {name} in {confirmed.violations or 'none'} of {runs}"
-    text += f"; {OPEN} (INCONCLUSIVE)." if still_open(confirmed) else "."
-    return {"tone": tone_of(confirmed), "chip": _chip(confirmed), "text": text}
+        return "no result", "open", "not settled"
+    if requirement.threshold is None:
+        return "no limit", "no limit", "not settled"
+    if strongest is None:
+        return "not confirmed", "open", "not settled"
+    return status_of(strongest), is_violated(strongest), how_often(strongest)
 
 
-def _chip(verdict: Verdict) -> str:
-    return "violated" if still_open(verdict) else verdict.status.value
+def _headline(plan: Plan, summary: Summary, rows: Sequence[Row], strongest: Verdict | None) -> str:
+    """Return the most severe failure in a sentence, or what was found instead."""
+    requirement, account = plan.requirement, summary.accounting
+    if not summary.ranking:
+        tried = counted(account.search_attempts, "configuration")
+        return f"No valid scenario was simulated in {tried}, so nothing is known of the robot."
+    if requirement.threshold is None:
+        worst = summary.ranking[0]
+        said = value_in_words(worst.verdict, requirement.unit)
+        return f"{requirement.name} has no limit, so nothing violates it; the worst scenario measures {said}."
+    if strongest is None:
+        runs = counted(account.search_runs, "run")
+        done = "" if summary.complete else f"The campaign is not finished ({runs} so far). "
+        found = sum(row.state == "candidate" for row in rows)
+        many = f"{counted(found, 'candidate')}, none confirmed" if found else "no run of the search violates it"
+        return f"{done}{requirement.name}: {many}."
+    first = rows[0]
+    if first.contacts and first.violated != "yes":
+        return f"{first.name}. They touch in {first.contact} runs; {requirement.name} is violated in {first.share}."
+    if first.violated == "yes":
+        more = "; how often is open" if first.often == "not settled" else ""
+        more += f"; {first.contact} touch a person" if first.contacts else ""
+        return f"{first.name}. {requirement.name} is violated in {first.share} runs{more}."
+    if first.violated == "no" and first.bounds is not None:
+        most = percent(first.bounds[1])
+        return (
+            f"No violation confirmed: the worst scenario found violates {requirement.name} in at most {most} of runs."
+        )
+    return f"Open: {first.share} confirmation runs of the worst scenario violate {requirement.name}."
 
 
-def tone_of(verdict: Verdict) -> str:
-    """Return the tone of a verdict: bad where it is violated, good where it passed."""
-    return "bad" if violated(verdict) else "good" if verdict.status is Status.PASS else "quiet"
+def _counts(rows: Sequence[Row]) -> str:
+    """Return how many confirmed configurations violate the requirement, how often, and touch a person."""
+    confirmed = [row for row in rows if row.state == "confirmed"]
+    bad = Counter(row.often for row in confirmed if row.violated == "yes")
+    words: dict[Often, str] = {
+        "always": "always violate it",
+        "sometimes": "sometimes",
+        "not settled": "how often is open",
+    }
+    parts = [f"{bad[key]} {text}" for key, text in words.items() if bad[key]]
+    kept, undecided = (sum(row.violated == each for row in confirmed) for each in ("no", "open"))
+    parts += [f"{kept} not violated"] if kept else []
+    parts += [f"{undecided} open"] if undecided else []
+    parts += [f"{touched} touch a person"] if (touched := sum(row.contacts > 0 for row in confirmed)) else []
+    return f"{counted(len(confirmed), 'confirmed configuration')}: {', '.join(parts)}." if confirmed else ""
 
 
-def answer(
+def _figures(row: Row, requirement: Requirement) -> tuple[Figure, ...]:
+    """Return the four figures of the most severe configuration."""
+    limit = f"limit {number(requirement.threshold, requirement.unit)}" if requirement.threshold is not None else ""
+    often = f"{row.interval} of runs" if row.interval else "no limit"
+    touch = f"contact {row.contact} runs" + (f", {row.touch}" if row.touch else "")
+    return (
+        Figure(label="Violated", value=row.share, note="; ".join(each for each in (often, row.others) if each)),
+        Figure(label=_quantity(requirement), value=row.measured, note=limit),
+        Figure(label="Closest gap", value=row.closest, note=touch),
+        Figure(label="Cause", value=row.cause, note=row.caused),
+    )
+
+
+def _elsewhere(rows: Sequence[Row], attempts: Sequence[Attempt], requirement: Requirement) -> Elsewhere | None:
+    """Return in how many runs of the other configurations robot and person touch, and in which most."""
+    touches: dict[str, dict[str, bool]] = {}
+    found, confirmed = dict[str, int](), set[str]()
+    for attempt in attempts:
+        number = configuration_number(attempt)
+        if attempt.purpose not in ("search", "confirmation") or (rows and number == rows[0].number):
+            continue
+        met = {m.run_id: (m.values.get("contacts") or 0.0) > 0.0 for m in attempt.measurements}
+        touches.setdefault(number, {}).update(met)
+        if attempt.purpose == "search":
+            found.setdefault(number, attempt.index)
+        else:
+            confirmed.add(number)
+    total, touched = sum(map(len, touches.values())), sum(sum(met.values()) for met in touches.values())
+    if not touched:
+        return None
+    most, met = max(touches.items(), key=lambda pair: (sum(pair[1].values()), pair[0]))
+    which = "other runs" if rows else "runs"
+    text = f"Contact in {touched} of {total} {which}; most: {most}, {share_of(sum(met.values()), len(met))}."
+    if requirement.metric not in ("contacts", "contact_speed", "contact_longest"):
+        text += f" {requirement.name} does not judge contact."
+    return Elsewhere(
+        text=text,
+        number=most,
+        attempt=-1 if most in confirmed else found[most],
+        runs=tuple(run_id for run_id, touch in met.items() if touch),
+    )
+
+
+def _next_steps(
     plan: Plan,
     summary: Summary,
-    confirmed: AttemptFacts | None,
-    searched: Sequence[AttemptFacts],
-    cause: Cause | None,
-    others: Sequence[AttemptFacts] = (),
-) -> Answer:
-    """Return the top of the page: verdict, badges and sentences.
-
-    Args:
-        confirmed: The confirmation runs of the finding; None before a confirmation.
-        searched: The configurations of the search.
-        cause: What leaving people out does to the finding.
-        others: The confirmations of other scenarios.
-    """
-    top = headline(plan, summary)
-    if confirmed is None:
-        runs = distinct_runs(searched)
-        badges, sentences = seen_beside(runs, plan, "search run") if runs else ([], [])
-        return Answer(**top, badges=badges, sentences=sentences)
-    badges, seen = seen_beside(confirmed.runs, plan, "confirmation run", cause.nobody if cause is not None else None)
-    why, because = _why(plan, cause) if cause is not None else ([], [])
-    where = _where(confirmed)
-    recurs = cause is not None and cause.finding.about_people == "no"
-    told = [*because, *where] if recurs else [*where, *because]  # who is near matters less where nobody is needed
-    seen += [*_realism(confirmed), *elsewhere(others, searched)]
-    sentences = [*_judged(plan, confirmed, "confirmation run"), *told, *seen]
-    return Answer(**top, badges=[*why, *badges], sentences=sentences)
-
-
-def answer_of_runs(plan: Plan, facts: AttemptFacts) -> Answer:
-    """Return the top of the page of runs that belong to no campaign."""
-    verdict, requirement = facts.attempt.verdict, plan.requirement
-    assert verdict is not None
-    badges, seen = seen_beside(facts.runs, plan, "run")
-    sentences = [*_judged(plan, facts, "run"), *_where(facts), *seen, *_realism(facts)]
-    if verdict.status is Status.UNJUDGED:
-        text = f"{requirement.name} has no limit. The runs measure {value_in_words(verdict, requirement.unit)}."
-        return Answer(tone="quiet", chip="no limit", text=text, badges=badges, sentences=sentences)
-    if verdict.runs == 1:
-        text = f"The run {'violates' if verdict.violations else 'does not violate'} {requirement.name}"
-    else:
-        verb = "violates" if verdict.violations == 1 else "violate"
-        text = f"{verdict.violations or 'None'} of {counted(verdict.runs, 'run')} {verb} {requirement.name}"
-    text += f"; {OPEN} ({verdict.status.value})." if still_open(verdict) else "."
-    return Answer(tone=tone_of(verdict), chip=_chip(verdict), text=text, badges=badges, sentences=sentences)
+    rows: Sequence[Row],
+    elsewhere: Elsewhere | None,
+    strongest: Verdict | None,
+    commands: Mapping[str, str],
+) -> tuple[NextStep, ...]:
+    """Return up to three steps that fit what was found, the most urgent first."""
+    candidate = next((row for row in rows if row.state == "candidate"), None)
+    shown = any(row.counts for row in rows)
+    touched = elsewhere is not None or any(row.contacts for row in rows)
+    steps = [("resume", "Finish the campaign", "")] if not summary.complete else []
+    if touched and plan.requirement.metric != "contacts":
+        steps.append(("contact", "Judge contact itself", ""))
+    if elsewhere is not None and elsewhere.attempt >= 0:
+        steps.append(("confirm", f"Confirm the contact in {elsewhere.number}", f" {elsewhere.attempt}"))
+    elif candidate is not None and not shown:
+        steps.append(("confirm", f"Confirm candidate {candidate.number}", f" {candidate.attempt}"))
+    if strongest is not None and strongest.status is Status.INCONCLUSIVE:
+        steps.append(("more", "Make more runs: how often is open", ""))
+    if shown:
+        steps.append(("keep", "Keep it as a regression test", ""))
+    if rows:
+        steps.append(("planner", "See what the planner does", f" --run {rows[0].run}"))
+    if not shown and summary.ranking:
+        steps.append(("repeat", "Search with another seed", ""))
+    known = (NextStep(text=text, command=commands[key] + rest) for key, text, rest in steps if key in commands)
+    return tuple(known)[:3]
 
 
-def _realism(facts: AttemptFacts) -> list[Pieces]:
-    """Return whether anybody does what few recorded people did; the sentence opens the run and the moment."""
-    if (found := facts.rarest_motion) is None:
-        return []
-    run, motion = found
-    return [[Piece(realism_in_words(found), (run.id,) if motion.is_rare else (), motion.time_s)]]
-
-
-def _judged(plan: Plan, facts: AttemptFacts, kind: str) -> list[Pieces]:
-    """Return how often the limit is violated, and by how much."""
-    verdict, requirement = facts.attempt.verdict, plan.requirement
-    if verdict is None or verdict.mean is None:
-        return []
-    limit, unit = requirement.threshold, requirement.unit
-    name = quantity(requirement)
-    worst = facts.worst(requirement)
-    single = worst is not None and worst.arrived and worst.measurement.objective is not None
-    text = (
-        "{quantity}: beyond the time limit in {late}; {median}"
-        if verdict.censored
-        else "{quantity}: {mean} on average over the runs"
+def _rest(summary: Summary) -> str:
+    left = sum(entry.state == "not violated" for entry in summary.ranking)
+    return (
+        f"{counted(left, 'more scenario')} {'was' if left == 1 else 'were'} not violated in the search." if left else ""
     )
-    text += " ({direction}{limit})." + (" The worst run measures {worst}." if single else "")
-    measured = said(
-        text,
-        quantity=name[:1].upper() + name[1:],
-        late=of_runs(f"{verdict.censored} of {counted(verdict.runs, 'run')}", facts.not_arrived),
-        median=f"the median is {number(verdict.median, unit)}" if verdict.median is not None else "so is the median",
-        mean=of_runs(number(verdict.mean, unit), facts.runs),
-        direction=direction(requirement),
-        limit=f"; the limit is {number(limit, unit)}" if limit is not None else "",
-        worst=Piece(number(worst.measurement.objective, unit), (worst.id,), worst.decisive_s) if worst else "",
-    )
-    share = share_in_words(verdict)
-    if not share:
-        return [measured]
-    bad = facts.violating
-    often = of_runs(f"{len(bad)} of {counted(len(facts.runs), kind)}", bad or facts.runs)
-    return [said("{name} is violated in {often}: {share}.", name=requirement.name, often=often, share=share), measured]
-
-
-DECIDES: dict[Why, str] = {
-    "limit": "The limit is first passed",
-    "worst": "The worst value is reached",
-    "time": "The robot loses most time",
-    "share": "The momentary value is worst",
-    "closest": "Robot and people are closest",
-}
-
-
-def _where(facts: AttemptFacts) -> list[Pieces]:
-    """Return where and when the violating runs are decided, or all of them, and who is near then."""
-    runs = facts.violating or facts.runs
-    if not runs:
-        return []
-    why = Counter(run.decisive_why for run in runs).most_common(1)[0][0]
-    if why == "closest" and not any(run.run.human_names for run in runs):
-        return []
-    told = [run for run in runs if run.decisive_why == why]
-    many = "" if len(told) == len(runs) else f" in {len(told)} of {counted(len(runs), 'run')}"
-    when = span_of([run.decisive_s for run in told])
-    who = Counter(run.decisive_with for run in told if run.decisive_with).most_common(1)
-    far = [run for run in told if not run.decisive_with]
-    text = "{decides}{many} near {places}, {when}"
-    if who:
-        text += "; the nearest person then is {who}" + ("; in {far} nobody is within {reach}" if far else "")
-    elif any(run.run.human_names for run in told):
-        text += "; nobody is within {reach} of the robot then"
-    name, count = who[0] if who else ("", 0)
-    return [
-        said(
-            text + ".",
-            decides=DECIDES[why],
-            many=many,
-            places=_near(told),
-            when=when,
-            who=of_runs(
-                f"{name} in {count} of {counted(len(told), 'run')}", [r for r in told if r.decisive_with == name]
-            ),
-            far=of_runs(str(len(far)), far),
-            reach=f"{INVOLVED_M:g} m",
-        )
-    ]
-
-
-def _near(runs: Sequence[RunFacts]) -> str:
-    """Return where the robot is at the decisive moments: the one or two most frequent places, and the waypoints."""
-    places = [place for place, _ in Counter(run.decisive_near for run in runs).most_common(2)]
-    waypoints = [name for name, _ in Counter(run.decisive_at.waypoint for run in runs).most_common(2) if name]
-    if places == waypoints or not waypoints:
-        return " and ".join(places)
-    return f"{' and '.join(places)} (waypoint{'s' if len(waypoints) > 1 else ''} {' and '.join(waypoints)})"
-
-
-CAUSED = {
-    "yes": ("bad", "caused by the people", "The people cause it."),
-    "no": ("warn", "recurs without people", "It recurs without people, so this is not a finding about people."),
-    "open": ("quiet", "cause open", "These runs do not show whether the people cause it."),
-}
-CAUSE_WORDS = {"yes": "yes", "no": "no, recurs without", "open": "open", "not violated": "–"}
-"""Whether the people cause a violation, in the tables of findings."""
-
-
-def _why(plan: Plan, cause: Cause) -> tuple[list[Badge], list[Pieces]]:
-    """Return whether it was the people: the same seeds without them, and without each of them."""
-    finding, nobody = cause.finding, cause.nobody
-    difference, interval = finding.difference, finding.difference_interval
-    if finding.about_people == "not violated":
-        return [], []
-    tone, badge, caused = CAUSED[finding.about_people]
-    if finding.also_alone:
-        caused = "It also happens without people, and these runs do not show whether people make it happen more often."
-    if nobody is None or difference is None or interval is None:
-        return [Badge(tone=tone, text=badge)], [said("{caused}", caused=caused)]
-    if all(run.measurement.objective is None for run in nobody.runs):
-        text = "Without people, {name} measures nothing: it is about the people themselves."
-    else:
-        text = "{caused} On the same seeds without people, the robot violates {name} in {alone} ({difference})."
-    sentence = said(
-        text,
-        caused=caused,
-        name=plan.requirement.name,
-        alone=of_runs(
-            f"{len(nobody.violating)} of {counted(len(nobody.runs), 'run')}", nobody.violating or nobody.runs
-        ),
-        difference=difference_in_words(difference, interval, finding.verdict.confidence),
-    )
-    for pair in cause.each:
-        sentence += said(
-            " Without {who} it is violated in {often} (with everybody in {before}).",
-            who=pair.without,
-            often=of_runs(f"{len(pair.violating)} of {counted(len(pair.runs), 'run')}", pair.runs),
-            before=str(sum(run.violated for run in pair.before)),
-        )
-    return [Badge(tone=tone, text=badge, runs=ids_of(nobody.runs))], [sentence]

@@ -15,11 +15,10 @@ from rvsg.campaign.attempt import Measurement
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.evaluation.verdict import number, outcome_in_words
-from rvsg.report.answer import quantity
-from rvsg.report.page import still_times
 from rvsg.report.replay_data import people_colours
 from rvsg.report.run_facts import RunFacts, footprint_of, row_at, run_facts
 from rvsg.report.stills import nearest_in_words
+from rvsg.report.words import quantity, shown_at
 from rvsg.robots.robot import Robot
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
@@ -64,6 +63,24 @@ def shot_of_run(run: Run, measured: Measurement, requirement: Requirement, world
         moments=still_times(facts),
         judged=lambda t_s: _judged(facts, requirement, t_s),
     )
+
+
+STILLS = 4
+APART_S = 0.8
+"""Moments closer together than this look alike."""
+
+
+def still_times(run: RunFacts) -> list[float]:
+    """Return up to four moments worth a picture, in order: the decisive one, the closest, a contact, the end."""
+    t = run.run.trajectory.t
+    end = float(t[-1])
+    contact = [event.time_s for event in run.contacts[:1]]
+    wanted = [run.decisive_s, *contact, run.closest_s, end, end / 2, end / 4]
+    found: list[float] = []
+    for time in wanted:
+        if len(found) < STILLS and all(abs(time - other) >= APART_S for other in found):
+            found.append(float(shown_at(float(time))))
+    return sorted(found)
 
 
 def _judged(facts: RunFacts, requirement: Requirement, t_s: float) -> str:

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -19,18 +20,17 @@ from markupsafe import escape
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.attempt import Plan
 from rvsg.campaign.exploration import Coverage
-from rvsg.campaign.findings import Finding
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.core.outputs import check_writable
-from rvsg.evaluation.verdict import Status, counted, number, still_open, value_in_words, violated
-from rvsg.report.answer import CAUSE_WORDS, headline, robot_words
+from rvsg.evaluation.verdict import counted, number
+from rvsg.report.answer import Answer, Row
 from rvsg.report.renderer import render
-from rvsg.report.run_facts import run_facts
 from rvsg.report.stills import Turn, pin_radius, plan_markup, spread
-from rvsg.report.summary import Summary, in_short
+from rvsg.report.summary import Summary
+from rvsg.report.words import robot_words
 from rvsg.simulation.run import Run
 from rvsg.world.drawing import png_bytes
 from rvsg.world.drawing.floor_plan import draw_plan
@@ -39,62 +39,36 @@ from rvsg.world.drawing.svg import floor_plan
 from rvsg.world.passages import line_of
 from rvsg.world.world import World
 
-Reported = tuple[str, Plan, Summary]
+Reported = tuple[str, Plan, Summary, Answer]
 """Where the report of a campaign is, seen from the overview's folder, and what it is of."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pin:
-    """A finding and where it happens: the robot's position (m) at the decisive moment of its worst run."""
+    """A failure and where it happens: the robot's position (m) at the moment that its row shows."""
 
     link: str
     """The report, seen from the overview's folder."""
-    address: str
-    """The part of the report's address that opens that moment."""
-    name: str
+    campaign: str
     x: float
     y: float
     world: World
-    row: Mapping[str, str]
-    """What the table of findings says of it."""
+    row: Row
+
+    @property
+    def address(self) -> str:
+        """The report, with the part of its address that opens that moment."""
+        return f"{quote(self.link)}#run={self.row.run}&t={self.row.moment_s:.1f}"
 
 
-def pins_of(
-    link: str,
-    plan: Plan,
-    attempts: Sequence[Attempt],
-    found: Sequence[Finding],
-    world: World,
-    run_of: Callable[[str], Run],
-) -> list[Pin]:
-    """Return a pin for every finding of a campaign that violates its requirement, the worst first."""
-    by_index = {attempt.index: attempt for attempt in attempts}
-    return [_pin(link, plan, by_index[each.confirmation], each, world, run_of) for each in found if each.violated]
-
-
-def _pin(
-    link: str, plan: Plan, confirmation: Attempt, finding: Finding, world: World, run_of: Callable[[str], Run]
-) -> Pin:
-    valued = [(plan.requirement.badness(m.objective), m) for m in confirmation.measurements if m.objective is not None]
-    worst = max(valued, key=lambda pair: pair[0])[1]
-    facts = run_facts(run_of(worst.run_id), worst, plan.requirement, world, confirmation.proposal.scenario)
-    verdict, scenario = finding.verdict, finding.scenario + 1
-    campaign = f"{plan.mission.route.name}, {plan.requirement.name}"
-    row = {
-        "campaign": campaign,
-        "scenario": f"{scenario}. {finding.description}",
-        "happens": finding.failure.words if finding.failure else "",
-        "where": facts.decisive_near,
-        "chip": "violated" if still_open(verdict) else verdict.status.value,
-        "violated": f"{verdict.violations} of {verdict.runs}",
-        "contacts": f"{finding.contacts.runs} of {finding.contacts.of}",
-        "people": CAUSE_WORDS[finding.about_people],
-    }
-    address = f"#run={worst.run_id}&t={facts.decisive_s:.1f}"
-    name = f"{campaign}, scenario {scenario}"
-    return Pin(
-        link=link, address=address, name=name, x=facts.decisive_at.x, y=facts.decisive_at.y, world=world, row=row
-    )
+def pins_of(link: str, plan: Plan, answer: Answer, world: World, run_of: Callable[[str], Run]) -> list[Pin]:
+    """Return a pin for every failure of a campaign, the most severe first."""
+    campaign, found = f"{plan.mission.route.name}, {plan.requirement.name}", []
+    for row in answer.failures:
+        path = run_of(row.run).trajectory
+        k = min(int(np.searchsorted(path.t, row.moment_s - 1e-9)), len(path) - 1)
+        found.append(Pin(link=link, campaign=campaign, x=float(path.x[k]), y=float(path.y[k]), world=world, row=row))
+    return found
 
 
 def write_overview(path: Path, reported: Sequence[Reported], **how: Any) -> None:
@@ -116,7 +90,7 @@ def render_overview(
         missing: How many more have not begun.
         pins: Where the findings happen; the page has a map for each of their worlds.
     """
-    missions = [plan.mission for _, plan, _ in reported]
+    missions = [plan.mission for _, plan, *_ in reported]
     return render(
         "overview.html",
         title=f"{counted(len(reported), 'campaign')} in {' and '.join(_worlds(reported))}",
@@ -126,7 +100,7 @@ def render_overview(
         tiles=_tiles(reported),
         matrix=_matrix(reported),
         maps=_maps(pins),
-        findings=[{**pin.row, "world": pin.world.title, "link": quote(pin.link) + pin.address} for pin in pins],
+        pins=pins,
         rows=[_row(*each) | {"world": Path(each[1].mission.world).name} for each in reported],
         several=len(_worlds(reported)) > 1,
         command=escape(command),
@@ -134,39 +108,22 @@ def render_overview(
 
 
 def _worlds(reported: Sequence[Reported]) -> list[str]:
-    return list(dict.fromkeys(Path(plan.mission.world).name for _, plan, _ in reported))
+    return list(dict.fromkeys(Path(plan.mission.world).name for _, plan, *_ in reported))
 
 
 def _matrix(reported: Sequence[Reported]) -> dict[str, Any]:
     """Return routes by requirements: what each campaign found, with its badges."""
     several = len(_worlds(reported)) > 1
-    requirements = list(dict.fromkeys(plan.requirement.name for _, plan, _ in reported))
+    requirements = list(dict.fromkeys(plan.requirement.name for _, plan, *_ in reported))
     cells: dict[str, dict[str, list[dict[str, Any]]]] = {}
-    for link, plan, summary in reported:
+    for link, plan, _, answer in reported:
         mission = plan.mission
         route = f"{Path(mission.world).name}, {mission.route.name}" if several else mission.route.name
-        cells.setdefault(route, {}).setdefault(plan.requirement.name, []).append(_cell(link, plan, summary))
+        cells.setdefault(route, {}).setdefault(plan.requirement.name, []).append(
+            {"link": quote(link), "answer": answer}
+        )
     rows = [{"route": route, "cells": [found.get(name, []) for name in requirements]} for route, found in cells.items()]
     return {"requirements": requirements, "rows": rows}
-
-
-def _cell(link: str, plan: Plan, summary: Summary) -> dict[str, Any]:
-    confirmed = summary.confirmed
-    verdict = confirmed.verdict if confirmed else None
-    often = verdict.violation_probability if verdict else None
-    badges = []
-    if (safety := summary.seen) is not None:
-        if safety.contacts.runs:
-            badges.append({"tone": "bad", "text": f"contact {safety.contacts.runs}/{safety.contacts.of}"})
-        if safety.arrived.runs < safety.arrived.of:
-            late = safety.arrived.of - safety.arrived.runs
-            badges.append({"tone": "bad", "text": f"late {late}/{safety.arrived.of}"})
-    return {
-        **headline(plan, summary),
-        "link": quote(link),
-        "often": f"{often:.0%}" if often is not None else "",
-        "badges": badges,
-    }
 
 
 def _maps(pins: Sequence[Pin]) -> list[dict[str, Any]]:
@@ -189,8 +146,8 @@ def _map(id_: str, world: World, pins: Sequence[tuple[int, Pin]]) -> dict[str, A
     marks = [
         {
             "number": number_,
-            "name": pin.name,
-            "link": quote(pin.link) + pin.address,
+            "name": f"{pin.campaign}: {pin.row.number} {pin.row.name}",
+            "link": pin.address,
             "x": f"{px:.2f}",
             "y": f"{py:.2f}",
             "from": f"{x:.2f} {y:.2f}" if (px, py) != (x, y) else "",
@@ -207,69 +164,51 @@ def _map(id_: str, world: World, pins: Sequence[tuple[int, Pin]]) -> dict[str, A
     }
 
 
-def _ends(reported: Sequence[Reported]) -> tuple[int, int]:
-    """Return how many campaigns ended with a violation in confirmation runs, and how many with none."""
-    confirmed = [summary.confirmed for *_, summary in reported if summary.confirmed]
-    verdicts = [attempt.verdict for attempt in confirmed if attempt.verdict]
-    return sum(map(violated, verdicts)), sum(verdict.status is Status.PASS for verdict in verdicts)
+def _ends(reported: Sequence[Reported]) -> Counter[str]:
+    """Return how many campaigns violate their requirement, and how many do not, with and without contact."""
+    return Counter("warn" if a.violated == "no" and a.tone == "warn" else a.violated for *_, a in reported)
 
 
 def _headline(reported: Sequence[Reported]) -> dict[str, str]:
-    bad, good = _ends(reported)
-    campaigns = counted(len(reported), "campaign")
-    if bad:
-        text = f"In {bad} of {campaigns} the worst scenario found violates its requirement."
+    ends, campaigns = _ends(reported), counted(len(reported), "campaign")
+    if ends["yes"]:
+        text = f"In {ends['yes']} of {campaigns} a confirmed scenario violates its requirement."
         return {"tone": "bad", "chip": "violated", "text": text}
-    if good == len(reported):
-        text = f"In {campaigns} no worst scenario found violates its requirement."
-        return {"tone": "good", "chip": "kept", "text": text}
-    return {"tone": "quiet", "chip": "not decided", "text": f"{good} of {campaigns} passed; no other is decided."}
+    if ends["no"] == len(reported):
+        text = f"In {campaigns} no confirmed scenario violates its requirement."
+        return {"tone": "good", "chip": "not violated", "text": text}
+    text = f"{ends['no'] + ends['warn']} of {campaigns} not violated, {ends['warn']} of them with contact."
+    return {
+        "tone": "warn" if ends["warn"] else "quiet",
+        "chip": "not violated" if ends["warn"] else "open",
+        "text": text,
+    }
 
 
 def _tiles(reported: Sequence[Reported]) -> list[dict[str, str]]:
-    bad, good = _ends(reported)
-    accounts = [summary.accounting for *_, summary in reported]
+    ends, accounts = _ends(reported), [summary.accounting for _, _, summary, _ in reported]
     search, fresh = sum(a.search_runs for a in accounts), sum(a.confirmation_runs for a in accounts)
-    rest = len(reported) - bad - good
     tiles = (
-        ("Requirement violated", bad, "always (FAIL), sometimes (FLAKY), or which is open"),
-        ("Requirement kept", good, "by the worst scenario found (PASS)"),
-        ("Not decided", rest, "too few confirmation runs, or no limit"),
+        ("Violated", ends["yes"], "always, sometimes, or how often is open"),
+        ("Not violated", ends["no"] + ends["warn"], f"{ends['warn']} of them with contact"),
+        ("Open", ends["open"] + ends["no limit"], "too few confirmation runs, or no limit"),
         ("Simulated runs", search + fresh, f"{search} to search, {fresh} to confirm"),
     )
     return [{"name": name, "value": str(value), "note": note} for name, value, note in tiles]
 
 
-def _row(link: str, plan: Plan, summary: Summary) -> dict[str, str]:
-    """Return the row of a campaign: its worst scenario's confirmation runs, else its search runs."""
+def _row(link: str, plan: Plan, summary: Summary, answer: Answer) -> dict[str, Any]:
+    """Return the row of a campaign: its most severe configuration."""
     requirement, account = plan.requirement, summary.accounting
     limit, worse = requirement.threshold, requirement.worse
-    confirmed = summary.confirmed.verdict if summary.confirmed else None
-    verdict = confirmed or (summary.ranking[0].verdict if summary.ranking else None)
-    violated = "–"
-    if verdict and verdict.violation_probability is not None and verdict.violation_interval is not None:
-        low, high = verdict.violation_interval
-        violated = f"{verdict.violation_probability:.0%} [{low:.0%}, {high:.0%}]"
     return {
         "link": quote(link),
         "route": plan.mission.route.name,
-        "requirement": requirement.name,
-        "title": requirement.title,
-        "description": _described(summary),
-        "violated": violated,
-        "value": value_in_words(verdict, requirement.unit) if verdict else "–",
+        "answer": answer,
+        "first": answer.rows[0] if answer.rows else None,
         "limit": "–" if limit is None else f"{'≥' if worse == 'smaller' else '≤'} {number(limit, requirement.unit)}",
         "runs": f"{account.search_runs} + {account.confirmation_runs}",
-        **headline(plan, summary),
     }
-
-
-def _described(summary: Summary) -> str:
-    """Return the scenario that a row of the table is about: the confirmed one, else the first in the ranking."""
-    scenario = summary.confirmed.proposal.scenario if summary.confirmed else None
-    if scenario is not None:
-        return scenario.description or in_short(scenario)
-    return summary.ranking[0].description if summary.ranking else ""
 
 
 Floats = NDArray[np.float64]

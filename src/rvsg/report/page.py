@@ -16,7 +16,7 @@ from markupsafe import Markup, escape
 
 from rvsg.campaign.attempt import BY_HAND, Attempt, Plan
 from rvsg.campaign.feedback import MapCell, failure_map, separable
-from rvsg.campaign.findings import distinct_failures, findings
+from rvsg.campaign.findings import findings
 from rvsg.campaign.observation import met
 from rvsg.campaign.ranking import rule
 from rvsg.campaign.run_set import Judgement, RunSet
@@ -24,37 +24,30 @@ from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.core.outputs import check_writable
 from rvsg.core.records import Pose
-from rvsg.evaluation.verdict import Verdict, counted, how_sure, number, outcome_in_words, why_ended
+from rvsg.evaluation.verdict import Verdict, counted, how_sure, number, why_ended
 from rvsg.generation.people_sampler import added
 from rvsg.generation.vlm.recording import Recording
-from rvsg.report.answer import (
-    answer,
-    answer_of_runs,
-    direction,
-    quantity,
-    robot_words,
-    shown_at,
-    under_test,
-    untimed,
-)
+from rvsg.report.answer import answer_of, answer_of_runs
 from rvsg.report.charts import confirmation_chart, search_chart
 from rvsg.report.page_contents import (
     Shown,
-    finding_rows,
+    at,
     group_label,
     in_order,
     look_of,
     manner,
-    people_rows,
     run_rows,
     run_rows_of,
+    scenario_rows,
+    tasks_of,
     thinking,
 )
 from rvsg.report.renderer import component, render, script_safe
 from rvsg.report.replay_data import ReplayGroup, replay_payload
-from rvsg.report.run_facts import AttemptFacts, RunFacts, facts_of, row_at, run_facts
-from rvsg.report.stills import frame, narrow_names, nearest_in_words, overview, plan_markup
+from rvsg.report.run_facts import AttemptFacts, RunFacts, facts_of, run_facts
+from rvsg.report.stills import frame, plan_markup
 from rvsg.report.summary import Summary, summarise, tried_of
+from rvsg.report.words import direction, quantity, robot_words, under_test, untimed
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.scenario.world_lookup import as_world, world_of
@@ -78,10 +71,11 @@ def data_of(
         groups.append(
             ReplayGroup(
                 id=str(facts.attempt.index),
-                label=f"{group_label(facts)[:1].upper()}{group_label(facts)[1:]} ({counted(len(facts.runs), 'run')})",
+                label=f"{group_label(facts)} ({counted(len(facts.runs), 'run')})",
                 purpose=facts.attempt.purpose,
                 status=facts.attempt.verdict.status.value if facts.attempt.verdict else "",
                 manners={human.name: manner(human) for human in scenario.people.humans} if scenario else {},
+                tasks={human.name: tasks_of(human) for human in scenario.people.humans} if scenario else {},
                 runs=tuple(sorted(facts.runs, key=worst_first)),
                 moved=tuple(thing.footprint for thing in added(mission, scenario.mission)) if scenario else (),
             )
@@ -89,78 +83,20 @@ def data_of(
     return replay_payload(groups, mission=mission, requirement=requirement, world=world, matrix=floor.matrix)
 
 
-STILLS = 4
-APART_S = 0.8
-"""Moments closer together than this look alike."""
+MOST_CARDS = 6
+"""Failures that the page shows as cards at once; more of them wait in a fold."""
 
 
-def what_happens(shown: Shown, subject: AttemptFacts) -> dict[str, Any] | None:
-    """Tell what happens in the run that represents the finding: sentences, an overview and frames."""
-    run, which = _shown_run(shown, subject)
-    if run is None:
-        return None
-    look = look_of(shown, subject)
-    times = still_times(run)
-    label = f"Way of the robot and of the people it meets, seed {run.run.seed}"
-    return {
-        "run": run,
-        "which": which,
-        "story": [
-            {"t": sentence.time_s, "text": untimed(sentence), "address": f"#run={run.id}&t={shown_at(sentence.time_s)}"}
-            for sentence in run.story
-        ],
-        "overview": Markup(overview(run.run, times, look, label, narrow_names(shown.floor))),  # noqa: S704
-        "frames": [
-            {
-                "number": place,
-                "t": t,
-                "address": f"#run={run.id}&t={t:.1f}",
-                "caption": caption(run, t),
-                "svg": Markup(frame(run.run, t, look, caption(run, t))),  # noqa: S704
-            }
-            for place, t in enumerate(times, 1)
-        ],
-        "description": subject.attempt.proposal.scenario.description if subject.attempt.proposal.scenario else "",
-    }
-
-
-def _shown_run(shown: Shown, subject: AttemptFacts) -> tuple[RunFacts | None, str]:
-    """Return the run that is told, and which one it is: the worst, or where none violates one with a contact."""
-    kind = "confirmation run" if subject.attempt.purpose == "confirmation" else "search run"
-    if not shown.summary.ranking and shown.summary.confirmed is None:
-        kind = "run"  # of no campaign
-    touched = [run for run in subject.runs if run.contacts]
-    if touched and not subject.violating:
-        run = max(touched, key=lambda each: max(contact.duration_s for contact in each.contacts))
-        return run, f"the {kind} with the longest contact, seed {run.run.seed}"
-    worst = subject.worst(shown.plan.requirement) or (subject.runs[0] if subject.runs else None)
-    return worst, f"the worst {kind}, seed {worst.run.seed}" if worst is not None else ""
-
-
-def still_times(run: RunFacts) -> list[float]:
-    """Return up to four moments worth a picture, in order: the decisive one, the closest, a contact, the end."""
-    t = run.run.trajectory.t
-    end = float(t[-1])
-    contact = [event.time_s for event in run.contacts[:1]]
-    wanted = [run.decisive_s, *contact, run.closest_s, end, end / 2, end / 4]
-    found: list[float] = []
-    for time in wanted:
-        if len(found) < STILLS and all(abs(time - other) >= APART_S for other in found):
-            found.append(float(shown_at(float(time))))
-    return sorted(found)
-
-
-def caption(run: RunFacts, t_s: float) -> str:
-    """Return what a frame shows, in words."""
-    path = run.run.trajectory
-    row = row_at(run.run, t_s)
-    speed = round(float(path.signed_speed[row]), 1) + 0.0  # no "-0.0"
-    text = f"robot at {speed:.1f} m/s"
-    if run.run.human_names:
-        text += f", {nearest_in_words(run.run, t_s, '{who} is {gap} away')}"
-    if row == len(path) - 1:
-        text += f"; {outcome_in_words(run.run.outcome)}"
-    return text
+def failure_cards(shown: Shown) -> list[dict[str, Any]]:
+    """Return a card for every failure, else for the most severe scenario: row, picture of the moment, and story."""
+    runs = {run.id: (run, facts) for facts in shown.facts for run in facts.runs}
+    found = []
+    for row in shown.answer.failures or shown.answer.rows[:1]:
+        run, facts = runs[row.run]
+        svg = frame(run.run, row.moment_s, look_of(shown, facts), row.name)
+        story = [{"t": each.time_s, "text": untimed(each), "address": at(run.id, each.time_s)} for each in run.story]
+        found.append({"row": row, "svg": Markup(svg), "address": at(run.id, row.moment_s), "story": story})  # noqa: S704
+    return found
 
 
 def broken(cells: Sequence[MapCell]) -> dict[str, Any]:
@@ -173,7 +109,6 @@ def broken(cells: Sequence[MapCell]) -> dict[str, Any]:
     return {"places": places, "rows": [(kind, [worst.get((kind, place)) for place in places]) for kind in kinds]}
 
 
-SHOWN_TASKS = 4
 ALIKE = 0.01
 """Means that differ by less than this share of their size are told as alike."""
 
@@ -190,6 +125,7 @@ def render_page(
     traces: Sequence[Mapping[str, Any]] = (),
     recording: Recording | None = None,
     replayed: bool = False,
+    **beside: Any,
 ) -> str:
     """Return the page of a campaign, finished or not.
 
@@ -200,45 +136,43 @@ def render_page(
         traces: Traces of runs of the campaign, as `trace_view` makes them; the replay shows them.
         recording: The calls of a model, where they are kept.
         replayed: Whether the model answered earlier, in another campaign.
+        beside: What the answer takes besides the attempts, as `answer_of` names it.
     """
     run_of = cache(run_of)  # facts, findings and the table of encounters ask for the same runs
+    summary, found = summarise(plan, attempts), findings(plan, attempts, run_of=run_of, world=world)
     shown = Shown(
         plan=plan,
         world=world,
         attempts=attempts,
-        summary=summarise(plan, attempts),
+        summary=summary,
         facts=facts_of(attempts, plan.requirement, world, run_of),
-        findings=findings(plan, attempts, run_of=run_of, world=world),
+        findings=found,
         floor=floor_plan(world, tooltips=False),
+        answer=answer_of(plan, attempts, summary, found, world=world, run_of=run_of, **beside),
     )
-    requirement, subject = plan.requirement, shown.subject
-    confirmed, candidate = shown.summary.confirmed, shown.candidate
+    requirement = plan.requirement
+    confirmed, candidate = summary.confirmed, shown.candidate
     final = confirmed.verdict if confirmed is not None else None
     drawn = candidate is not None and confirmed is not None and final is not None and final.objectives
     return render(
         "page.html",
-        **_shared(shown, subject, in_order(shown)),
+        **_shared(shown, in_order(shown)),
         plan=plan,
-        robot=robot_words(plan.mission),
-        quantity=quantity(requirement),
-        direction=direction(requirement),
         limit=number(requirement.threshold, requirement.unit) if requirement.threshold is not None else "",
-        summary=shown.summary,
-        answer=answer(plan, shown.summary, shown.confirmed, shown.searched, shown.cause, shown.others),
+        summary=summary,
         sure=how_sure(final) if final is not None else "",
         ended=why_ended(final) if final is not None else "",
-        curse=_curse(plan, shown.summary, candidate.verdict if candidate else None),
+        curse=_curse(plan, summary, candidate.verdict if candidate else None),
         confirmation_svg=confirmation_chart(plan, candidate, confirmed) if candidate and confirmed and drawn else "",
-        rows=finding_rows(shown),
-        failures=distinct_failures(shown.findings),
+        scenarios=scenario_rows(shown),
+        evidence=[(finding, shown.answer.row(finding.confirmation)) for finding in found],
         broken=broken(failure_map(attempts, requirement, run_of=run_of, world=world)),
         met=met,
         tried_of=tried_of,
         rule=rule(requirement),
         search_svg=search_chart(plan, attempts),
         replayed=replayed,
-        thoughts=thinking(shown, recording) if subject else [],
-        runs=run_rows(shown),
+        thoughts=thinking(shown, recording) if shown.subject else [],
         command=escape(command),
         simulator=simulator,
         stack=under_test(run.run for facts in shown.facts for run in facts.runs),
@@ -248,22 +182,26 @@ def render_page(
     )
 
 
-def _shared(
-    shown: Shown, subject: AttemptFacts | None, replayed: Sequence[AttemptFacts], *, label: str = ""
-) -> dict[str, Any]:
+def _shared(shown: Shown, replayed: Sequence[AttemptFacts], *, label: str = "") -> dict[str, Any]:
     """Return what the pages of campaigns and of runs both show; `label` names runs that belong to no campaign."""
-    plan, world, floor = shown.plan, shown.world, shown.floor
+    plan, world, floor, answer = shown.plan, shown.world, shown.floor, shown.answer
     data = data_of(replayed, mission=plan.mission, requirement=plan.requirement, world=world, floor=floor)
     if label:
         data["groups"][0] |= {"label": label, "purpose": "given"}
+    first = answer.rows[0] if answer.rows else None
     return {
+        "answer": answer,
+        "cards": failure_cards(shown),
+        "most_cards": MOST_CARDS,
         "requirement": plan.requirement,
+        "quantity": quantity(plan.requirement),
+        "direction": direction(plan.requirement),
+        "robot": robot_words(plan.mission),
         "place": f"{world.title}, {plan.mission.route.name}",
-        "happened": what_happens(shown, subject) if subject else None,
-        "people": people_rows(subject) if subject else [],
-        "shown_tasks": SHOWN_TASKS,
         "doors": plan.mission.doors,
-        "replay": script_safe(data) if subject else None,
+        "opens": {"run": first.run, "t": first.moment_s} if first else {},
+        "replay": script_safe(data) if data["groups"] else None,
+        "runs": run_rows(shown) if not label else run_rows_of(replayed[0], plan.requirement.unit),
         "component": Markup(component()),  # noqa: S704 - our own files
         **plan_markup(world, floor),
     }
@@ -330,20 +268,23 @@ def write_runs_page(
     told = tuple(run_facts(run, m, requirement, where, scenario) for run, m in zip(runs, measurements, strict=True))
     facts = AttemptFacts(attempt=attempt, runs=told)
     plan = Plan(name=BY_HAND, mission=mission, requirement=requirement)
-    floor = floor_plan(where, tooltips=False)
+    by_id = {run.id: run for run in runs}
     shown = Shown(
-        plan=plan, world=where, attempts=[attempt], summary=summarise(plan, []), facts=[facts], findings=(), floor=floor
+        plan=plan,
+        world=where,
+        attempts=[attempt],
+        summary=summarise(plan, []),
+        facts=[facts],
+        findings=(),
+        floor=floor_plan(where, tooltips=False),
+        answer=answer_of_runs(plan, attempt, world=where, run_of=by_id.__getitem__),
     )
-    label = counted(len(runs), "run")
     text = render(
         "runs.html",
-        **_shared(shown, facts, [facts], label=label),
-        robot=robot_words(mission) if scenario is not None else "",
-        answer=answer_of_runs(plan, facts),
+        **_shared(shown, [facts], label=counted(len(runs), "run")),
         notes=[*notes, *(f"{label}: {text}." for label, text in under_test(runs).rows)],
         traces=(),
         sure=how_sure(verdict),
-        runs=run_rows_of(facts, requirement.unit),
     )
     write_whole(path, text)
 

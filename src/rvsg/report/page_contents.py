@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,24 +9,15 @@ from typing import Any
 from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.findings import Finding
 from rvsg.campaign.ranking import best_attempt, confirmed_candidate, search_attempts
-from rvsg.evaluation.verdict import (
-    OPEN,
-    Status,
-    counted,
-    metres,
-    number,
-    outcome_in_words,
-    percent,
-    still_open,
-    value_in_words,
-)
+from rvsg.evaluation.verdict import counted, metres, number, outcome_in_words, percent, value_in_words
 from rvsg.generation.generator import Call
 from rvsg.generation.vlm.recording import RecordedCall, Recording
-from rvsg.report.answer import CAUSE_WORDS, tone_of
+from rvsg.report.answer import Answer
 from rvsg.report.replay_data import distinct_colours, people_colours
-from rvsg.report.run_facts import AttemptFacts, Cause, cause_of, footprint_of
+from rvsg.report.run_facts import AttemptFacts, footprint_of
 from rvsg.report.stills import Look, Turn
-from rvsg.report.summary import Summary, in_short
+from rvsg.report.summary import Summary, configuration_number, in_short
+from rvsg.report.words import shown_at
 from rvsg.scenario.brief import Feedback
 from rvsg.scenario.scenario import Attention, Behaviour, Human
 from rvsg.world.drawing.svg import FloorPlan
@@ -45,6 +35,7 @@ class Shown:
     facts: Sequence[AttemptFacts]
     findings: Sequence[Finding]
     floor: FloorPlan
+    answer: Answer
 
     @property
     def confirmed(self) -> AttemptFacts | None:
@@ -57,24 +48,6 @@ class Shown:
         """The configuration of the search that the first finding confirms."""
         confirmed = self.summary.confirmed
         return confirmed_candidate(confirmed, self.attempts) if confirmed is not None else None
-
-    @property
-    def cause(self) -> Cause | None:
-        """Return whether the people cause the finding; None before a confirmation."""
-        confirmed = self.confirmed
-        found = [f for f in self.findings if confirmed is not None and f.confirmation == confirmed.attempt.index]
-        return cause_of(found[0], confirmed, self.facts) if found and confirmed is not None else None
-
-    @property
-    def searched(self) -> list[AttemptFacts]:
-        """The configurations of the search that were simulated."""
-        return [f for f in self.facts if f.attempt.purpose == "search"]
-
-    @property
-    def others(self) -> list[AttemptFacts]:
-        """The confirmations of other configurations than that of the first finding."""
-        own = _kind(self.confirmed) if self.confirmed is not None else None
-        return [f for f in self.facts if f.attempt.purpose == "confirmation" and _kind(f) != own]
 
     @property
     def subject(self) -> AttemptFacts | None:
@@ -139,11 +112,11 @@ def _kind(facts: AttemptFacts) -> tuple[str, str]:
 def group_label(facts: AttemptFacts) -> str:
     """Return what a set of runs is called in menus and tables."""
     attempt = facts.attempt
-    brief, verdict = attempt.brief, attempt.verdict
-    scenario = f"scenario {brief.scenario_index + 1}, configuration {brief.configuration_index + 1}"
+    verdict = attempt.verdict
+    scenario = configuration_number(attempt)
     match attempt.purpose:
         case "baseline":
-            return "mission without people"
+            return "Mission without people"
         case "removal":
             return f"{scenario}, without {', '.join(attempt.without)}"
         case "shrinking":
@@ -154,8 +127,6 @@ def group_label(facts: AttemptFacts) -> str:
             return f"{scenario}, search"
 
 
-LIKE = 60
-"""Descriptions that share this many characters from the beginning do not tell scenarios apart."""
 REACTS = {
     Behaviour.REGULAR: "treats the robot as a person (regular)",
     Behaviour.IMPASSIVE: "ignores the robot (impassive)",
@@ -168,26 +139,13 @@ REACTS = {
 LOOKS = {Attention.DISTRACTED: "notices others late (distracted)", Attention.UNSEEING: "does not see others (unseeing)"}
 
 
-def people_rows(subject: AttemptFacts) -> list[dict[str, Any]]:
-    """Return what each person of the scenario is asked to do, with its colour in the replay."""
-    scenario = subject.attempt.proposal.scenario
-    colours = people_colours([each.run for each in subject.runs])
-    return [_tasks(human) | {"colour": colours.get(human.name)} for human in scenario.people.humans] if scenario else []
-
-
-def _tasks(human: Human) -> dict[str, Any]:
-    return {
-        "name": human.name,
-        "manner": manner(human),
-        "tasks": [
-            {
-                "name": task.name,
-                "path": " ".join(task.path),
-                "pauses": [f"stands {number(pause.duration_s, 's')} at {pause.at}" for pause in task.pauses],
-            }
-            for task in human.tasks
-        ],
-    }
+def tasks_of(human: Human) -> list[str]:
+    """Return what a person is asked to do, a line for each task."""
+    return [
+        f"{task.name}: {' '.join(task.path)}"
+        + "".join(f"; stands {number(pause.duration_s, 's')} at {pause.at}" for pause in task.pauses)
+        for task in human.tasks
+    ]
 
 
 def manner(human: Human) -> str:
@@ -202,47 +160,30 @@ def manner(human: Human) -> str:
     return ", ".join(ways)
 
 
-def finding_rows(shown: Shown) -> list[dict[str, Any]]:
-    """Return findings and candidates, the worst first. A confirmed scenario shows its confirmation runs.
+def at(run_id: str, t_s: float | None = None) -> str:
+    """Return the part of the page's address that opens a run, at a time."""
+    return f"#run={run_id}" + (f"&t={shown_at(t_s)}" if t_s is not None else "")
 
-    Where descriptions begin alike, `short` says instead what everybody does first, which tells the scenarios apart.
-    After the scenarios come further configurations that were confirmed.
-    """
+
+def scenario_rows(shown: Shown) -> list[dict[str, Any]]:
+    """Return every scenario and every further confirmed configuration: its row, and what belongs to its fold."""
     attempts = {attempt.index: attempt for attempt in shown.attempts}
     by_index = {each.attempt.index: each for each in shown.facts}
-    confirmations = {_kind(f)[1]: f for f in shown.facts if f.attempt.purpose == "confirmation"}
-    causes = {finding.attempt: CAUSE_WORDS[finding.about_people] for finding in shown.findings}
-    begins = Counter(entry.description[:LIKE] for entry in shown.summary.ranking)
-    alike = max(begins.values(), default=0) > 1
     rows = []
-    for entry in (*shown.summary.ranking, *shown.summary.further):
-        facts = confirmations[entry.scenario_id] if entry.state == "confirmed" else by_index[entry.attempt]
-        attempt, verdict, runs = attempts[entry.attempt], facts.attempt.verdict, len(facts.runs)
+    for row in shown.answer.rows:
+        attempt = attempts[row.attempt]
+        facts = by_index[row.attempt if row.confirmation is None else row.confirmation]
         scenario = attempt.proposal.scenario
-        assert verdict is not None and scenario is not None
-        row = {
-            "rank": entry.rank or "",
-            "scenario": entry.scenario,
-            "configuration": entry.configuration,
-            "configurations": entry.configurations,
-            "description": entry.description,
-            "short": in_short(scenario) if alike else entry.description,
-            "state": entry.state,
-            "attempt": entry.attempt,
-            "objective": value_in_words(verdict, shown.plan.requirement.unit),
-            "violated": "–" if verdict.status is Status.UNJUDGED else f"{verdict.violations} of {verdict.runs}",
-            "status": verdict.status.value,
-            "tone": tone_of(verdict),
-            "means": f"violated; {OPEN}" if still_open(verdict) else "",
-            "cause": causes.get(entry.attempt, "–"),
-            "touched": entry.seen.contacts.runs > 0,
-            "contacts": f"{len(facts.with_contact)} of {runs}",
-            "arrived": f"{runs - len(facts.not_arrived)} of {runs}",
-            "address": "#runs=" + ",".join(run.id for run in facts.runs),
-            "people": [_tasks(human) for human in scenario.people.humans],
-            "repairs": [f"{repair.human}: {repair.what}" for repair in attempt.proposal.repairs],
-        }
-        rows.append(row)
+        assert scenario is not None
+        rows.append(
+            {
+                "row": row,
+                "description": scenario.description or in_short(scenario),
+                "address": "#runs=" + ",".join(run.id for run in facts.runs),
+                "people": [(human.name, manner(human), tasks_of(human)) for human in scenario.people.humans],
+                "repairs": [f"{repair.human}: {repair.what}" for repair in attempt.proposal.repairs],
+            }
+        )
     return rows
 
 
@@ -257,13 +198,14 @@ def run_rows_of(facts: AttemptFacts, unit: str) -> list[dict[str, Any]]:
     return [
         {
             "id": run.id,
-            "address": f"#run={run.id}",
+            "address": at(run.id),
             "seed": run.run.seed,
             "objective": number(run.measurement.objective, unit),
             "violated": run.violated,
             "outcome": outcome_in_words(run.run.outcome),
             "contacts": len(run.contacts),
             "gap": metres(run.closest_m) if run.closest_m is not None else "–",
+            "late": not run.arrived,
         }
         for run in facts.runs
     ]

@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 from rvsg.core.errors import FileError
 from rvsg.core.inputs import parse_json, read_text
 from rvsg.evaluation.sampled import sampled
-from rvsg.evaluation.verdict import outcome_in_words
-from rvsg.report.answer import quantity, untimed
+from rvsg.evaluation.verdict import number, outcome_in_words
 from rvsg.report.renderer import unbroken
 from rvsg.report.run_facts import INVOLVED_M, RunFacts, footprint_of
+from rvsg.report.words import quantity, untimed
 from rvsg.robots.robot import Robot
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
@@ -79,6 +79,8 @@ class ReplayGroup:
     status: str = ""
     moved: tuple[tuple[tuple[float, float], ...], ...] = ()
     manners: dict[str, str] = field(default_factory=dict)
+    tasks: dict[str, list[str]] = field(default_factory=dict)
+    """What each person is asked to do, by name."""
     notes: tuple[str, ...] | None = None
     """What the component shows beside each run. None: whether it holds a contact."""
 
@@ -118,8 +120,9 @@ def replay_payload(
             "unit": requirement.unit,
             "worse": requirement.worse,
             "limit": requirement.threshold,
+            "limitText": number(requirement.threshold, requirement.unit) if requirement.threshold is not None else "",
         },
-        "groups": [_group(group, robot) for group in groups],
+        "groups": [_group(group, robot, requirement.unit) for group in groups],
     }
 
 
@@ -135,7 +138,7 @@ def people_colours(runs: Sequence[Run]) -> dict[str, str | None]:
     return dict.fromkeys(names) | dict(zip(involved, distinct_colours(len(involved)), strict=True))
 
 
-def _group(group: ReplayGroup, robot: Robot | None) -> dict[str, Any]:
+def _group(group: ReplayGroup, robot: Robot | None, unit: str) -> dict[str, Any]:
     runs = [each.run for each in group.runs]
     colours = people_colours(runs)
     names = list(colours)
@@ -154,21 +157,23 @@ def _group(group: ReplayGroup, robot: Robot | None) -> dict[str, Any]:
         },
         "people": [
             {"name": n, "radius": radii[n], "colour": colours[n], "manner": group.manners.get(n, "")}
+            | ({"tasks": group.tasks[n]} if n in group.tasks else {})
             | ({"outline": outlines[n]} if outlines.get(n) else {})
             for n in names
         ],
         **({"moved": [[list(point) for point in outline] for outline in group.moved]} if group.moved else {}),
-        "runs": [_run(each, names, group.notes[k] if group.notes else None) for k, each in enumerate(group.runs)],
+        "runs": [_run(each, names, unit, group.notes[k] if group.notes else None) for k, each in enumerate(group.runs)],
     }
 
 
-def _run(each: RunFacts, names: Sequence[str], note: str | None) -> dict[str, Any]:
+def _run(each: RunFacts, names: Sequence[str], unit: str, note: str | None) -> dict[str, Any]:
     run = each.run
     coded, samples, far, near = _coded(run, names)
     data: dict[str, Any] = {
         "id": run.id,
         "seed": run.seed,
         "objective": each.measurement.objective,
+        "said": number(each.measurement.objective, unit),
         "violated": each.violated,
         "outcome": outcome_in_words(run.outcome),
         "arrived": run.completed,

@@ -231,41 +231,9 @@ def frame(run: Run, t_s: float, look: Look, label: str) -> str:
     return "".join(parts)
 
 
-def overview(run: Run, moments: Sequence[float], look: Look, label: str, names: str) -> str:
-    """Draw the whole plan with the way of the robot and of the people it meets, and numbers at the moments."""
-    path = run.trajectory
-    parts = [
-        f'<svg class="still overview" viewBox="{look.view_box}" role="img" aria-label="{_e(label)}">',
-        '<use href="#rvsg-floor"/>',
-        names,
-        *_trails(run, 0, len(path), look, nearest(run)),
-    ]
-    rows = [row_at(run, t_s) for t_s in moments]
-    points = [look.turn.point(float(path.x[row]), float(path.y[row])) for row in rows]
-    parts += pins(points, [str(number) for number, _ in enumerate(moments, 1)], look.view_box)
-    return "".join([*parts, "</svg>"])
-
-
 def pin_radius(view_box: str) -> float:
     """Return the radius of a numbered pin, in units of the plan: its number can be read on a phone."""
     return max(SMALLEST_PIN_M, 0.75 * SMALLEST_PX * float(view_box.split()[2]) / NARROW_PX)
-
-
-def pins(points: Sequence[tuple[float, float]], texts: Sequence[str], view_box: str) -> list[str]:
-    """Draw pins that do not cover each other; one that had to move has a line to its point."""
-    left, top, width, height = (float(v) for v in view_box.split())
-    radius = pin_radius(view_box)
-    lines, found = [], []
-    for (x, y), (px, py), text in zip(
-        points, spread(points, radius, (left, top, left + width, top + height)), texts, strict=True
-    ):
-        if (px, py) != (x, y):
-            lines.append(f'<path class="leader" d="M{x:.2f} {y:.2f}L{px:.2f} {py:.2f}"/>')
-        found.append(
-            f'<g class="pin" transform="translate({px:.2f} {py:.2f})"><circle r="{radius:.2f}"/>'
-            f'<text font-size="{1.35 * radius:.2f}">{_e(text)}</text></g>'
-        )
-    return lines + found
 
 
 def _kept(value: float, low: float, high: float) -> float:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Literal
+from typing import Annotated, Literal
+
+from pydantic import Field
 
 from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.execution import Accounting, account, runs_of
-from rvsg.campaign.findings import badness, worst_confirmation
+from rvsg.campaign.findings import Severity, severity_of, worst_confirmation
 from rvsg.campaign.ranking import confirmations, confirmed_candidate, ranking, search_attempts
 from rvsg.campaign.suite import CaseResult, State, SuiteResult
 from rvsg.core.records import Record
@@ -39,6 +41,7 @@ class Ranked(Record):
     """
 
     rank: int
+    """From 1, the most severe first; of a further configuration of a scenario 0."""
     scenario: int
     configuration: int
     configurations: int
@@ -51,6 +54,22 @@ class Ranked(Record):
     """Of the confirmation runs where it is confirmed, else of the runs of the search."""
     seen: SafetySummary
     """What these runs show beside the requirement."""
+    severity: Annotated[Severity, Field(exclude=True)]
+
+    @property
+    def number(self) -> str:
+        """Scenario and configuration, from 1, e.g. `3.2`."""
+        return f"{self.scenario + 1}.{self.configuration + 1}"
+
+    @property
+    def place(self) -> tuple[int, Severity]:
+        """Where it stands, larger first: confirmed violations and contacts, candidates, other confirmed ones, the rest.
+
+        What is not confirmed comes later, however severe: the search selected it for being extreme.
+        """
+        bad = violated(self.verdict) or self.seen.contacts.runs > 0
+        confirmed = 3 if bad else 1
+        return {"confirmed": confirmed, "candidate": 2, "not violated": 0}[self.state], self.severity
 
 
 class Summary(Record):
@@ -60,13 +79,13 @@ class Summary(Record):
     complete: bool
     """Whether everything planned is done."""
     ranking: tuple[Ranked, ...]
-    """One entry for each scenario: confirmed violations first, then candidates, then the rest, the worst first."""
+    """One entry for each scenario, as `Ranked.place` orders them."""
     further: tuple[Ranked, ...]
     """Other confirmed configurations of the same scenarios."""
     confirmed: Attempt | None
-    """The confirmation that says most against the robot."""
+    """The most severe confirmation."""
     violated: bool
-    """Whether a confirmation says so (FAIL, FLAKY, or one of the two), or without one any verdict of the search."""
+    """Whether any confirmation says so (FAIL, FLAKY, or one of the two), or without one any verdict of the search."""
     accounting: Accounting
 
     @property
@@ -79,9 +98,9 @@ class Summary(Record):
 
 def summarise(plan: Plan, attempts: Sequence[Attempt]) -> Summary:
     """Sum up the attempts of a campaign."""
-    confirmed = worst_confirmation(attempts)
+    confirmed = worst_confirmation(attempts, plan.requirement)
     ranked, further = _ranked_scenarios(plan, attempts)
-    decided = [confirmed.verdict] if confirmed and confirmed.verdict else [entry.verdict for entry in ranked]
+    decided = [a.verdict for a in confirmations(attempts) if a.verdict] or [entry.verdict for entry in ranked]
     return Summary(
         campaign=plan.name,
         complete=_complete(plan, attempts, ranked),
@@ -108,6 +127,11 @@ def in_short(scenario: Scenario) -> str:
     return "; ".join(f"{human.name}: {human.tasks[0].name}" for human in scenario.people.humans)
 
 
+def configuration_number(attempt: Attempt) -> str:
+    """Return scenario and configuration of an attempt, from 1, e.g. `3.2`."""
+    return f"{attempt.brief.scenario_index + 1}.{attempt.brief.configuration_index + 1}"
+
+
 def tried_of(tried: int, planned: int) -> str:
     """Return how many configurations were tried, of how many; a strategy that plans in runs may try more."""
     return f"{tried} of {planned}" if tried <= planned else str(tried)
@@ -125,23 +149,15 @@ def _ranked_scenarios(plan: Plan, attempts: Sequence[Attempt]) -> tuple[tuple[Ra
     further: list[Ranked] = []
     for best in ranking(attempts, plan.requirement):
         confirmed = by_scenario.get(best.brief.scenario_index, [])
-        confirmed.sort(key=lambda pair: badness(pair[1].verdict), reverse=True)
-        entries = [_ranked(*each, searched) for each in confirmed] or [_ranked(best, None, searched)]
+        entries = [_ranked(*each, searched, plan) for each in confirmed] or [_ranked(best, None, searched, plan)]
+        entries.sort(key=lambda entry: entry.place, reverse=True)
         shown.append(entries[0])
         further += entries[1:]
-    shown.sort(key=_place)
+    shown.sort(key=lambda entry: entry.place, reverse=True)
     return tuple(entry.replace(rank=place) for place, entry in enumerate(shown, 1)), tuple(further)
 
 
-def _place(entry: Ranked) -> tuple[int, float]:
-    """Return where an entry stands in the ranking; entries of the search keep their order."""
-    if entry.state == "confirmed" and violated(entry.verdict):
-        _, always, least = badness(entry.verdict)
-        return (0, -float(always) - least)
-    return ({"candidate": 1, "confirmed": 2, "not violated": 3}[entry.state], 0.0)
-
-
-def _ranked(candidate: Attempt, confirmation: Attempt | None, searched: Sequence[Attempt]) -> Ranked:
+def _ranked(candidate: Attempt, confirmation: Attempt | None, searched: Sequence[Attempt], plan: Plan) -> Ranked:
     scenario, shown = candidate.proposal.scenario, confirmation or candidate
     assert scenario is not None and shown.verdict is not None
     tried = sum(other.brief.scenario_index == candidate.brief.scenario_index for other in searched)
@@ -157,6 +173,7 @@ def _ranked(candidate: Attempt, confirmation: Attempt | None, searched: Sequence
         state=state,
         verdict=shown.verdict,
         seen=summarise_safety([measured.values for measured in shown.measurements]),
+        severity=severity_of(shown, plan.requirement),
     )
 
 

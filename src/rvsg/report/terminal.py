@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
 from rvsg.campaign.exploration import FEWEST, Exploration
-from rvsg.campaign.findings import DistinctFailure, Finding, Removal, rarest_motion, realism_in_words
+from rvsg.campaign.findings import Finding, Removal, rarest_motion, realism_in_words
 from rvsg.campaign.run_set import Judgement
 from rvsg.campaign.suite import CaseResult
 from rvsg.evaluation.verdict import (
@@ -42,7 +42,7 @@ def describe_finding(finding: Finding, requirement: Requirement, *, brief: bool 
     """
     verdict = finding.verdict
     runs = counted(verdict.runs + verdict.undefined, "confirmation run")
-    which = f"Scenario {finding.scenario + 1} (attempt {finding.attempt})"
+    which = f"{finding.number} (attempt {finding.attempt})"
     yield f"{which} in {runs}: {status_in_words(verdict)}; {value_in_words(verdict, requirement.unit)}"
     yield f"  {how_sure(verdict)}.{'' if brief else ' ' + why_ended(verdict)}".rstrip()
     if not brief and (compared := describe_difference(finding)) is not None:
@@ -112,23 +112,6 @@ def describe_spending(spent: Spending) -> str:
     if spent.unpriced:
         return f"{spent.input_tokens} input and {spent.output_tokens} output tokens"
     return f"{spent.cost_usd:.4f} USD"
-
-
-def describe_failure(failure: DistinctFailure) -> Iterator[str]:
-    """Describe a distinct failure: how the robot fails, what each person contributes, and its smallest form."""
-    yield f"{failure.words} (attempt {', '.join(str(index) for index in failure.attempts)})"
-    without = failure.without_people
-    if failure.about_people == "no" and without is not None:
-        many = f"{without.violated} of {counted(without.of, 'run')}"
-        yield f"  It recurs without people, in {many}, so the person named is not the cause."
-    yield from _removals(failure.cause)
-    if (smallest := failure.smallest) is not None:
-        left = f"{smallest.violated} of {counted(smallest.of, 'run')} violate, {smallest.before} as it was"
-        what = "; ".join(smallest.taken_away)
-        if not smallest.holds:
-            yield f"  Not shrunk: what a few runs left of it does not show the failure ({left})."
-        else:
-            yield f"  Shrunk: {what} ({left})." if what else f"  Everything in it matters ({left})."
 
 
 def describe_unusable(calls: Iterable[Call]) -> str | None:

@@ -135,10 +135,15 @@ def stack_in_words(spec: Spec) -> str:
     return f"{stack['name']} {stack.get('version', '')}".strip() + parameters
 
 
+def stack_name(spec: Spec) -> str:
+    """Return the name of the stack under test; empty where the simulator knows none."""
+    stack = spec.options.get("stack", {"name": STUDY_STACK} if spec.name == "embedded" else None)
+    return str(stack.get("name", "")) if isinstance(stack, Mapping) else ""
+
+
 def described(spec: Spec) -> str:
     """Return a simulator in words: its name, the stack under test, and whether its runs can be repeated."""
-    stack = spec.options.get("stack", {"name": STUDY_STACK} if spec.name == "embedded" else None)
-    name = str(stack.get("name", "")) if isinstance(stack, Mapping) else ""
+    name = stack_name(spec)
     known = stack_class(name) if name in stack_names() else None
     repeatable = spec.options.get("repeatable", True) and (known is None or known.repeatable)
     words = f"{spec.name}, stack {name}" if name else spec.name

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.campaign.attempt import Attempt, Measurement
+from rvsg.campaign.drive_alone import campaigns_of
 from rvsg.campaign.ledger import Ledger
 from rvsg.core.errors import InputError
 from rvsg.evaluation.diversity import description_diversity, positions, simulation_diversity, task_diversity
@@ -116,7 +117,7 @@ def gather(*ledgers: Ledger) -> Material:
     material = Material(ledgers)
     baselines: dict[str, dict[str, list[Trial]]] = {}
     for ledger in ledgers:
-        for campaign in ledger.campaigns():
+        for campaign in campaigns_of(ledger):
             for attempt in ledger.attempts(campaign):
                 _place(attempt, material, baselines)
     for requirement, route in material.cells():

@@ -7,7 +7,8 @@
  *
  * `element` receives the controls. `data` is the JSON that rvsg/report/payload.py makes. `map` is an <svg> with the
  * floor plan in it; the component draws over it. Without it, `data.floor` is the plan as SVG text, made by
- * rvsg.report.page.floor_svg. With `address` the shown run and time are kept in location.hash as
+ * rvsg.report.page.floor_svg. `stage` receives the map, its timeline and its controls instead of `element`, and begins
+ * with the map cropped to the encounter; `run` and `t` say what is shown first. With `address` the shown run and time are kept in location.hash as
  * #run=ID&t=SECONDS, and #runs=ID,ID marks several runs. `keys` is where keyboard shortcuts are listened for (default:
  * the element). The component needs the styles of rvsg.report.page.styles() and no global but `rvsgReplay`; a page
  * can hold several.
@@ -222,6 +223,7 @@
     const cache = new Map();
     const state = { group: null, run: null, series: null, t: 0, playing: false, speed: 1, other: null, otherSeries: null, marked: [], token: 0 };
     const show = { grid: false, trails: true, follow: false };
+    let shownBox = null, cropped = !!options.stage;  /* the part of the plan that is shown; whether it follows the choice of a run */
     let updates = [], lastFrame = null, ready = Promise.resolve();
 
     /* layout */
@@ -238,7 +240,7 @@
     const strip = html(stripBox, "div", { class: "rp-strip", role: "radiogroup", "aria-label": "Runs by the value of the requirement" });
     const about = html(element, "p", { class: "rp-about" });
     const body = html(element, "div", { class: "rp-body" });
-    const left = html(body, "div", { class: "rp-left" }), right = html(body, "div", { class: "rp-right" });
+    const left = html(options.stage || body, "div", { class: "rp-left" }), right = html(body, "div", { class: "rp-right" });
     const mapBox = html(left, "div", { class: "rp-map" });
     const map = options.map || planOf(data.floor);
     map.classList.add("map");
@@ -265,12 +267,17 @@
       box.addEventListener("change", function () { show[each[0]] = box.checked; frame(); draw(); });
       switches[each[0]] = box;
     });
+    [["\u2212", "Zoom out", 1.25], ["+", "Zoom in", 0.8]].forEach(function (each) {
+      html(toggles, "button", { type: "button", "aria-label": each[1] }, each[0]).addEventListener("click", function () { zoom(each[2], 0.5, 0.5); });
+    });
+    html(toggles, "button", { type: "button" }, "Fit").addEventListener("click", function () { look(null); });
     const layerSwitches = html(left, "div", { class: "rp-controls rp-layer-switches", role: "group", "aria-label": "Layers" });
-    const tools = html(left, "div", { class: "rp-controls rp-tools" });
+    const tools = html(options.stage ? element : left, "div", { class: "rp-controls rp-tools" });
     const now = html(right, "p", { class: "rp-now" });
     const moments = html(right, "div", { class: "rp-moments" });
     const charts = html(right, "div", { class: "rp-charts" });
-    html(right, "p", { class: "rp-help" }, "Keys: space plays, \u2190 \u2192 step 0.1 s (with Shift 1 s), [ ] choose the run, + \u2212 the speed, d goes to the decisive moment, f follows the robot. Click or drag in a chart to go to a moment.");
+    const tasks = html(right, "div", { class: "rp-tasks" });
+    html(right, "p", { class: "rp-help" }, "Keys: space plays, \u2190 \u2192 step 0.1 s (with Shift 1 s), [ ] choose the run, + \u2212 the speed, d goes to the decisive moment, f follows the robot. Click the map, then the wheel zooms it; drag moves it. Click or drag in a chart to go to a moment.");
 
     /* map */
     function scale() {
@@ -314,14 +321,40 @@
         svg(grid, "text", { x: p[0], y: p[1] }, w[0]);
       });
       grid.style.display = show.grid ? "" : "none";
-      if (!show.follow || !state.series) map.setAttribute("viewBox", whole.join(" "));
+      if (!show.follow || !state.series) map.setAttribute("viewBox", (shownBox || whole).join(" "));
       else {
         const at0 = P(at(state.series.x, state.series, state.t), at(state.series.y, state.series, state.t));
-        const width = Math.min(whole[2], 10), height = Math.min(whole[3], width * whole[3] / whole[2]);
+        const width = Math.min(whole[2], 10), height = Math.min(whole[3], width * (options.stage ? 0.62 : whole[3] / whole[2]));
         map.setAttribute("viewBox", [at0[0] - width / 2, at0[1] - height / 2, width, height].join(" "));
       }
       fit();
     }
+    /** Show a part of the plan; null shows all of it. */
+    function look(box) { shownBox = box; cropped = false; if (show.follow) switches.follow.click(); else { frame(); draw(); } }
+    function zoom(factor, atX, atY) {
+      const b = map.getAttribute("viewBox").split(/[ ,]+/).map(Number), w = clamp(b[2] * factor, 2, whole[2]), h = w * b[3] / b[2];
+      look(w >= whole[2] ? null : [b[0] + (b[2] - w) * atX, b[1] + (b[3] - h) * atY, w, h]);
+    }
+    /** The encounter: the robot and who is nearest to it, with their surroundings. */
+    function encounter(series, t) {
+      const robot = P(at(series.x, series, t), at(series.y, series, t)), h = nearest(series, t);
+      const other = h < 0 ? robot : P(at(series.people[h].x, series, t), at(series.people[h].y, series, t));
+      const w = Math.min(whole[2], Math.max(9, 2.5 * Math.hypot(other[0] - robot[0], other[1] - robot[1]))), high = Math.min(whole[3], w * 0.62);
+      return [clamp((robot[0] + other[0] - w) / 2, whole[0], whole[0] + whole[2] - w), clamp((robot[1] + other[1] - high) / 2, whole[1], whole[1] + whole[3] - high), w, high];
+    }
+    map.setAttribute("tabindex", "0");
+    map.addEventListener("wheel", function (event) {
+      if (document.activeElement !== map && !event.ctrlKey) return;
+      const box = map.getBoundingClientRect();
+      event.preventDefault();
+      zoom(event.deltaY > 0 ? 1.25 : 0.8, (event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height);
+    }, { passive: false, signal: signal });
+    map.addEventListener("pointermove", function (event) {
+      if (!event.buttons || event.pointerType === "touch" || !shownBox) return;
+      const k = scale();
+      look([shownBox[0] - event.movementX / k, shownBox[1] - event.movementY / k, shownBox[2], shownBox[3]]);
+    }, { signal: signal });
+
     /* layers */
     const layers = [];
     function view() {
@@ -537,6 +570,15 @@
       laneCursor = svg(box, "line", { class: "rp-cursor", y1: 0, y2: rows.length * row + 16 });
       laneCursor.place = function (t) { laneCursor.setAttribute("x1", px(t)); laneCursor.setAttribute("x2", px(t)); };
       scrub(box, function (x) { goTo(series.t0 + (x * width / box.clientWidth - x0) / (x1 - x0) * (series.end - series.t0)); });
+      tasks.textContent = "";
+      state.group.people.forEach(function (person) {
+        if (!person.tasks) return;
+        const fold = html(tasks, "details", {}), head = html(fold, "summary", {});
+        html(head, "span", { class: "dot" }).style.background = person.colour || "#8a94a0";
+        head.appendChild(document.createTextNode(person.name + ": " + person.manner + (person.colour ? "" : "; never within 2 m")));
+        const list = html(fold, "ul", { class: "tasks" });
+        person.tasks.forEach(function (task) { html(list, "li", {}, task); });
+      });
       moments.textContent = "";
       if (state.run.moments.length) {
         const list = html(moments, "ol", {});
@@ -571,20 +613,26 @@
         const dot = html(strip, "button", { type: "button", role: "radio", class: "rp-dot" + (run.violated ? " rp-bad" : "") + (state.marked.includes(run.id) ? " rp-marked" : ""), "data-run": run.id,
           "aria-checked": run === state.run ? "true" : "false", tabindex: run === state.run ? 0 : -1,
           "aria-label": title(run), title: title(run) });
-        dot.style.left = left0 + "px"; dot.style.bottom = level * (size - 6) + 18 + "px";
+        dot.style.left = left0 + "px"; dot.dataset.level = level;
         dot.addEventListener("click", function () { pause(); select(run.id); });
       });
-      strip.style.height = rows * (size - 6) + 18 + 8 + "px";
+      const rise = Math.min(size - 6, 28 / Math.max(1, rows - 1));  /* at most 72 px in all */
+      strip.querySelectorAll(".rp-dot").forEach(function (dot) { dot.style.bottom = dot.dataset.level * rise + 16 + "px"; });
+      strip.style.height = Math.min(72, (rows - 1) * rise + size + 18) + "px";
+      ticks(low, high, Math.max(2, Math.floor(width / 110))).forEach(function (v, k) {
+        const tick = html(strip, "span", { class: "rp-strip-tick", "aria-hidden": "true" }, String(v) + (k ? "" : " " + data.requirement.unit));
+        tick.style.left = Math.round((v - low) / (high - low) * (width - size - 8)) + 4 + size / 2 + "px";
+      });
       if (limit !== null) {
         const x = Math.round((limit - low) / (high - low) * (width - size - 8)) + 4 + size / 2;
         const line = html(strip, "span", { class: "rp-strip-limit", "aria-hidden": "true" });
         line.style.left = x + "px";
-        const text = html(strip, "span", { class: "rp-strip-text", "aria-hidden": "true" }, "limit " + number(limit, data.requirement.unit));
+        const text = html(strip, "span", { class: "rp-strip-text", "aria-hidden": "true" }, "limit " + data.requirement.limitText);
         if (x > width / 2) text.style.right = width - x + 5 + "px"; else text.style.left = x + 5 + "px";
       }
     }
     function title(run) {
-      return number(run.objective, data.requirement.unit) + (run.violated ? ", violated" : "") + (run.arrived ? "" : ", did not arrive") + (run.note ? ", " + run.note : "") + ", seed " + run.seed;
+      return run.said + (run.violated ? ", violated" : "") + (run.arrived ? "" : ", did not arrive") + (run.note ? ", " + run.note : "") + ", seed " + run.seed;
     }
     /** The runs that Next and Previous go through: those marked by the address, else those of the configuration. */
     function ordered() { return state.marked.length > 1 && state.marked.includes(state.run.id) ? state.marked : state.group.runs.map(function (run) { return run.id; }); }
@@ -605,7 +653,7 @@
         text += " Nearest: " + state.group.people[h].name + ", " + (touching ? "in contact" : gap < 1 ? Math.max(1, Math.round(gap * 100)) + " cm away" : gap.toFixed(1) + " m away") + ".";
       }
       const judged = state.run.judged ? curveAt(state.run.judged, t) : null;
-      if (judged !== null) text += " " + r.quantity.charAt(0).toUpperCase() + r.quantity.slice(1) + ": " + number(judged, r.unit) + (r.limit !== null ? " (limit " + number(r.limit, r.unit) + ")" : "") + ".";
+      if (judged !== null) text += " " + r.quantity.charAt(0).toUpperCase() + r.quantity.slice(1) + ": " + number(judged, r.unit) + (r.limit !== null ? " (limit " + r.limitText + ")" : "") + ".";
       layers.forEach(function (each) {
         if (each.layer.say && each.box.checked && each.layer.has(state.run.id)) text += " " + each.layer.say(view());
       });
@@ -669,6 +717,7 @@
         state.group = group; state.run = group.runs.find(function (r) { return r.id === id; }); state.series = series;
         if (changed || state.other === state.run) { state.other = null; state.otherSeries = null; }
         state.t = clamp(t === undefined || !isFinite(t) ? state.run.opens : t, series.t0, series.end);
+        if (cropped) shownBox = encounter(series, state.t);
         refresh();
         remember();
         return true;
@@ -725,7 +774,7 @@
     forth.addEventListener("click", function () { goTo(state.t + 1); });
     slider.addEventListener("input", function () { pause(); goTo(+slider.value); });
     speedSelect.addEventListener("change", function () { setSpeed(speedSelect.value); });
-    decisive.addEventListener("click", function () { pause(); goTo(state.run.opens); });
+    decisive.addEventListener("click", function () { pause(); goTo(state.run.opens); if (options.stage) { look(encounter(state.series, state.t)); cropped = true; } });
     strip.addEventListener("keydown", function (event) {
       if (event.key === "ArrowRight" || event.key === "ArrowLeft") {
         const dots = Array.from(strip.querySelectorAll(".rp-dot")), k = dots.findIndex(function (d) { return d.getAttribute("aria-checked") === "true"; });
@@ -765,9 +814,9 @@
       sizes.observe(element);
       signal.addEventListener("abort", function () { sizes.disconnect(); });
     }
-    if (options.address) root.addEventListener("hashchange", function () { if (fromAddress()) element.scrollIntoView({ block: "start" }); }, { signal: signal });
+    if (options.address) root.addEventListener("hashchange", function () { if (fromAddress()) (options.stage || element).scrollIntoView({ block: "nearest" }); }, { signal: signal });
     /** Stop, and leave the element as it was, empty. */
-    function destroy() { pause(); gone.abort(); element.textContent = ""; element.classList.remove("rp"); }
+    function destroy() { pause(); gone.abort(); element.textContent = ""; if (options.stage) options.stage.textContent = ""; element.classList.remove("rp"); }
 
     const api = {
       select: select, compare: compare, addLayer: addLayer, redraw: draw, element: element, tools: tools, destroy: destroy, seek: goTo, play: play, pause: pause, setSpeed: setSpeed,
@@ -775,7 +824,7 @@
       runs: function () { return Array.from(byRun.keys()); },
       state: function () { return { marked: state.marked, group: state.group && state.group.id, run: state.run && state.run.id, other: state.other && state.other.id, t: state.t, playing: state.playing, speed: state.speed, end: state.series && end() }; },
     };
-    if ((element.clientWidth || 1000) < 560) { show.follow = true; switches.follow.checked = true; }
+    if (!options.stage && (element.clientWidth || 1000) < 560) { show.follow = true; switches.follow.checked = true; }
     if (!(options.address && fromAddress())) select(options.run && byRun.has(options.run) ? options.run : first.runs[0].id, options.t);
     return api;
   }

@@ -1,0 +1,130 @@
+"""Words of pages and terminal for requirements, robots and the stack under test."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from rvsg.evaluation.metrics.measurement import find_metric
+from rvsg.evaluation.story import Sentence
+from rvsg.evaluation.verdict import counted
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Mission
+from rvsg.simulation.run import Run
+
+
+def quantity(requirement: Requirement) -> str:
+    """Return the judged quantity in words, with the id of its metric."""
+    if requirement.formula is not None:
+        return "robustness of the formula"
+    known = find_metric(requirement.metric)
+    if known is None:
+        return requirement.metric or "objective"
+    title = known.title[:1].lower() + known.title[1:] if known.title[1:2].islower() else known.title
+    return f"{title} ({requirement.metric})"
+
+
+def direction(requirement: Requirement) -> str:
+    """Return which values are worse, e.g. `lower is worse`."""
+    return "lower is worse" if requirement.worse == "smaller" else "higher is worse"
+
+
+def shown_at(t_s: float) -> str:
+    """Return the tenth of a second at which the replay shows what happens at a time: the first that is not before."""
+    return f"{math.ceil(10 * t_s - 1e-6) / 10:.1f}"
+
+
+def untimed(sentence: Sentence) -> str:
+    """Return the text of a sentence without its time, which stands beside it."""
+    text = sentence.text.removeprefix(f"At {sentence.time_s:.1f} s ").removeprefix(f"From {sentence.time_s:.1f} s on ")
+    return text[:1].upper() + text[1:]
+
+
+def robot_words(mission: Mission) -> str:
+    """Return the robot's name and whether it is calibrated; the name alone where only another simulator knows it."""
+    robot = mission.robot_record
+    if robot is None:
+        return mission.robot_name
+    return f"{robot.name} ({'' if robot.calibrated else 'not '}calibrated against published runs)"
+
+
+@dataclass(frozen=True)
+class UnderTest:
+    """The stack under test in the runs of a campaign."""
+
+    repeatable: bool
+    """Whether equal seeds give equal runs."""
+    rows: tuple[tuple[str, str], ...]
+    """What there is to tell, each with its label."""
+
+
+def under_test(runs: Iterable[Run]) -> UnderTest:
+    """Return what the runs tell of their people and their stack; of the built-in stack only what went wrong."""
+    made = {run.id: run for run in runs}.values()  # attempts share runs
+    told = [(run, facts) for run in made if isinstance(facts := run.details.get("stack"), Mapping)]
+    kept, runs = [facts for _, facts in told], [run for run, _ in told]
+    rows = (*_people(made), *_start(runs), *_pace(kept), *_trouble(kept, runs))
+    return UnderTest(all(facts.get("repeatable", True) for facts in kept), rows)
+
+
+def _people(runs: Iterable[Run]) -> Iterable[tuple[str, str]]:
+    """Yield the profile of the people of the embedded simulator; what 0.2 stored as `default` is `hunavsim` today."""
+    found = set()
+    for options in (run.options for run in runs if run.simulator == "embedded"):
+        old = "published-study" if options.get("profile") == "published-study" else "hunavsim"
+        found.add("default profile" if options.get("human_model") == "anticipation" else old)
+    if found:
+        yield "People", ", ".join(sorted(found))
+
+
+def _start(runs: list[Run]) -> Iterable[tuple[str, str]]:
+    for name, label in (("launch", "Launch command"), ("params", "Parameter file")):
+        given = {str(value) for run in runs if (value := _options(run).get(name))}
+        if given:
+            yield label, ", ".join(sorted(given))
+
+
+def _options(run: Run) -> Mapping[str, Any]:
+    stack = run.options.get("stack")
+    options = stack.get("options") if isinstance(stack, Mapping) else None
+    return options if isinstance(options, Mapping) else {}
+
+
+def _pace(told: list[Mapping[str, Any]]) -> Iterable[tuple[str, str]]:
+    """Yield how fast the runs went, and how many control periods were missed."""
+    releases = sorted({str(facts["release"]) for facts in told if "release" in facts})
+    if releases:
+        yield "ROS 2", ", ".join(releases)
+    kept = [facts for facts in told if "speed" in facts and "speed_asked" in facts]
+    if kept:
+        asked = _range([float(facts["speed_asked"]) for facts in kept], "g")
+        reached = _range([float(facts["speed"]) for facts in kept], ".2f")
+        yield "Speed, in times of real time", f"{asked} asked, {reached} reached"
+    counts = [(facts["missed_periods"], facts["missed_periods"] + facts["commands"]) for facts in kept]
+    due = sum(every for _, every in counts)
+    if due:
+        missed, worst = sum(some for some, _ in counts), max(some / every for some, every in counts if every)
+        most = f" ({100.0 * missed / due:.2g} %), at most {100.0 * worst:.2g} % in one run" if missed else ""
+        yield "Control periods missed", f"{missed:,} of {due:,}{most}"
+
+
+def _trouble(told: list[Mapping[str, Any]], runs: list[Run]) -> Iterable[tuple[str, str]]:
+    """Yield the velocities that the robot could not take as they came, and the first warnings of the stack."""
+    for name, label in (
+        ("clipped", "Velocities beyond the limits of the robot, cut"),
+        ("not_finite", "Velocities that are no numbers, left out"),
+    ):
+        found = [facts[name] for facts in told if facts.get(name)]
+        if found:
+            yield label, f"{sum(found):,} in {counted(len(found), 'run')}"
+    warned = [run for run in runs if run.stack_warnings]
+    if warned:
+        first = list(dict.fromkeys(text for run in warned for text in run.stack_warnings))[:3]
+        yield "Runs with warnings of the stack", f"{len(warned)} of {len(runs)}; for instance: {'; '.join(first)}"
+
+
+def _range(values: list[float], form: str) -> str:
+    low, high = format(min(values), form), format(max(values), form)
+    return low if low == high else f"{low} to {high}"
