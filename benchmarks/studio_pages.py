@@ -45,7 +45,9 @@ class Asking:
 
     def __init__(self, address: str) -> None:
         self.place = urlsplit(address).netloc
-        headers = self._get(address.partition(self.place)[2])[1]
+        own = self._get(address.partition(self.place)[2])[1]["location"]
+        host = urlsplit(own).netloc
+        headers = self._get(own.partition(host)[2], host=host)[1]
         self.cookie = headers["set-cookie"].partition(";")[0]
 
     def _get(self, path: str, **headers: str) -> tuple[int, dict[str, str]]:

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from urllib.parse import urljoin
 
 from PIL import Image
 from playwright.sync_api import Browser, sync_playwright
@@ -74,7 +75,7 @@ def picture(browser: Browser, address: str, path: str, name: str, size: tuple[in
     context.set_default_timeout(PATIENT_MS)
     tab = context.new_page()
     tab.goto(address)
-    tab.goto(address.split("/?")[0] + path.partition("#")[0])
+    tab.goto(urljoin(tab.url, path.partition("#")[0]))
     tab.wait_for_selector("h1")
     if tab.locator("[data-studio]").count():
         tab.wait_for_selector("[data-studio][data-ready]")

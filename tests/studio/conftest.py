@@ -13,10 +13,12 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 
 import rvsg
+from rvsg_studio.server import Guard
 from rvsg_studio.workspace import Jobs
 from rvsg_studio.world_editor import folder_of_world
 
@@ -56,7 +58,9 @@ class Server:
             time.sleep(0.1)
         else:
             raise AssertionError(self.log.read_text())
-        self.base = self.address.split("/?")[0]
+        at = urlsplit(self.address)
+        token = at.query.removeprefix("token=")
+        self.base = f"http://{Guard(None, token=token, port=at.port).own}"  # type: ignore[arg-type]
 
     def kill(self) -> None:
         self.killed = True

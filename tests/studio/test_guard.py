@@ -11,6 +11,7 @@ from rvsg_studio.server import Guard
 
 PORT = 8420
 HOST = f"127.0.0.1:{PORT}"
+OWN = Guard(None, token="secret", port=PORT).own  # type: ignore[arg-type]
 COOKIE = f"rvsg-studio-{PORT}=secret"
 
 
@@ -54,12 +55,21 @@ def test_without_the_token_or_from_another_host_everything_is_refused(asked: dic
 
 
 def test_the_token_in_the_address_becomes_a_cookie_and_leaves_the_address() -> None:
-    answer = ask("/campaign", query="folder=a%20b&token=secret")
+    answer = ask("/campaign", query="folder=a%20b&token=secret", host=OWN)
     headers = dict(answer["headers"])
     assert answer["status"] == 303
     assert headers[b"location"] == b"/campaign?folder=a+b"
     assert b"secret" in headers[b"set-cookie"]
     assert b"HttpOnly" in headers[b"set-cookie"] and b"SameSite=Strict" in headers[b"set-cookie"]
+
+
+def test_the_cookie_is_set_under_a_host_name_of_the_studio_alone() -> None:
+    """A cookie of 127.0.0.1 goes to every port of it, also to the page of another user."""
+    for host in (HOST, f"localhost:{PORT}"):
+        headers = dict(ask("/campaign", query="folder=a&token=secret", host=host)["headers"])
+        assert b"set-cookie" not in headers
+        assert headers[b"location"] == f"http://{OWN}/campaign?folder=a&token=secret".encode()
+    assert OWN.endswith(f".localhost:{PORT}") and Guard(None, token="other", port=PORT).own != OWN  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -72,14 +82,14 @@ def test_the_token_in_the_address_becomes_a_cookie_and_leaves_the_address() -> N
     ],
 )
 def test_the_token_does_not_lead_to_another_site(path: str, location: bytes) -> None:
-    assert dict(ask(path, query="token=secret")["headers"])[b"location"] == location
+    assert dict(ask(path, query="token=secret", host=OWN)["headers"])[b"location"] == location
 
 
 def test_with_the_cookie_the_page_comes_with_its_policy() -> None:
     answer = ask(cookie=COOKIE)
     assert answer["status"] == 200
     assert b"default-src 'self'" in dict(answer["headers"])[b"content-security-policy"]
-    assert ask(method="POST", cookie=COOKIE)["status"] == ask(cookie=COOKIE, origin=f"http://{HOST}")["status"] == 200
+    assert ask(method="POST", cookie=COOKIE)["status"] == ask(cookie=COOKIE, origin=f"http://{OWN}")["status"] == 200
 
 
 @pytest.mark.parametrize("asked", [{"cookie": COOKIE, "origin": "https://evil.example"}, {"query": "token=secret"}])

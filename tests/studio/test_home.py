@@ -11,7 +11,7 @@ from tests.studio.conftest import HOSTILE, Server, Show
 
 
 def status(server: Server, path: str, **headers: str) -> int:
-    with contextlib.closing(http.client.HTTPConnection(urlsplit(server.base).netloc, timeout=20)) as connection:
+    with contextlib.closing(http.client.HTTPConnection(urlsplit(server.address).netloc, timeout=20)) as connection:
         connection.request("GET", path, headers=headers)
         with connection.getresponse() as answer:
             return answer.status

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import hmac
 import logging
 import os
@@ -135,14 +136,16 @@ REFUSED = (
 class Guard:
     """An ASGI application in front of another: it asks for the token, the right host and the right origin.
 
-    The token comes once in the address (`?token=`), then as a cookie. Host and origin are checked so that no other
-    page can reach the studio through the browser, whatever name it gives to 127.0.0.1.
+    The token comes once in the address (`?token=`), then as a cookie. Browsers send a cookie to every port of a host,
+    so the studio sets it under a host name of its own, `rvsg-XXXX.localhost`, which other users' pages cannot know.
+    Host and origin are checked so that no other page can reach the studio, whatever name it gives to 127.0.0.1.
     """
 
     def __init__(self, app: App, *, token: str, port: int) -> None:
         self.app = app
         self.token = token
-        self.hosts = (f"127.0.0.1:{port}", f"localhost:{port}")
+        self.own = f"rvsg-{hashlib.sha256(token.encode()).hexdigest()[:16]}.localhost:{port}"
+        self.hosts = (f"127.0.0.1:{port}", f"localhost:{port}", self.own)
         self.cookie = f"rvsg-studio-{port}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -158,7 +161,7 @@ class Guard:
         elif self._is(self._of_cookie(headers)):
             await self.app(scope, receive, _with_headers(send))
         elif scope["type"] == "http" and scope["method"] == "GET" and self._is(query.pop("token", "")):
-            await self._let_in(scope, query, send)
+            await self._let_in(scope, query, send, own=headers["host"] == self.own)
         else:
             await self._refuse(scope, send)
 
@@ -172,12 +175,14 @@ class Guard:
     def _is(self, given: str) -> bool:
         return hmac.compare_digest(given.encode(), self.token.encode())
 
-    async def _let_in(self, scope: Scope, query: dict[str, str], send: Send) -> None:
-        """Set the cookie and send the browser to the address without the token, so that no bookmark holds it."""
+    async def _let_in(self, scope: Scope, query: dict[str, str], send: Send, *, own: bool) -> None:
+        """Send the browser to the studio's own host name; there set the cookie and take the token off the address."""
         # A path may hold line breaks, or begin like the name of another host.
+        query = query if own else query | {"token": self.token}
         address = "/" + quote(scope["path"].lstrip("/\\")) + (f"?{urlencode(query)}" if query else "")
         cookie = f"{self.cookie}={self.token}; Path=/; HttpOnly; SameSite=Strict"
-        head = [(b"location", address.encode()), (b"set-cookie", cookie.encode()), *HEADERS]
+        head = [(b"location", (address if own else f"http://{self.own}{address}").encode()), *HEADERS]
+        head += [(b"set-cookie", cookie.encode())] if own else []
         await send({"type": "http.response.start", "status": 303, "headers": head})
         await send({"type": "http.response.body", "body": b""})
 
