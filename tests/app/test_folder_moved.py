@@ -79,7 +79,6 @@ def test_the_parameter_file_of_nav2_moves_with_the_folder(terminal: Terminal, mo
     monkeypatch.chdir(there.parent)
     terminal("run --out artefact")
     assert rvsg.Campaign.open("artefact").found_with.options["stack"] == simulator.options["stack"]
-    rvsg.Campaign.open("artefact").confirm(0, runs=1, jobs=1)
 
 
 def test_several_campaigns_in_a_moved_folder_are_resumed(terminal: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
@@ -99,7 +100,11 @@ def test_the_mission_without_people_is_a_scenario() -> None:
 def test_runs_are_a_set_with_a_picture_and_a_table(scenario: rvsg.Scenario) -> None:
     runs = rvsg.simulate(scenario, seeds=[5, 9], simulator="kinematic")
     assert len(runs) == 2 and [run.seed for run in runs] == [5, 9] and len(runs[:1]) == 1
+    picture = ET.fromstring(runs.picture().svg)
     assert runs.picture().svg.count("<polyline") == 4
+    _, _, wide, high = map(float, picture.attrib["viewBox"].split())
+    assert float(picture.attrib["width"]) / float(picture.attrib["height"]) == pytest.approx(wide / high, abs=0.01)
+    assert {"start", "goal"} <= {each.text for each in picture.iter("{http://www.w3.org/2000/svg}title")}
     assert "2 runs" in runs._repr_html_()
     pandas = pytest.importorskip("pandas")
     table = runs.to_dataframe()

@@ -16,6 +16,13 @@ from rvsg.store.knowledge_base import KnowledgeBase, open_knowledge, read_rememb
 from rvsg.testing import WalkingGenerator
 from rvsg.world.world import World
 
+
+def test_a_mistyped_base_is_not_made_by_reading(terminal: Terminal) -> None:
+    for command in ("status", "search aisle"):
+        assert terminal.refused("knowledge", command, "--base mistyped.sqlite").code == "no-base"
+    assert not Path("mistyped.sqlite").exists()
+
+
 SMALL = {"strategy": "study", "simulator": "kinematic", "scenarios": 2, "refinements": 0, "repeats": 2}
 SMALL |= {"confirmations": 2}
 

@@ -184,6 +184,13 @@ def test_the_usual_strategy_is_that_of_the_study_where_a_model_writes(writer: di
     assert CampaignConfig().strategy == "hybrid"
 
 
+def test_a_stack_among_the_simulators_options_lies_beside_the_file(tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text("")
+    text = "simulator_options: {stack: mine.yaml}\n"
+    found = parse_campaign_file(text, tmp_path / "campaign.yaml")
+    assert found["simulator_options"] == {"stack": str(tmp_path / "mine.yaml")}
+
+
 def test_every_setting_survives_a_resume(key: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if key in OF_THE_CALL:
         pytest.skip("says how one call runs")

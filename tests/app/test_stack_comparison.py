@@ -44,6 +44,8 @@ def test_the_ranking_and_the_paired_differences() -> None:
     partly = score("partly", {"a": [None] * 10, "b": [True] * 10})
     found = compare([worse, better, partly], ranked=True)
     assert [each.version for each in found.variants] == ["better", "partly", "worse"]
+    never, late = (each.replace(cases=(each.cases[0].replace(arrived=n),)) for each, n in ((better, 0), (worse, 3)))
+    assert [each.version for each in compare([never, late], ranked=True).variants] == ["worse", "better"]
     assert (better.violated, better.judged, better.share) == (10, 20, 0.5)
     assert better.interval[0] < 0.5 < better.interval[1] and partly.judged == 10
     pairs = {(pair.first, pair.second): pair.difference for pair in found.pairs}

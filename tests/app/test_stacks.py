@@ -13,6 +13,7 @@ import pytest
 from tests.cli.commands import Terminal
 
 import rvsg
+from rvsg import stacks
 from rvsg.app.matrix import Matrix
 from rvsg.app.settings import read_campaign_file
 from rvsg.core.errors import InputError
@@ -156,3 +157,11 @@ def test_a_stack_of_ones_own_drives_in_worker_processes(
     attempts = campaign.attempts()
     assert [attempt.failures for attempt in attempts] == [()] * len(attempts)
     assert sum(len(attempt.measurements) for attempt in attempts) >= 4
+
+
+def test_the_page_lists_every_member_of_an_observation() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "how-to" / "test-your-own-stack.md").read_text(encoding="utf-8")
+    fields = {**stacks.Observation.__annotations__, **stacks.LocalObservation.__annotations__}
+    assert {"pose", "costmap"} <= fields.keys()
+    for name in (*fields, "scan(lidar=0)", "people()"):
+        assert f"| `{name}` |" in page, name

@@ -54,6 +54,17 @@ def test_a_broken_case_ends_with_exit_code_1(terminal: Terminal) -> None:
     terminal("suite run suite", RUN, code=1)
 
 
+def test_a_group_of_commands_alone_shows_its_help(terminal: Terminal) -> None:
+    for group in ("suite", "knowledge"):
+        terminal(group, code=2)
+        assert "Usage" in terminal.out + terminal.err and "Missing command" not in terminal.err
+
+
+def test_an_update_without_a_change_says_so(terminal: Terminal) -> None:
+    Path("a.json").write_text(json.dumps(terminal.json("suite run suite", RUN)))
+    assert "stays as it is" in terminal("suite update suite a.json")
+
+
 @pytest.mark.parametrize(
     "command",
     [

@@ -211,7 +211,7 @@ def test_the_replay_holds_every_run_of_every_configuration() -> None:
 
 
 def _scenario_case(suite: ET.Element, entry: Ranked) -> ET.Element:
-    return next(case for case in suite if case.attrib["name"].startswith(f"scenario {entry.scenario + 1}:"))
+    return next(case for case in suite if case.attrib["name"] == f"scenario {entry.scenario + 1}")
 
 
 def _properties(case: ET.Element) -> dict[str, str]:

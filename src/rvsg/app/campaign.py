@@ -23,7 +23,7 @@ from rvsg.campaign.execution import Event, Message, ModelCall
 from rvsg.campaign.findings import entries_of_campaign
 from rvsg.campaign.ledger import CachedLedger, Ledger
 from rvsg.campaign.loop import stream_campaign
-from rvsg.campaign.ranking import search_attempts
+from rvsg.campaign.ranking import search_attempts, standing
 from rvsg.core import permission
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
@@ -303,8 +303,13 @@ class Campaign(StoredCampaign):
             ledger = CachedLedger(store)
             attempts = [ledger.summary(attempt) for attempt in ledger.attempts(plan.name)]
             chosen = next((a for a in search_attempts(attempts) if a.index == candidate), None)
-            if chosen is None or chosen.scenario_id is None:
-                raise InputError(f"Attempt {candidate} is no candidate of this campaign.")
+            if chosen is None or chosen.scenario_id is None or standing(chosen.record, self.requirement)[0] <= 0.0:
+                listed = ", ".join(str(a.index) for a in self.candidates()) or "none is left"
+                raise InputError(
+                    f"Attempt {candidate} is no candidate: it did not violate {self.requirement.name} in the search. "
+                    f"Candidates: {listed}.",
+                    code="no-candidate",
+                )
             if any(a.confirms == candidate and a.purpose == "confirmation" for a in attempts):
                 raise InputError(f"Attempt {candidate} is confirmed already.")
             self.prepare(lambda text: observe(Message(campaign=plan.name, text=text)))

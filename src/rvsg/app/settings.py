@@ -509,6 +509,9 @@ def _settings(document: Document, path: Path) -> dict[str, Any]:
             values[key] = [_beside(path, name) for name in values[key]]
         elif isinstance(values.get(key), str):
             values[key] = _beside(path, values[key])
+    stack = values.get("simulator_options", {}).get("stack")
+    if isinstance(stack, str):
+        values["simulator_options"] = {**values["simulator_options"], "stack": _beside(path, stack)}
     return values
 
 

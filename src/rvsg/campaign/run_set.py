@@ -230,9 +230,16 @@ def picture_of(runs: RunSet) -> Picture:
             colour = PEOPLE[h % len(PEOPLE)]
             lines.append(_line(path.human_x[:, h], path.human_y[:, h], colour, opacity, name))
         lines.append(_line(path.x, path.y, ROBOT, opacity, "robot"))
+    for run in runs.runs[:1]:
+        (x, y), (goal_x, goal_y) = (run.trajectory.x[0], run.trajectory.y[0]), run.goal[:2]
+        lines.append(f'<circle cx="{x:.2f}" cy="{y:.2f}" r="0.25" fill="{ROBOT}"><title>start</title></circle>')
+        ring = f'cx="{goal_x:.2f}" cy="{goal_y:.2f}" r="0.3" fill="none" stroke="{ROBOT}" stroke-width="0.12"'
+        lines.append(f"<circle {ring}><title>goal</title></circle>")
     key = "; ".join(f"{html.escape(name)} {PEOPLE[h % len(PEOPLE)]}" for h, name in enumerate(names))
+    _, _, wide, high = map(float, plan.view_box.split())
+    size = f'width="640" height="{640 * high / wide:.0f}"'
     return Picture(
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{plan.view_box}" width="640" role="img">'
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{plan.view_box}" {size} role="img">'
         f"<title>Ways of the robot {ROBOT}; {key}</title><style>{_STYLE}</style>{plan.shapes}{plan.names}"
         f'<g transform="{plan.matrix}">{"".join(lines)}</g></svg>'
     )

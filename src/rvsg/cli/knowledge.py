@@ -11,7 +11,7 @@ from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
 from rvsg.cli.options import AsJson
 
-app = verb()
+app = verb(no_args_is_help=True)
 
 Base = Annotated[
     str | None,
@@ -65,7 +65,7 @@ def search(
 
     if out is not None:
         check_writable(out)
-    with open_knowledge(base) as known:
+    with open_knowledge(base, create=False) as known:
         found = look(
             known,
             text,
@@ -93,7 +93,7 @@ def status(base: Base = None) -> None:
     """Count the entries of each world."""
     from rvsg.store.knowledge_base import open_knowledge
 
-    with open_knowledge(base) as known:
+    with open_knowledge(base, create=False) as known:
         counts = known.counts()
         say(f"{known.name}: {sum(counts.values())} entries")
     for (world, kind), count in counts.items():

@@ -17,7 +17,7 @@ from rvsg.cli.options import AsJson, Jobs, Junit, OtherWorld, setting_options
 from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec
 
-app = verb()
+app = verb(no_args_is_help=True)
 
 Folder = Annotated[Path, typer.Argument(help="The folder of the suite.")]
 

@@ -77,7 +77,7 @@ def check(kind: str, name: str, code: str) -> None:
         raise InputError(
             f"The {kind} {name} would run code that only stored settings name: {code}. Nothing that a file names is "
             "run by itself. If you trust it, name it on the command line or as an argument, too, or allow what that "
-            "file or folder names: --allow-code-from FILE.",
+            "file or folder names: put its path after --allow-code-from.",
             code="code-not-allowed",
         )
 

@@ -236,8 +236,8 @@ def _case(suite: str, name: str, entry: Ranked, plan: Plan, *, decides: bool) ->
     whole = f"{said}. {how_sure(verdict)}"
     if "contacts" in properties and "arrived" in properties:
         whole += f". Contact with people in {properties['contacts']}; {properties['arrived']} arrived"
-    case = ET.Element("testcase", classname=suite, name=clean(f"{name}: {entry.description[:120]}"))
-    _add_properties(case, properties)
+    case = ET.Element("testcase", classname=suite, name=clean(name))
+    _add_properties(case, {"description": entry.description, **properties})
     if violated(verdict) and (decides or entry.state == "confirmed"):
         ET.SubElement(case, "failure", message=clean(said)).text = clean(whole)
     elif entry.state == "candidate" and not decides:

@@ -152,7 +152,7 @@ def describe_exploration(found: Exploration) -> str:
     if found.surface is None:
         return "\n".join([*lines, f"A surface needs at least {FEWEST} runs."])
     if found.surface.degree == 0:
-        lines.append("The runs show no dependence on the ranges.")
+        lines.append("How often the requirement is violated shows no dependence on the ranges.")
     for each in sorted(found.sensitivities, key=lambda s: -s.share):
         told = f"  {each.name}: {100 * each.at_low:.0f} % at the low end, {100 * each.at_high:.0f} % at the high end"
         if each.p is not None and each.correlation is not None:

@@ -233,14 +233,20 @@ class Match(Record):
     origins: tuple[str, ...] = ()
 
 
-def open_knowledge(where: str | Path | None = None) -> KnowledgeBase:
+def open_knowledge(where: str | Path | None = None, *, create: bool = True) -> KnowledgeBase:
     """Open a knowledge base.
 
     Args:
         where: an SQLite file or the address of a PostgreSQL database; by default what the environment variable
             RVSG_KNOWLEDGE says, else `runs/knowledge.sqlite`.
+        create: make an SQLite file that is missing.
+
+    Raises:
+        FileError: the file is missing or its folder cannot be made.
     """
     chosen = str(where or os.environ.get(ENVIRONMENT) or DEFAULT_PLACE)
+    if "://" not in chosen and not create and not Path(chosen).exists():
+        raise FileError(chosen, "there is no knowledge base here. Make one: rvsg knowledge add DIR", code="no-base")
     if "://" not in chosen:
         try:
             Path(chosen).parent.mkdir(parents=True, exist_ok=True)

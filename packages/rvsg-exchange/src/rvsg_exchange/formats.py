@@ -284,8 +284,8 @@ class Gazebo(Exporter):
 
     def write(self, source: Exportable, path: Path) -> tuple[str, ...]:
         """Write the world; a scenario without a run has no course of its people."""
-        if source.world is None or (source.scenario is None and not source.runs):
-            raise InputError('"sdf" is a format of scenarios: give the scenario, not its runs.')
+        if source.world is None:
+            raise InputError("Runs do not hold their world: say with --world (in Python world=) which one it is.")
         if not source.runs:
             write_whole(path, world_sdf(source.world))
             return ("A scenario has no recorded course of its people; export a run to get actors.",)
