@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from PIL import Image
+from shapely import Polygon
 from tests.coded import coded
 from tests.published_data import published_data
 
@@ -22,8 +23,10 @@ from rvsg.world.creation import Created, save_created, world_from
 from rvsg.world.drawing import grid_picture, labelled_map
 from rvsg.world.drawing.birdseye import birdseye
 from rvsg.world.grid import GridSpec
+from rvsg.world.rooms import areas_of_rooms
 from rvsg.world.routes import propose_routes
 from rvsg.world.schema import save_world
+from rvsg.world.space import human_space, main_floor
 from rvsg.world.world_folder import SHIPPED, load_world
 
 
@@ -354,3 +357,20 @@ def test_without_its_reader_a_gazebo_world_is_refused(tmp_path: Path, monkeypatc
     monkeypatch.setattr(plugins, "_registered", lambda _kind: {})
     with pytest.raises(InputError, match=r"\[exchange\]", check=coded("format-not-installed")):
         world_from("sdf", tmp_path / "w.sdf", name="w")
+
+
+def test_a_room_without_a_label_is_told_where_it_is(tmp_path: Path) -> None:
+    folder = tmp_path / "office"
+    shutil.copytree(SHIPPED / "office", folder)
+    assert [r for r in check_world(folder) if r.problem.code == "room-unlabelled"] == []
+    world = load_world("office")
+    room = next(
+        each for each in areas_of_rooms(human_space(world), main_floor(human_space(world))) if each.kind == "room"
+    )
+    shape = Polygon(room.outline)
+    kept = [a for a in world.areas if Polygon(a.outline).intersection(shape).area < 0.05 * shape.area]
+    listed = yaml.safe_load((folder / "labels.yaml").read_text())["areas"]
+    names = {a.name for a in kept}
+    (folder / "labels.yaml").write_text(yaml.safe_dump({"areas": [each for each in listed if each["name"] in names]}))
+    told = [r for r in check_world(folder) if r.problem.code == "room-unlabelled"]
+    assert len(told) == 1 and not told[0].serious and f"{shape.area:.0f} m2" in told[0].problem.message

@@ -21,6 +21,7 @@ from rvsg.world.areas import unknown_areas
 from rvsg.world.grid import GridSpec
 from rvsg.world.lattice import open_share
 from rvsg.world.passages import free_widths_m, length_m, line_of, narrow_passages, nearest_area, passing_m
+from rvsg.world.rooms import areas_of_rooms
 from rvsg.world.routes import Trial, clearance_m, fitted, robot_stands, time_limit_s
 from rvsg.world.space import Frame, Space, coarser, frame_of, human_space, main_floor, outermost, robot_space, world_map
 from rvsg.world.world import Area, Route, World
@@ -109,6 +110,8 @@ def listed_names(names: Sequence[str]) -> str:
 
 
 FAR_M = 3.0
+BARE = 0.05
+"""A room is unlabelled where no area covers a larger share of it."""
 
 
 def check_areas(s: Subject) -> None:
@@ -153,6 +156,14 @@ def check_areas(s: Subject) -> None:
             message = f'"{b.name}" and "{a.name}" cover the same place'
             fix = _fix(f'Remove "{b.name}"', "remove area", b.name)
             s.say(s.labels, "area-twice", message, "areas", s.world.areas.index(b), fix=fix)
+    for room in areas_of_rooms(s.human, main_floor(s.human)) if s.world.areas else ():
+        shape = Polygon(room.outline)
+        if room.kind != "corridor" and all(
+            shape.intersection(each).area < BARE * shape.area for each in s.shapes.values()
+        ):
+            at = shape.representative_point()
+            message = f"the {room.kind} of {shape.area:.0f} m2 at ({at.x:.1f}, {at.y:.1f}) holds no labelled area"
+            s.say(s.labels, "room-unlabelled", message, "areas")
 
 
 def _renaming(s: Subject, name: str, wanted: str) -> Fix:
