@@ -10,13 +10,16 @@ the clearance they like over the time that is left, the sooner the more urgent. 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from rvsg.core.kernels import inner
 from rvsg.simulation.embedded.people.crowd import (
     ACCELERATION_M_S2,
     CROSSING,
+    EARLIER,
     FIRST_S,
     FORMATION_M,
+    HEADWAY_AHEAD_S,
     HEADWAY_M,
     HEADWAY_S,
     KEEP_RIGHT,
@@ -44,6 +47,8 @@ CROWD = 2.0
 ABREAST = 0.6
 ONCOMING_M_S = 0.2
 """Somebody is ahead who is within this share of both bodies off the way, and does not come towards the person."""
+CLOSED_UP_M = 3.0
+"""Who meets somebody oncoming within this distance closes up to whoever walks ahead, who clears the way."""
 ROBOT_GAP_M = 0.3
 """The gap that people keep to a robot ahead."""
 OFF_ROBOT_M = 3.0
@@ -99,10 +104,13 @@ def acceleration(
     pull = speed / crowd.manner[RELAXATION]
     fx, fy = wall_force(crowd, i)
     fx, fy = within(fx, fy, dx, dy, pull)
-    px, py = body_force(crowd, i, robot)
-    px, py = within(px, py, dx, dy, pull)
+    if (robot.x - crowd.old_x[i]) ** 2 + (robot.y - crowd.old_y[i]) ** 2 < AVOID_REACH_M * AVOID_REACH_M:
+        px, py = body_force(crowd, i, robot)
+        px, py = within(px, py, dx, dy, pull)
+        fx += px
+        fy += py
     rate = gain(crowd, i)
-    vx, vy = off_bodies(crowd, i, vx + (fx + px) / rate, vy + (fy + py) / rate, robot)
+    vx, vy = off_bodies(crowd, i, vx + fx / rate, vy + fy / rate, robot)
     if robot_in_social:
         vx, vy = off_robot(crowd, i, vx, vy, robot)
     vx, vy = off_wall(crowd, i, vx, vy)
@@ -160,8 +168,9 @@ def off_bodies(crowd: Crowd, i: int, vx: float, vy: float, robot: RobotState) ->
         return vx, vy
     for j in range(crowd.x.size):
         rx, ry = crowd.old_x[j] - crowd.old_x[i], crowd.old_y[j] - crowd.old_y[i]
-        mine = crowd.group[i] >= 0 and crowd.group[i] == crowd.group[j]
-        if j == i or mine or rx * rx + ry * ry > AVOID_REACH_M * AVOID_REACH_M:
+        if rx * rx + ry * ry > AVOID_REACH_M * AVOID_REACH_M or j == i:
+            continue
+        if crowd.group[i] >= 0 and crowd.group[i] == crowd.group[j]:
             continue
         bodies = crowd.radius[i] + crowd.radius[j] + AVOID_M
         ux, uy = past_body(rx, ry, vx - crowd.old_vx[j], vy - crowd.old_vy[j], bodies, look)
@@ -170,6 +179,8 @@ def off_bodies(crowd: Crowd, i: int, vx: float, vy: float, robot: RobotState) ->
         vx += share * ux
         vy += share * uy
     x, y = crowd.old_x[i], crowd.old_y[i]
+    if (robot.x - x) ** 2 + (robot.y - y) ** 2 > AVOID_REACH_M * AVOID_REACH_M:
+        return vx, vy
     reach = crowd.radius[i] + AVOID_M
     ux, uy = past_body(robot.x - x, robot.y - y, vx - robot.vx, vy - robot.vy, reach + crowd.robot_radius, look)
     vx += ux
@@ -241,6 +252,11 @@ def evasion(crowd: Crowd, i: int, vx: float, vy: float, with_robot: bool, robot:
     horizon = crowd.horizon[i]
     speed = math.sqrt(vx * vx + vy * vy)
     reach = horizon * (speed + 2.0)
+    manner = crowd.manner
+    mind = Mind(
+        crowd.old_vx[i], crowd.old_vy[i], crowd.clearance[i], horizon, manner[FIRST_S], manner[EARLIER],
+        manner[CROSSING], manner[KEEP_RIGHT]
+    )  # fmt: skip
     ahead = 0
     for j in range(crowd.x.size):
         rx = crowd.old_x[j] - x
@@ -251,63 +267,80 @@ def evasion(crowd: Crowd, i: int, vx: float, vy: float, with_robot: bool, robot:
     for j in range(crowd.x.size):
         rx = crowd.old_x[j] - x
         ry = crowd.old_y[j] - y
-        if j == i or rx * rx + ry * ry > reach * reach or (crowd.group[i] >= 0 and crowd.group[i] == crowd.group[j]):
+        if rx * rx + ry * ry > reach * reach or j == i:
+            continue
+        if crowd.group[i] >= 0 and crowd.group[i] == crowd.group[j]:
             continue
         bodies = crowd.radius[i] + crowd.radius[j] + TOUCHING_M
         clearance = bodies + room * (crowd.clearance[i] - bodies)
-        dx, dy = turn_off(crowd, i, rx, ry, vx, vy, crowd.old_vx[j], crowd.old_vy[j], bodies, clearance, False)
+        dx, dy = turn_off(rx, ry, vx, vy, crowd.old_vx[j], crowd.old_vy[j], mind, bodies, clearance, False)
         sum_x += dx
         sum_y += dy
     if with_robot:
         bodies = crowd.radius[i] + crowd.robot_radius + TOUCHING_M
         clearance = crowd.clearance[i] + crowd.robot_radius - crowd.radius[i]
-        dx, dy = turn_off(crowd, i, robot.x - x, robot.y - y, vx, vy, robot.vx, robot.vy, bodies, clearance, True)
+        dx, dy = turn_off(robot.x - x, robot.y - y, vx, vy, robot.vx, robot.vy, mind, bodies, clearance, True)
         sum_x += dx
         sum_y += dy
     return limited(sum_x, sum_y, EVASION * max(speed, 0.5))
 
 
+class Mind(NamedTuple):
+    """What decides how one person turns off: velocity, and numbers that are theirs or that all share."""
+
+    vx: float
+    vy: float
+    clearance: float
+    horizon: float
+    first: float
+    earlier: float
+    crossing: float
+    keep_right: float
+
+
 @inner
 def turn_off(
-    crowd: Crowd, i: int, rx: float, ry: float, vx: float, vy: float, other_vx: float, other_vy: float,
-    bodies: float, clearance: float, is_robot: bool,
+    rx: float, ry: float, vx: float, vy: float, other_vx: float, other_vy: float, mind: Mind, bodies: float,
+    clearance: float, is_robot: bool,
 ) -> tuple[float, float]:  # fmt: skip
     """Return the change of velocity to pass somebody at (rx, ry) from here at a clearance (m between centres).
 
-    The clearance is for who comes the other way; people of the same way keep `bodies` only.
+    The clearance is for who comes the other way; people of the same way keep `bodies` only. Where ways cross, people
+    act earlier and ask for more, those who like room most.
     """
     wx = other_vx - vx
     wy = other_vy - vy
     closing = -(rx * wx + ry * wy)
     square = wx * wx + wy * wy
-    if closing <= 0.0 or square < 1e-6:
+    if closing <= 0.0 or square < 1e-6 or closing >= mind.horizon * (1.0 + mind.earlier) * square:
         return 0.0, 0.0
     left = closing / square
-    horizon = crowd.horizon[i]
-    first = crowd.manner[FIRST_S]
+    across = vx * other_vy - vy * other_vx
+    faced = math.sqrt((vx * vx + vy * vy) * (other_vx * other_vx + other_vy * other_vy))
+    sine = across / faced if faced > 0.0 else 0.0
+    earlier = 1.0 + mind.earlier * sine * sine
+    horizon = mind.horizon * earlier
     if left >= horizon:
         return 0.0, 0.0
-    urgency = min(1.0, (horizon - left) / max(horizon - first, 0.1))
+    urgency = min(1.0, (horizon - left) / max(horizon - mind.first * earlier, 0.1))
     size = math.sqrt(square)
     nx = -wy / size
     ny = wx / size
     offset = rx * nx + ry * ny
     # Both see the present velocities alike, so both choose the same side.
-    ux = other_vx - crowd.old_vx[i]
-    uy = other_vy - crowd.old_vy[i]
+    ux = other_vx - mind.vx
+    uy = other_vy - mind.vy
     seen = (ry * ux - rx * uy) / max(math.sqrt(ux * ux + uy * uy), 1e-6)
-    side = 1.0 if seen >= crowd.manner[KEEP_RIGHT] else -1.0
-    across = vx * other_vy - vy * other_vx
-    faced = math.sqrt((vx * vx + vy * vy) * (other_vx * other_vx + other_vy * other_vy))
+    side = 1.0 if seen >= mind.keep_right else -1.0
     facing = STANDING_SHARE
     if is_robot:
         facing = 1.0
-        if abs(offset) < YIELD_M and faced > 0.05 and abs(across) > 0.5 * faced:
+        if abs(offset) < YIELD_M and faced > 0.05 and abs(sine) > 0.5:
             # Behind the robot: its velocity points away from where the person passes.
             side = 1.0 if nx * other_vx + ny * other_vy >= 0.0 else -1.0
     elif faced > 0.0:
         facing = 0.5 - 0.5 * (vx * other_vx + vy * other_vy) / faced
-        facing *= 1.0 + crowd.manner[CROSSING] * (across / faced) ** 2
+        facing *= 1.0 + mind.crossing * mind.clearance * sine * sine
     clearance = max(bodies, facing * clearance)
     missing = clearance - side * offset
     if missing <= 0.0:
@@ -325,20 +358,26 @@ def headway(crowd: Crowd, i: int, ex: float, ey: float, speed: float, with_robot
         return 1.0
     x, y = crowd.old_x[i], crowd.old_y[i]
     free = full
-    for j in range(crowd.x.size + 1):
-        if j < crowd.x.size:
-            rx, ry, bodies = crowd.old_x[j] - x, crowd.old_y[j] - y, crowd.radius[i] + crowd.radius[j]
-            if crowd.old_vx[j] * ex + crowd.old_vy[j] * ey < -ONCOMING_M_S:
-                continue  # Both turn off; waiting for each other would help neither.
-        else:
-            rx, ry, bodies = robot.x - x, robot.y - y, crowd.radius[i] + crowd.robot_radius
+    for j in range(crowd.x.size):
+        rx, ry = crowd.old_x[j] - x, crowd.old_y[j] - y
+        square = rx * rx + ry * ry
         along = rx * ex + ry * ey
-        reach = bodies + (manner[HEADWAY_M] if j < crowd.x.size else ROBOT_GAP_M)
-        if j == i or along <= 0.0 or along > free + reach or abs(ry * ex - rx * ey) > ABREAST * bodies:
+        reach = crowd.radius[i] + crowd.radius[j] + manner[HEADWAY_M]
+        if j == i or along <= 0.0 or square > max(CLOSED_UP_M, full + reach) ** 2:
             continue
-        if j < crowd.x.size or with_robot:
-            free = min(free, max(0.0, math.sqrt(rx * rx + ry * ry) - reach))
-    return free / full
+        pace = crowd.old_vx[j] * ex + crowd.old_vy[j] * ey
+        if pace < -ONCOMING_M_S:
+            if square < CLOSED_UP_M * CLOSED_UP_M:
+                free = full
+                break
+        elif abs(ry * ex - rx * ey) <= ABREAST * (crowd.radius[i] + crowd.radius[j]):
+            free = min(free, math.sqrt(square) - reach + manner[HEADWAY_AHEAD_S] * max(0.0, pace))
+    if with_robot:
+        rx, ry = robot.x - x, robot.y - y
+        bodies = crowd.radius[i] + crowd.robot_radius
+        if rx * ex + ry * ey > 0.0 and abs(ry * ex - rx * ey) <= ABREAST * bodies:
+            free = min(free, math.sqrt(rx * rx + ry * ry) - bodies - ROBOT_GAP_M)
+    return max(0.0, free) / full
 
 
 @inner

@@ -87,15 +87,16 @@ def tick(
         robot_v * math.sin(robot_yaw) + robot_side * math.cos(robot_yaw),
     )  # fmt: skip
     crowd.free[0] = 0.0
-    find_slow(crowd)
     sum_groups(crowd)
     for i in range(n):
         find_obstacle(crowd, i, robot)
     if crowd.anticipates:
         for i in range(n):
             crowd.sway[i] += crowd.sway_rate[i] * dt_s
-    elif not crowd.published:
-        push_pairs(crowd)
+    else:
+        find_slow(crowd)
+        if not crowd.published:
+            push_pairs(crowd)
     for i in range(n):
         _act(crowd, i, t_s, dt_s, robot)
     if crowd.published:

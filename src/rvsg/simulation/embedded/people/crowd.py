@@ -45,7 +45,8 @@ CODES = {behaviour: code for code, behaviour in enumerate(Behaviour, start=1)}
 
 (
     ACCELERATION_M_S2, RELAXATION, FIRST_S, SWAY_RAD, HEADWAY_M, HEADWAY_S, FORMATION_M, AHEAD, CROSSING, KEEP_RIGHT,
-) = range(10)  # fmt: skip
+    EARLIER, HEADWAY_AHEAD_S,
+) = range(12)  # fmt: skip
 """Places of `Crowd.manner`: what all anticipating people share, see `Anticipation`."""
 KEEP_RIGHT_M = 0.05
 
@@ -54,19 +55,21 @@ class Anticipation(Record):
     """How people of the default profile anticipate, fitted to recorded people by `benchmarks/people.py`.
 
     Each person draws a clearance (between centres, log-normal), a horizon (log-normal), a speed (a share of the
-    scenario's, normal) and the period of the sway. `crossing`: the share by which the clearance is larger where ways
-    cross at a right angle. `first_s`: time to the closest approach at which a person has turned off in full.
-    `headway_m`, `headway_s`: the gap to who is ahead is `headway_m` and `headway_s` of walking.
+    scenario's, normal) and the period of the sway. `first_s`: time to the closest approach at which a person has turned
+    off in full. Where ways cross at a right angle, the clearance is larger by `crossing` of itself per metre of it,
+    and both times are longer by the share `earlier`. `headway_m`, `headway_s`, `headway_ahead_s`: the gap to who is
+    ahead is `headway_m` and `headway_s` of walking, less `headway_ahead_s` of their walking.
     """
 
-    clearance_m: float = 0.75
-    clearance_spread: float = 0.48
-    crossing: float = 2.0
+    clearance_m: float = 0.7
+    clearance_spread: float = 0.52
+    crossing: float = 4.3
+    earlier: float = 0.25
     least_clearance_m: float = 0.6
     horizon_s: float = 3.2
     horizon_spread: float = 0.3
-    first_s: float = 1.7
-    relaxation_s: float = 0.4
+    first_s: float = 1.8
+    relaxation_s: float = 0.38
     acceleration_m_s2: float = 1.5
     speed_share: float = 0.893
     speed_spread: float = 0.173
@@ -75,8 +78,9 @@ class Anticipation(Record):
     sway_rad: float = 0.05
     sway_s: float = 2.7
     keep_right_m: float = KEEP_RIGHT_M
-    headway_m: float = -0.3
-    headway_s: float = 0.6
+    headway_m: float = 0.18
+    headway_s: float = 0.55
+    headway_ahead_s: float = 0.32
     formation_m: float = 0.7
     ahead_m: float = 3.0
 
@@ -350,7 +354,7 @@ def _individuals(
     speed = np.array([agent.speed_m_s for agent in agents], np.float64)
     if manner is None:
         none = {name: np.zeros(n) for name in ("clearance", "horizon", "sway", "sway_rate")}
-        return {"speed": speed, "manner": np.zeros(10), **none}
+        return {"speed": speed, "manner": np.zeros(12), **none}
     normal = np.array([stream(seed, f"people/individual/{i}").standard_normal(4) for i in range(n)]).reshape(-1, 4)
     normal *= options.factor_noise
     company = np.array([sum(a.group == b.group for b in agents) - 1 if a.group is not None else 0 for a in agents])
@@ -364,7 +368,8 @@ def _individuals(
         "speed": np.maximum(share * speed - manner.company_m_s * company, 0.2 * speed),
         "manner": np.array([manner.acceleration_m_s2, manner.relaxation_s, manner.first_s,
                             manner.sway_rad * math.sqrt(2.0) * swaying, manner.headway_m, manner.headway_s,
-                            manner.formation_m, manner.ahead_m, manner.crossing, manner.keep_right_m]),
+                            manner.formation_m, manner.ahead_m, manner.crossing, manner.keep_right_m, manner.earlier,
+                            manner.headway_ahead_s]),
         "clearance": np.maximum(clearance, manner.least_clearance_m),
         "horizon": attention * manner.horizon_s * np.exp(manner.horizon_spread * normal[:, 2]),
         "sway": phase,
