@@ -10,7 +10,6 @@ the clearance they like over the time that is left, the sooner the more urgent. 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from rvsg.core.kernels import inner
 from rvsg.simulation.embedded.people.crowd import (
@@ -26,6 +25,7 @@ from rvsg.simulation.embedded.people.crowd import (
     RELAXATION,
     SWAY_RAD,
     Crowd,
+    Floats,
     RobotState,
 )
 from rvsg.simulation.embedded.people.obstacles import WALL_GAP_M, on_outline
@@ -253,10 +253,7 @@ def evasion(crowd: Crowd, i: int, vx: float, vy: float, with_robot: bool, robot:
     speed = math.sqrt(vx * vx + vy * vy)
     reach = horizon * (speed + 2.0)
     manner = crowd.manner
-    mind = Mind(
-        crowd.old_vx[i], crowd.old_vy[i], crowd.clearance[i], horizon, manner[FIRST_S], manner[EARLIER],
-        manner[CROSSING], manner[KEEP_RIGHT]
-    )  # fmt: skip
+    ux, uy, own = crowd.old_vx[i], crowd.old_vy[i], crowd.clearance[i]
     ahead = 0
     for j in range(crowd.x.size):
         rx = crowd.old_x[j] - x
@@ -272,66 +269,58 @@ def evasion(crowd: Crowd, i: int, vx: float, vy: float, with_robot: bool, robot:
         if crowd.group[i] >= 0 and crowd.group[i] == crowd.group[j]:
             continue
         bodies = crowd.radius[i] + crowd.radius[j] + TOUCHING_M
-        clearance = bodies + room * (crowd.clearance[i] - bodies)
-        dx, dy = turn_off(rx, ry, vx, vy, crowd.old_vx[j], crowd.old_vy[j], mind, bodies, clearance, False)
+        clearance = bodies + room * (own - bodies)
+        dx, dy = turn_off(
+            manner, rx, ry, vx, vy, ux, uy, crowd.old_vx[j], crowd.old_vy[j], horizon, own, bodies, clearance, False
+        )  # fmt: skip
         sum_x += dx
         sum_y += dy
     if with_robot:
         bodies = crowd.radius[i] + crowd.robot_radius + TOUCHING_M
-        clearance = crowd.clearance[i] + crowd.robot_radius - crowd.radius[i]
-        dx, dy = turn_off(robot.x - x, robot.y - y, vx, vy, robot.vx, robot.vy, mind, bodies, clearance, True)
+        clearance = own + crowd.robot_radius - crowd.radius[i]
+        dx, dy = turn_off(
+            manner, robot.x - x, robot.y - y, vx, vy, ux, uy, robot.vx, robot.vy, horizon, own, bodies, clearance, True
+        )  # fmt: skip
         sum_x += dx
         sum_y += dy
     return limited(sum_x, sum_y, EVASION * max(speed, 0.5))
 
 
-class Mind(NamedTuple):
-    """What decides how one person turns off: velocity, and numbers that are theirs or that all share."""
-
-    vx: float
-    vy: float
-    clearance: float
-    horizon: float
-    first: float
-    earlier: float
-    crossing: float
-    keep_right: float
-
-
 @inner
 def turn_off(
-    rx: float, ry: float, vx: float, vy: float, other_vx: float, other_vy: float, mind: Mind, bodies: float,
-    clearance: float, is_robot: bool,
+    manner: Floats, rx: float, ry: float, vx: float, vy: float, own_vx: float, own_vy: float, other_vx: float,
+    other_vy: float, horizon: float, likes: float, bodies: float, clearance: float, is_robot: bool,
 ) -> tuple[float, float]:  # fmt: skip
     """Return the change of velocity to pass somebody at (rx, ry) from here at a clearance (m between centres).
 
-    The clearance is for who comes the other way; people of the same way keep `bodies` only. Where ways cross, people
-    act earlier and ask for more, those who like room most.
+    (vx, vy): the preferred velocity, (own_vx, own_vy) the present one. The clearance is for who comes the other way;
+    people of the same way keep `bodies` only. Where ways cross, people act earlier and ask for more, the more room one
+    likes.
     """
     wx = other_vx - vx
     wy = other_vy - vy
     closing = -(rx * wx + ry * wy)
     square = wx * wx + wy * wy
-    if closing <= 0.0 or square < 1e-6 or closing >= mind.horizon * (1.0 + mind.earlier) * square:
+    if closing <= 0.0 or square < 1e-6 or closing >= horizon * (1.0 + manner[EARLIER]) * square:
         return 0.0, 0.0
     left = closing / square
     across = vx * other_vy - vy * other_vx
     faced = math.sqrt((vx * vx + vy * vy) * (other_vx * other_vx + other_vy * other_vy))
     sine = across / faced if faced > 0.0 else 0.0
-    earlier = 1.0 + mind.earlier * sine * sine
-    horizon = mind.horizon * earlier
+    earlier = 1.0 + manner[EARLIER] * sine * sine
+    horizon *= earlier
     if left >= horizon:
         return 0.0, 0.0
-    urgency = min(1.0, (horizon - left) / max(horizon - mind.first * earlier, 0.1))
+    urgency = min(1.0, (horizon - left) / max(horizon - manner[FIRST_S] * earlier, 0.1))
     size = math.sqrt(square)
     nx = -wy / size
     ny = wx / size
     offset = rx * nx + ry * ny
     # Both see the present velocities alike, so both choose the same side.
-    ux = other_vx - mind.vx
-    uy = other_vy - mind.vy
+    ux = other_vx - own_vx
+    uy = other_vy - own_vy
     seen = (ry * ux - rx * uy) / max(math.sqrt(ux * ux + uy * uy), 1e-6)
-    side = 1.0 if seen >= mind.keep_right else -1.0
+    side = 1.0 if seen >= manner[KEEP_RIGHT] else -1.0
     facing = STANDING_SHARE
     if is_robot:
         facing = 1.0
@@ -340,7 +329,7 @@ def turn_off(
             side = 1.0 if nx * other_vx + ny * other_vy >= 0.0 else -1.0
     elif faced > 0.0:
         facing = 0.5 - 0.5 * (vx * other_vx + vy * other_vy) / faced
-        facing *= 1.0 + mind.crossing * mind.clearance * sine * sine
+        facing *= 1.0 + manner[CROSSING] * likes * sine * sine
     clearance = max(bodies, facing * clearance)
     missing = clearance - side * offset
     if missing <= 0.0:
