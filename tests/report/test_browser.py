@@ -37,22 +37,18 @@ def open_address(tab: Any, address: str) -> dict[str, Any]:
 @pytest.mark.parametrize("width", [1280, 390])
 def test_a_page_that_passes_with_contacts_says_so_above_the_fold(show: Show, width: int) -> None:
     tab = show("contacts", width=width)
-    assert tab.locator(".verdict > .said .chip").inner_text() == "PASS"
-    badge = tab.locator(".badge.bad", has_text="contact in 15 of 15 runs")
-    box = badge.bounding_box()
+    chip = tab.locator(".lead .chip")
+    assert chip.inner_text() == "PASS" and "warn" in str(chip.get_attribute("class"))
+    box = tab.locator(".tile", has_text=re.compile("contact [1-9]")).bounding_box()
     assert box is not None and box["y"] + box["height"] < 900
 
 
 def test_every_number_of_runs_in_the_answer_opens_those_runs(show: Show) -> None:
     tab = show("contacts")
-    answer = tab.locator(".verdict")
-    linked = " ".join(answer.locator("a").all_inner_texts())
-    for counted in re.findall(
-        r"\d+ of \d+ (?:confirmation )?runs?", " ".join(answer.locator("p:not(.said)").all_inner_texts())
-    ):
-        assert counted in linked
+    answer = tab.locator(".lead, .card")
     known = set(tab.evaluate("window.replay.runs()"))
     addresses = answer.locator("a").evaluate_all("links => links.map(link => link.getAttribute('href'))")
+    addresses += tab.locator(".ranking a").evaluate_all("links => links.map(link => link.getAttribute('href'))")
     assert addresses
     for address in addresses:
         runs = address.split("=", 1)[1].split("&")[0].split(",")
@@ -120,7 +116,7 @@ def test_the_keyboard_plays_steps_and_chooses(show: Show) -> None:
 
 def test_a_dot_of_the_strip_selects_its_run(show: Show) -> None:
     tab = show("contacts")
-    dot = tab.locator(".rp-dot").nth(2)
+    dot = tab.locator(".rp-dot").last
     run = dot.get_attribute("data-run")
     dot.click()
     tab.evaluate("window.replay.ready()")
@@ -141,7 +137,7 @@ def test_two_runs_compared_say_when_they_part(show: Show) -> None:
 def test_text_on_the_maps_can_be_read_on_a_phone(show: Show, name: str, script: bool) -> None:
     tab = show(name, width=390, java_script_enabled=script)
     texts = tab.evaluate(TEXTS)
-    assert len(texts) > 10
+    assert len(texts) > 4
     assert [each for each in texts if each["px"] < 11] == []
 
 
@@ -149,7 +145,7 @@ def test_text_on_the_maps_can_be_read_on_a_phone(show: Show, name: str, script: 
 def test_no_line_breaks_inside_a_number(show: Show, width: int) -> None:
     tab = show("contacts", width=width)
     words = tab.evaluate(
-        """() => [...document.querySelectorAll(".ranking td.n, .verdict a")].map(node => {
+        """() => [...document.querySelectorAll(".ranking td.n, .card a")].map(node => {
           const range = document.createRange(), walker = document.createTreeWalker(node, NodeFilter.SHOW_TEXT);
           const tops = new Set();
           while (walker.nextNode()) {
@@ -207,10 +203,39 @@ def test_hostile_text_stays_text(show: Show) -> None:
 def test_without_javascript_the_page_tells_what_happens(show: Show) -> None:
     tab = show("contacts", java_script_enabled=False)
     assert tab.locator(".story li").count() >= 3
-    assert tab.locator("figure svg.still").count() >= 4
-    for frame in tab.locator(".stills svg.still").all():
+    assert tab.locator(".card svg.still").count() >= 1
+    for frame in tab.locator(".card svg.still").all():
         box = frame.bounding_box()
         assert box is not None and box["height"] > 80
+
+
+def test_the_first_screen_shows_verdict_figures_encounter_and_next_steps(show: Show) -> None:
+    tab = show("contacts")
+    for part in (".lead h1", ".lead .tiles", "#stage .map", "#stage .rp-lanes", "#stage .rp-play"):
+        box = tab.locator(part).first.bounding_box()
+        assert box is not None and box["y"] + box["height"] <= 720, part
+    assert len(tab.locator(".lead h1, .lead .strip").all_inner_texts()) and state(tab)["playing"] is False
+    words = " ".join(tab.locator(".lead h1, .lead .strip").all_inner_texts()).split()
+    assert len(words) <= 60
+    shown = [float(v) for v in tab.locator("#map").get_attribute("viewBox").split()]
+    tab.get_by_role("button", name="Fit").click()
+    whole = [float(v) for v in tab.locator("#map").get_attribute("viewBox").split()]
+    assert shown[2] < 0.8 * whole[2], "cropped to the encounter"
+
+
+def test_another_run_changes_what_people_are_asked_to_do_and_tables_are_filtered_and_sorted(show: Show) -> None:
+    tab = show("contacts")
+    before = tab.locator(".rp-tasks").text_content()
+    other = tab.locator(".ranking tbody tr").last.locator("td a").first.get_attribute("href")
+    open_address(tab, str(other))
+    assert tab.locator(".rp-tasks").text_content() != before
+    rows = tab.locator(".ranking tbody tr")
+    heads = tab.locator(".ranking th button")
+    heads.first.click()
+    numbers = rows.evaluate_all("rows => rows.map(row => row.cells[0].textContent)")
+    assert numbers == sorted(numbers, key=lambda number: [int(part) for part in number.split(".")])
+    tab.locator(".ranking").locator("xpath=../..").locator("input").fill(f"{numbers[0]}")
+    assert 1 <= rows.locator("visible=true").count() < len(numbers) * 8
 
 
 def test_a_second_replay_with_a_layer_can_be_mounted_and_removed(show: Show) -> None:

@@ -244,6 +244,7 @@
     const mapBox = html(left, "div", { class: "rp-map" });
     const map = options.map || planOf(data.floor);
     map.classList.add("map");
+    if (options.stage) map.classList.add("rp-wide");
     mapBox.appendChild(map);
     const whole = map.getAttribute("viewBox").split(/[ ,]+/).map(Number);
     const grid = svg(map, "g", { class: "rp-grid-points" }), layered = svg(map, "g", { class: "rp-layers" }), drawn = svg(map, "g", { class: "rp-drawn" });
@@ -601,7 +602,7 @@
       if (!values.length) { low = 0; high = 1; }
       const air = (high - low) * 0.06 || Math.abs(high) * 0.1 || 1;
       low -= air; high += air;
-      const width = strip.clientWidth || 600, size = 24, stacks = {};
+      const width = strip.clientWidth || 600, size = group.runs.length > 12 ? 14 : 24, stacks = {};
       let rows = 1;
       group.runs.map(function (run, k) { return [run, k]; }).sort(function (a, b) { return (a[0].objective || 0) - (b[0].objective || 0); }).forEach(function (each) {
         const run = each[0];
@@ -609,7 +610,7 @@
         const left0 = Math.round(x * (width - size - 8)) + 4;
         let level = 0;
         while ((stacks[level] === undefined ? -Infinity : stacks[level]) > left0) level++;
-        stacks[level] = left0 + size - 4; rows = Math.max(rows, level + 1);
+        stacks[level] = left0 + size - 3; rows = Math.max(rows, level + 1);
         const dot = html(strip, "button", { type: "button", role: "radio", class: "rp-dot" + (run.violated ? " rp-bad" : "") + (state.marked.includes(run.id) ? " rp-marked" : ""), "data-run": run.id,
           "aria-checked": run === state.run ? "true" : "false", tabindex: run === state.run ? 0 : -1,
           "aria-label": title(run), title: title(run) });
@@ -617,6 +618,7 @@
         dot.addEventListener("click", function () { pause(); select(run.id); });
       });
       const rise = Math.min(size - 6, 28 / Math.max(1, rows - 1));  /* at most 72 px in all */
+      strip.classList.toggle("rp-dense", size < 24);
       strip.querySelectorAll(".rp-dot").forEach(function (dot) { dot.style.bottom = dot.dataset.level * rise + 16 + "px"; });
       strip.style.height = Math.min(72, (rows - 1) * rise + size + 18) + "px";
       ticks(low, high, Math.max(2, Math.floor(width / 110))).forEach(function (v, k) {
