@@ -39,7 +39,7 @@ def test_a_page_that_passes_with_contacts_says_so_above_the_fold(show: Show, wid
     tab = show("contacts", width=width)
     chip = tab.locator(".lead .chip")
     assert chip.inner_text() == "PASS" and "warn" in str(chip.get_attribute("class"))
-    box = tab.locator(".tile", has_text=re.compile("contact [1-9]")).bounding_box()
+    box = tab.locator(".strip.warn", has_text="Contact in").bounding_box()
     assert box is not None and box["y"] + box["height"] < 900
 
 
