@@ -12,8 +12,10 @@ from rvsg.campaign.feedback import decisive_moments, feedback_of, separable
 from rvsg.campaign.observation import passings_of, stops_of, touches_of
 from rvsg.evaluation.realism import motions, rarest
 from rvsg.evaluation.sampled import sampled
+from rvsg.evaluation.story import story_of
 from rvsg.evaluation.verdict import Verdict, judge
-from rvsg.scenario.brief import Brief, Feedback
+from rvsg.generation.result_facts import feedback_facts
+from rvsg.scenario.brief import Brief, Feedback, PersonAt, Row
 from rvsg.simulation.run import Recovery, Run
 
 
@@ -158,7 +160,7 @@ RECOVERY = Recovery(time_s=9.0, x=0.0, y=0.0, until_s=12.0, action="spin")
     ("gap", "changes", "reason", "who"),
     [
         (0.6, {}, "person_ahead", "Human 1"),
-        (1.5, {}, "person_near", "Human 1"),
+        (1.5, {}, "unknown", ""),
         (3.0, {}, "unknown", ""),
         (3.0, {"events": (RECOVERY,)}, "recovery", ""),
         (0.6, {"goal": (1.35, 0.0, 0.0)}, "goal_taken", "Human 1"),
@@ -169,7 +171,37 @@ def test_a_stop_tells_why_the_robot_stands(gap: float, changes: dict[str, object
     speed[80:140] = 0.0
     (stop,) = stops_of(replace(a_run(np.full(200, gap), speed), **changes), warehouse())
     assert (stop.time_s, stop.reason, stop.who) == (8.0, reason, who)
+    story = story_of(replace(a_run(np.full(200, gap), speed), **changes), world=warehouse())
+    assert any(sentence.text.endswith(f", {stop.because}.") for sentence in story)
     assert stop.until_s == pytest.approx(13.9, abs=0.2)
+
+
+def test_a_stop_has_the_reason_that_holds_for_most_of_it() -> None:
+    speed, gap = np.full(200, 0.5), np.full(200, 3.0)
+    speed[80:140], gap[78:90] = 0.0, 0.6  # somebody passes, and the recovery goes on
+    recovery = RECOVERY.replace(time_s=9.0, until_s=14.0)
+    (stop,) = stops_of(replace(a_run(gap, speed), events=(recovery,)), warehouse())
+    assert (stop.reason, stop.because) == ("recovery", "in a recovery of its navigation")
+
+
+def test_the_value_is_told_by_who_was_near_and_lost_time_by_who_was_near_meanwhile() -> None:
+    attempt, runs = attempt_of(3)
+    told = told_of(attempt, runs)
+    currency = feedback_facts(told, REQUIREMENT, {})["currency"]
+    assert currency is not None and currency[0] == "nearest"
+    path = min(runs, key=lambda run: measure(run).objective).trajectory
+    away = np.hypot(path.human_x - path.x[:, None], path.human_y - path.y[:, None])
+    for h, name in enumerate(runs[0].human_names):
+        assert currency[1].get(name, 0.0) == pytest.approx(100.0 * (away.argmin(axis=1) == h).mean(), abs=10.0)
+    person = {"at": "F13", "doing": "pausing", "side": "ahead"}
+    rows = tuple(
+        Row(time_s=t, robot_at=at, people={"Human 1": PersonAt(**person, distance_m=d)})
+        for t, at, d in ((0.0, "A1", 5.0), (4.0, "A2", 1.5), (8.0, "A3", 1.5), (12.0, "A4", 4.0))
+    )
+    late = REQUIREMENT.replace(metric="trg", unit="s", worse="larger", limit=9.0)
+    passes = {"A1": (0.0, 1.0), "A2": (2.0, 2.0), "A3": (3.0, 3.0), "A4": (6.0, 6.0)}
+    lost = feedback_facts(told.replace(rows=rows), late, passes)["currency"]
+    assert lost == ("lost", {"Human 1": 5.0, "nobody": 1.0})  # 12 s at A4, which it passes at 6 s alone
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

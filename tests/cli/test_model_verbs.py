@@ -52,7 +52,8 @@ def test_a_world_is_described_from_a_record_accepted_and_stored(
     answers = iter(["x", "r", "a"])
     monkeypatch.setattr("typer.prompt", lambda *_, **__: next(answers))
     assert terminal.refused("world describe mine").code == "no-description"
-    terminal("world describe mine --replay", FOLDERS["describe-warehouse"])
+    terminal.refused("world describe mine --generator-option sped=1 --replay", FOLDERS["describe-warehouse"])
+    terminal("world describe mine --generator-option call_timeout_s=9 --replay", FOLDERS["describe-warehouse"])
     assert load_world(Path("mine")).description is not None
     terminal("world describe mine --review --reviewer Ada")
     reviewed = load_world(Path("mine")).description

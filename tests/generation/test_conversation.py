@@ -316,7 +316,7 @@ def test_feedback_tells_the_truth(ask: Asking, brief: Brief, first: Scenario) ->
         ),
         "tuning": Tuning(forms=12, mean=1.34, runs=2, change="Human 2 walks at 1 m/s (was 1.2)"),
         "stops": (
-            Stop(time_s=3.5, until_s=5.0, at="F13", reason="person_ahead", who="Human 2"),
+            Stop(time_s=3.5, until_s=5.0, at="F13", reason="person_ahead", who="Human 2", because="Human 2 before it"),
             Stop(time_s=6.5, until_s=7.6, at="F14", reason="recovery"),
         ),
         "passings": (Passing(time_s=4.2, at="F13", who="Human 2", how="head-on", left=True, gap_m=0.31),),
@@ -349,8 +349,8 @@ def test_feedback_tells_the_truth(ask: Asking, brief: Brief, first: Scenario) ->
         'in the other first at 9 s "Human 1" at E3.',
         "In 1 of 2 runs somebody did what fewer than 1 in 100 recorded people did: "
         '"Human 2 accelerates with 5.1 m/s² at 4.2 s; no recorded people go as far."',
-        '| 4 | F13, stands: "Human 2" ahead of it | 0.5 | D20, leg 3 of 12, 1.25 left |',
-        "also stands from 6.5 to 7.6 s at F14 (a recovery of its navigation)",
+        "| 4 | F13, stands: Human 2 before it | 0.5 | D20, leg 3 of 12, 1.25 left |",
+        "also stands from 6.5 to 7.6 s at F14 (recovery)",
         '4.2 s at F13 "Human 2" head-on, 0.31 m left.',
         "0 to 5 s 1.1; in the mildest (1.5): 0 to 5 s 1.9.",
         '- (2 runs: 1.4 m; mean 1.4): "first configuration"\n',

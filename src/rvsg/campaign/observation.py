@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.records import Record
-from rvsg.evaluation.detection import blocked_goals, contacts, encounters_of, place_namer, standstills
+from rvsg.evaluation.detection import contacts, encounters_of, place_namer, standstills
 from rvsg.evaluation.realism import Motion, motions, rarest
-from rvsg.evaluation.run_events import StandStill, WaypointNames, place_name
-from rvsg.evaluation.sampled import Sampled, sampled, stretches
+from rvsg.evaluation.run_events import WaypointNames, place_name
+from rvsg.evaluation.sampled import sampled, stretches
+from rvsg.evaluation.story import standing_because
 from rvsg.scenario.brief import Arrival, Encounter, Passing, Stop, Touched
 from rvsg.scenario.scenario import Human, HumanAgent, HumanConfiguration, decode, goal_names
-from rvsg.simulation.run import Outcome, PersonPaused, PersonReached, PersonReacted, Recovery, Run
+from rvsg.simulation.run import Outcome, PersonPaused, PersonReached, PersonReacted, Run
 from rvsg.world.grid import Grid
 from rvsg.world.world import World
 
@@ -302,37 +303,17 @@ MOST_PASSINGS = 6
 
 def stops_of(run: Run, world: World) -> tuple[Stop, ...]:
     """Return where the robot stands on its way for at least a second, and why, in order."""
-    s, at = sampled(run, world), place_namer(world)
-    goals = list(blocked_goals(s, at)) if s.people else []
-    found = []
-    for stand in standstills(s, at):
-        reason, who = _why(s, stand)
-        taken = next((g.person for g in goals if g.time_s < stand.until_s and stand.time_s < g.until_s), None)
-        found.append(
-            Stop(
-                time_s=round(stand.time_s, 1),
-                until_s=round(stand.until_s, 1),
-                at=stand.place.waypoint,
-                reason=reason if taken is None else "goal_taken",
-                who=who if taken is None else taken,
-            )
+    return tuple(
+        Stop(
+            time_s=round(stand.time_s, 1),
+            until_s=round(stand.until_s, 1),
+            at=stand.place.waypoint,
+            reason=stand.reason,
+            who=stand.person,
+            because=standing_because(stand),
         )
-    return tuple(found)
-
-
-def _why(s: Sampled, stand: StandStill) -> tuple[str, str]:
-    """Why the robot stands, and because of whom: what is next to it, what its navigation does, who is near."""
-    if stand.reason != "unknown":
-        return stand.reason, stand.person
-    recoveries = (e for e in s.run.events if isinstance(e, Recovery))
-    if any(e.time_s < stand.until_s and stand.time_s < e.until_s for e in recoveries):
-        return "recovery", ""
-    if s.people:
-        k = int(s.series.t.searchsorted(stand.time_s - 1e-9))
-        nearest = int(s.gap[k].argmin())
-        if s.gap[k, nearest] < NEAR_M:
-            return "person_near", s.run.human_names[nearest]
-    return "unknown", ""
+        for stand in standstills(sampled(run, world), place_namer(world))
+    )
 
 
 def passings_of(run: Run, world: World) -> tuple[Passing, ...]:

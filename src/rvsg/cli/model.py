@@ -80,7 +80,9 @@ def _show_proposal(wired: Wired, proposal: Proposal) -> None:
         say("The generator wrote no scenario.")
 
 
-@setting_options("model", "base_url", "prompts", "replay", "budget_calls", "budget_tokens", "budget_usd")
+@setting_options(
+    *("model", "base_url", "generator_options", "prompts", "replay", "budget_calls", "budget_tokens", "budget_usd")
+)
 def describe(
     settings: dict[str, Any],
     world: Annotated[str, typer.Argument(help="A shipped world or a world folder.")],
@@ -107,7 +109,8 @@ def describe(
 
     loaded = load_world(world)
     model, prompts = settings.pop("model", None), settings.pop("prompts", None)
-    access = settings | {"strict": strict or None, "call_timeout_s": call_timeout, "prices": prices}
+    options = settings.pop("generator_options", None) or {}
+    access = settings | {"strict": strict or None, "call_timeout_s": call_timeout, "prices": prices} | options
     session = open_session(loaded, model, record, Path(prompts) if prompts else None, **access)
     if session is not None:
         with CallsShown(_watch(session.access)), _kept(session.access):

@@ -5,6 +5,7 @@ What the simulator records is taken from it. The rest is detected in the traject
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from enum import Enum
 from functools import lru_cache
@@ -146,7 +147,7 @@ def _beside(s: Sampled, index: int, person: int) -> Literal["robot", "person", "
     return "person" if len(away) > 1 and away.min() < BESIDE_PERSON_M else "unknown"
 
 
-Reason = Literal["person_ahead", "person_close", "obstacle", "recovery", "contact", "unknown"]
+Reason = Literal["person_ahead", "person_close", "obstacle", "recovery", "contact", "goal_taken", "unknown"]
 
 NEAR_MISS_M = 0.25
 """A gap below this without contact is a near miss: half of the clearance that ISO 3691-4 asks for beside a truck."""
@@ -346,12 +347,23 @@ def standstills(s: Sampled, at: PlaceAt) -> Iterator[run_events.StandStill]:
         return
     begin = int((~s.still).argmax())
     on_the_way: Flags = s.still & (np.arange(len(s)) >= begin)
+    goals = list(blocked_goals(s, at))
     for first, last in stretches(on_the_way):
         at_the_goal = s.run.completed and last == len(s) - 1
         if _time(s, last) - _time(s, first) < STANDSTILL_S - 1e-9 or at_the_goal:
             continue
-        reason, person = _reason(s, first)
+        reason, person = _main_reason(s, first, last)
+        for taken in goals:
+            if taken.time_s < _time(s, last) and _time(s, first) < taken.until_s:
+                reason, person = "goal_taken", taken.person
         yield run_events.StandStill(**_span(s, first, last, at), reason=reason, person=person)
+
+
+def _main_reason(s: Sampled, first: int, last: int) -> tuple[Reason, str]:
+    """Return what stands next to the robot for most of a standstill; what is known of a part where most is unknown."""
+    found = Counter(_reason(s, index) for index in range(first, last + 1))
+    known = [(count, reason) for reason, count in found.items() if reason[0] != "unknown"]
+    return max(known, key=lambda each: each[0])[1] if known else ("unknown", "")
 
 
 def _reason(s: Sampled, index: int) -> tuple[Reason, str]:

@@ -117,8 +117,8 @@ class StandStill(_Lasting):
     """The robot neither drives nor turns for at least a second on its way."""
 
     kind: Literal["standstill"] = "standstill"
-    reason: Literal["person_ahead", "person_close", "obstacle", "recovery", "contact", "unknown"]
-    """What is next to the robot when it stops; `recovery` where the navigation waits as part of a recovery."""
+    reason: Literal["person_ahead", "person_close", "obstacle", "recovery", "contact", "goal_taken", "unknown"]
+    """What holds it up for most of the standstill; `goal_taken`: a person stands on its goal."""
     person: str = ""
     """The person of the reason; else empty."""
 

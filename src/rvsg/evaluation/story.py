@@ -123,7 +123,7 @@ def _what(event: Event) -> str:
             change = f"from {event.from_speed_m_s:.1f} to {event.to_speed_m_s:.1f} m/s"
             return f"the robot brakes hard {where}, {change}{near}"
         case run_events.StandStill():
-            return f"the robot stops {where} and stands for {event.duration_s:.1f} s{_because(event)}"
+            return f"the robot stops {where} and stands for {event.duration_s:.1f} s, {standing_because(event)}"
         case run_events.Replan():
             return f"the robot plans another path {where}, {event.deviation_m:.1f} m beside the one before"
         case run_events.Recovery():
@@ -169,14 +169,16 @@ def _contact(event: run_events.Contact) -> str:
             return f"the robot and {who} touch {where} for {event.duration_s:.1f} s"
 
 
-def _because(event: run_events.StandStill) -> str:
+def standing_because(event: run_events.StandStill) -> str:
+    """Return why the robot stands, in the words of stories, reports and prompts."""
     return {
-        "contact": f", in contact with {event.person}",
-        "person_ahead": f", {event.person} in front of it",
-        "person_close": f", {event.person} close to it",
-        "obstacle": ", an obstacle close to it",
-        "recovery": ", waiting in a recovery",
-        "unknown": "",
+        "contact": f"in contact with {event.person}",
+        "person_ahead": f"{event.person} in front of it",
+        "person_close": f"{event.person} close to it",
+        "goal_taken": f"{event.person} on its goal",
+        "obstacle": "an obstacle close to it",
+        "recovery": "in a recovery of its navigation",
+        "unknown": "without a visible cause",
     }[event.reason]
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rvsg.generation.generator import Rehearsal
-from rvsg.scenario.brief import Feedback, Row, Tried
+from rvsg.scenario.brief import Feedback, Row, Stop, Tried
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Attention, Human, HumanConfiguration, PersonKind
 from rvsg.world.grid import Grid
@@ -76,7 +76,8 @@ def feedback_facts(
         "tried": [_standing(each) for each in feedback.tried],
         "tuning": _tuning(feedback),
         "rows": _fewer(rows, most_rows),
-        "stops_between": [s.model_dump(mode="json") for k, s in enumerate(feedback.stops) if k not in shown],
+        "stops_between": [_stop(stop) for k, stop in enumerate(feedback.stops) if k not in shown],
+        "currency": _currency(feedback, requirement, passes),
         "arrivals": {human.name: own for human in people.humans if (own := _arrivals(human, feedback))},
         "missed": [
             {"name": name, "at": at, "time_s": time}
@@ -156,7 +157,7 @@ def _rows(feedback: Feedback, passes: Mapping[str, Pass]) -> tuple[list[dict[str
     shown = set[int]()
     for row in feedback.rows:
         stop = next((k for k, s in enumerate(feedback.stops) if s.time_s <= row.time_s <= s.until_s), None)
-        line = _row(row, passes) | {"stop": feedback.stops[stop].model_dump(mode="json") if stop is not None else None}
+        line = _row(row, passes) | {"stop": _stop(feedback.stops[stop]) if stop is not None else None}
         same = (row.robot_at, stop, [(p["far"], p["at"], p["doing"]) for p in line["people"].values()])
         if lines and lines[-1]["same"] == same:
             lines[-1]["until_s"] = row.time_s
@@ -164,6 +165,39 @@ def _rows(feedback: Feedback, passes: Mapping[str, Pass]) -> tuple[list[dict[str
             lines.append(line | {"same": same})
         shown |= {stop} if stop is not None else set()
     return lines, shown
+
+
+def _stop(stop: Stop) -> dict[str, Any]:
+    return {"because": "", **stop.model_dump(mode="json")}
+
+
+def _currency(
+    feedback: Feedback, requirement: Requirement | None, passes: Mapping[str, Pass]
+) -> tuple[str, dict[str, float]] | None:
+    """Return where the value is lost in the run that is worst for the robot, by person; None: not known.
+
+    Of a time, the seconds (`lost`) by who was nearest within 2 m while they were lost; "nobody" for the rest. Of a
+    distance, the percentage of the drive (`nearest`) that each person was the nearest for.
+    """
+    unit, rows = requirement.unit if requirement else "", [row for row in feedback.rows if row.people]
+    found: dict[str, float] = {}
+    if unit == "m" and rows:
+        for row in rows:
+            who = min(row.people, key=lambda name: row.people[name].distance_m)
+            found[who] = found.get(who, 0.0) + 100.0 / len(rows)
+        return "nearest", found
+    if unit != "s" or not passes:
+        return None
+    behind = 0.0
+    for row in rows:
+        now = _row(row, passes)["behind_s"]
+        if now is None or now <= behind:
+            continue
+        who = min(row.people, key=lambda name: row.people[name].distance_m)
+        who = who if row.people[who].distance_m <= NEAR_M else "nobody"
+        found[who] = found.get(who, 0.0) + now - behind
+        behind = now
+    return ("lost", found) if found else None
 
 
 def _fewer(rows: list[dict[str, Any]], most: int) -> list[dict[str, Any]]:

@@ -101,10 +101,12 @@ class Stop(Record):
     reason: Literal[
         "contact", "person_ahead", "person_close", "person_near", "goal_taken", "obstacle", "recovery", "unknown"
     ]
-    """`goal_taken`: somebody stands on its goal. `person_near`: nothing is next to it, but a person within 2 m may
-    occupy its costmap."""
+    """What holds it up for most of the time. `goal_taken`: somebody stands on its goal. `person_near` is in old
+    recordings only."""
     who: str = ""
     """The person of the reason; else empty."""
+    because: Annotated[str, Field(exclude_if=lambda words: not words)] = ""
+    """The reason in words; empty in old recordings."""
 
 
 class Reacted(Record):
