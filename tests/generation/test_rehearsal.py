@@ -103,6 +103,36 @@ def test_the_first_message_says_where_the_robot_is_without_people(
     assert "0 s E1, 2 s E3; it arrives at 19.5 s" in model.asked[0].messages[1].text
 
 
+def test_a_rehearsal_gives_a_value_and_asks_for_no_repair_where_the_time_limit_sets_it(
+    brief: Brief, warehouse: World, people: HumanConfiguration
+) -> None:
+    requirement = brief.requirement
+    assert requirement is not None
+    simulated = rehearsing(KinematicSimulator(), warehouse, seed=1, requirement=requirement)
+    value = simulated(brief.mission, people).value
+    assert value is not None
+
+    def proposed(*, capped: bool) -> tuple[Proposal, Scripted]:
+        def rehearse(mission: Mission, people: HumanConfiguration) -> Rehearsal:
+            found = simulated(mission, people)
+            late = {name: walked.replace(met_s=None) for name, walked in found.people.items()}
+            return found.replace(people=late, capped=capped)
+
+        answer = planned(people, people.humans[0].tasks[0].path[1], 24.0)
+        model = Scripted([answer, answer])
+        made = VlmGenerator(model)
+        made.rehearse = rehearse
+        return made.propose(brief, warehouse), model
+
+    proposal, model = proposed(capped=False)
+    said = f"This run measured {value:.3g} {requirement.unit}"
+    assert said in model.asked[1].messages[-1].text
+    violated = "a violation" if requirement.violated_by(value) else "no violation"
+    assert f"{said}, {violated}. " in model.asked[1].messages[-1].text
+    assert proposal.rehearsals == ((proposal.scenario.people, value),)
+    assert [call.purpose for call in proposed(capped=True)[0].calls] == ["new"]
+
+
 def test_a_first_prompt_stays_within_ten_thousand_tokens(brief: Brief, warehouse: World) -> None:
     made = generator(Scripted([]), warehouse)
     text = sum(len(message.text) for message in made.first_prompts(brief, warehouse))
@@ -121,6 +151,8 @@ LEAVES = NEAR.replace(begins_at="D9", left_s=2.0)
         (NEAR.replace(nearest_m=6.0), {}, "never comes near the robot: the smallest distance is 6.0 m, at 2 s."),
         (LATE, {"C3": 2.0}, "reaches C3 at 4.9 s; you planned 2 s."),
         (LATE, {"C3": 4.0}, None),
+        (LATE.replace(reacted_s=1.5), {"C3": 2.0}, None),  # who reacts does not walk as planned
+        (LATE.replace(reacted_s=3.0), {"C3": 2.0}, "reaches C3 at 4.9 s; you planned 2 s."),
         (LATE, {"D4": 4.0}, "does not reach D4 during the run; you planned 4 s."),
         # What happens after the first encounter is what the test is for.
         (
