@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import http.client
+import json
 import shutil
 from urllib.parse import urlsplit
 
-from tests.studio.conftest import HOSTILE, Server, Show
+from tests.studio.conftest import HOSTILE, Server, Show, waited
+
+import rvsg
+from rvsg.report.answer import Row
+from rvsg_studio.listing import FoundFailure, Lister
+from rvsg_studio.workspace import notes_of
 
 
 def status(server: Server, path: str, **headers: str) -> int:
@@ -31,4 +37,64 @@ def test_hostile_names_of_folders_stay_text(show: Show, studio: Server) -> None:
     shutil.copytree(studio.folder / "runs" / "first", studio.folder / "runs" / name)
     tab = show()
     assert tab.get_by_role("link", name=f"runs/{name}").count() == 1
-    assert tab.locator("main img, main script").count() == 0
+    assert tab.locator("main img[src=x], main script").count() == 0
+
+
+def test_failures_of_all_campaigns_are_ranked_filtered_marked_and_kept(show: Show, studio: Server) -> None:
+    first = studio.folder / "runs" / "first"
+    shutil.copytree(first, studio.folder / "runs" / "second")
+    answer = rvsg.Campaign.open(first).answer
+    names = [row.name for row in answer.failures]
+    tab = show()
+    rows = tab.locator(".st-failures tbody tr")
+    waited(lambda: rows.count() == 2 * len(names) > 0)
+    assert rows.first.get_by_role("link").inner_text() == names[0]
+    assert answer.failures[0].share in rows.first.inner_text()
+    waited(lambda: tab.evaluate("[...document.querySelectorAll('.st-thumb img')].every(e => e.naturalWidth > 0)"))
+    tab.keyboard.press("/")
+    tab.keyboard.type("runs/second")
+    waited(lambda: rows.count() == len(names))
+    rows.first.get_by_role("checkbox").check()
+    tab.get_by_role("button", name="Compare", exact=True).click()
+    tab.get_by_text("Select failures of two campaigns").wait_for()
+    tab.get_by_role("button", name="Add to suite").click()
+    tab.get_by_text("suite holds 1 case.").wait_for()
+    suite = rvsg.Suite.open(studio.folder / "suite")
+    assert [case.title for case in suite.cases] == [names[0]]
+    tab.get_by_label("Status of the selection").select_option("known")
+    waited(lambda: rows.first.get_by_text("known").count() == 1)
+    assert [each.status for each in notes_of(studio.folder / "runs" / "second").findings.values()] == ["known"]
+    tab.get_by_label("Status", exact=True).select_option("new")
+    tab.get_by_text("No failure has all of this.").or_(rows.first).first.wait_for()
+    waited(lambda: rows.count() == len(names) - 1)
+
+
+def test_contact_ranks_before_any_violation_without(studio: Server) -> None:
+    found = Lister(studio.folder).listing().campaigns[0].failures[0]
+
+    def failure(**changes: object) -> FoundFailure:
+        return found.replace(row=Row.model_validate_json(json.dumps(json.loads(found.row.model_dump_json()) | changes)))
+
+    touch = failure(contacts=1, violated="no", often="rarely", violations=0)
+    always = failure(contacts=0, violated="yes", often="always")
+    sometimes = failure(contacts=0, violated="yes", often="sometimes")
+    open_ = failure(contacts=0, violated="open", often="not settled")
+    assert sorted([open_, sometimes, touch, always], key=lambda each: each.severity, reverse=True) == [
+        touch, always, sometimes, open_
+    ]  # fmt: skip
+
+
+def test_an_empty_folder_offers_three_starts(show: Show, studio: Server) -> None:
+    shutil.rmtree(studio.folder / "runs")
+    tab = show()
+    assert tab.locator(".st-cards a").all_inner_texts() == ["New campaign", "New world", "New scenario"]
+
+
+def test_campaigns_of_a_matrix_are_one_row(show: Show, studio: Server) -> None:
+    folder = studio.folder / "runs"
+    shutil.copytree(folder / "first", folder / "all" / "one")
+    shutil.copytree(folder / "first", folder / "all" / "two")
+    (folder / "all" / "matrix.json").write_text("{}")
+    tab = show()
+    row = tab.locator("tr", has=tab.get_by_role("link", name="runs/all", exact=True))
+    assert row.locator("a.chip").count() == 2

@@ -29,10 +29,14 @@ from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import write_whole
 from rvsg.evaluation.verdict import counted, load_requirement
 from rvsg.report.renderer import component, look
+from rvsg.report.replay_data import people_colours
+from rvsg.report.run_facts import footprint_of
+from rvsg.report.stills import Look, Turn, area_colours, frame
 from rvsg.scenario.builder import check_valid, load_scenario_in, save_scenario
 from rvsg.scenario.requirement import Requirement, shipped_requirements
 from rvsg.scenario.world_lookup import world_of
 from rvsg.simulation.route_trial import trial_of
+from rvsg.world.drawing.svg import floor_plan
 from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.model_questions import AskedModel, asked_model, keep_model, picture_of_call
 from rvsg_studio.scenario_editor import (
@@ -286,6 +290,29 @@ def compared_versions(workspace: Workspace, first: str, second: str, suite: str 
     return replace(compared, suite=rvsg.Suite.open(workspace.existing(suite))) if suite else compared
 
 
+def still(workspace: Workspace, given: dict[str, Any]) -> Response:
+    """Return the picture of a moment of a run, in the colours of its attempt, as SVG that stands alone."""
+    campaign, run_id, index = campaign_of(workspace, given), text_of(given, "run"), number_of(given, "attempt")
+    attempt = next((each for each in campaign.attempts() if each.index == index), None)
+    if attempt is None or run_id not in (ids := [m.run_id for m in attempt.measurements]):
+        raise InputError(f"There is no run {run_id!r} in attempt {index}.")
+    try:
+        moment_s = float(text_of(given, "t"))
+    except ValueError:
+        raise InputError("The request has no time 't'.") from None
+    with campaign.reading() as ledger:
+        runs = {each: ledger.run(each) for each in ids}
+    plan, robot = floor_plan(campaign.world, tooltips=False), campaign.plan.mission.robot_record
+    outline, colours = footprint_of(runs[run_id], robot), people_colours([*runs.values()])
+    drawn = Look(turn=Turn.of(plan.matrix), view_box=plan.view_box, outline=outline, colours=colours)
+    head, rest = frame(runs[run_id], moment_s, drawn, "").split(">", 1)
+    floor = (
+        f'<style>{look()}{area_colours(campaign.world, plan)}</style><defs><g id="rvsg-floor">{plan.shapes}</g></defs>'
+    )
+    picture = f'{head} xmlns="http://www.w3.org/2000/svg" font-family="sans-serif">{floor}{rest}'
+    return Response(picture, media_type="image/svg+xml", headers={"cache-control": "private, max-age=86400"})
+
+
 def picture(workspace: Workspace, given: dict[str, Any]) -> Response:
     """Return a picture that a model was shown."""
     content = picture_of_call(campaign_of(workspace, given), text_of(given, "digest"))
@@ -371,6 +398,7 @@ ANSWERS: dict[str, Answer] = {
     "runs": runs,
     "versions": versions,
     "picture": picture,
+    "still": still,
     "names": names,
     "typed": typed,
     "files": listed,

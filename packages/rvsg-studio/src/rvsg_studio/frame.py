@@ -17,6 +17,7 @@ from nicegui import run, ui
 from nicegui.elements.mixins.text_element import TextElement
 
 from rvsg.core.errors import RvsgError
+from rvsg.report.answer import Row
 from rvsg_studio.workspace import Workspace
 
 PAGES = (
@@ -199,9 +200,20 @@ def actions() -> Tag:
     return tag("p", cls="st-actions")
 
 
-def chip(status: str, *, bad: bool = False, good: bool = False) -> Tag:
-    """Add a chip with a status in the colours of the report."""
-    return tag("span", status, cls=f"chip{' bad' if bad else ''}{' good' if good else ''}")
+def chip(status: str, tone: str = "", *, bad: bool = False, good: bool = False) -> Tag:
+    """Add a chip with a status in the colours of the report; `tone` as an answer gives it."""
+    return tag("span", status, cls=f"chip {tone}{' bad' if bad else ''}{' good' if good else ''}".strip())
+
+
+def rate(row: Row) -> None:
+    """Add the share of violating runs with a bar of its interval, as the report draws it."""
+    tag("span", row.share)
+    if row.bounds is not None:
+        low, high = row.bounds
+        with tag("span", cls="rate"):
+            tag("i", style=f"left:{100 * low:.1f}%;width:{100 * (high - low):.1f}%")
+            tag("b", style=f"left:{100 * row.violations / row.runs:.1f}%")
+        tag("span", row.interval, cls="soft small")
 
 
 def field(label: str, *, help: str = "") -> Any:

@@ -9,19 +9,19 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, ValidationError
 
 from rvsg.app.campaign import Campaign, campaigns_in
-from rvsg.app.folder import LEDGER, STORE
+from rvsg.app.folder import LEDGER, MATRIX, STORE
 from rvsg.campaign.execution import calls_of
-from rvsg.campaign.ranking import confirmations, search_attempts
+from rvsg.campaign.ranking import search_attempts
 from rvsg.campaign.suite_folder import HEAD
-from rvsg.core.errors import RvsgError
+from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import write_whole
 from rvsg.core.records import Record
-from rvsg.evaluation.verdict import violated
+from rvsg.report.answer import Row
 from rvsg.report.summary import summarise, tried_of
 
 DEEPEST = 6
@@ -32,19 +32,24 @@ SAVE_EVERY_S = 5.0
 _RESULTS = re.compile(rb'\s*\{\s*"suite"\s*:')
 
 
-class FoundFinding(Record):
-    """A confirmation of a campaign, in short. `status` is its verdict."""
+class FoundFailure(Record):
+    """A confirmed configuration that violates the requirement or touches a person."""
 
-    attempt: int
-    status: str
-    violated: bool
-    violations: int
-    runs: int
-    description: str
+    row: Row
+    """What its campaign says of it."""
+    scenario_id: str
+
+    @property
+    def severity(self) -> tuple[float, ...]:
+        """A key that sorts failures of any campaigns as an answer orders its own; larger is worse."""
+        row = self.row
+        often = {"always": 3, "sometimes": 2, "not settled": 2, "rarely": 0}[row.often] if row.violated == "yes" else 0
+        at_least = row.bounds[0] if row.bounds is not None else 0.0
+        return row.contacts > 0, often or row.violated == "open", row.contacts / max(1, row.runs), at_least
 
 
 class FoundCampaign(Record):
-    """A campaign in a folder, in short. `problem` says why it cannot be read; then the rest is empty."""
+    """A campaign in a folder, in short."""
 
     folder: str
     """Relative to the folder that is listed, with `/`."""
@@ -62,18 +67,20 @@ class FoundCampaign(Record):
     """What the calls of the model took together, seconds."""
     model: str = ""
     cost_usd: float | None = None
-    violated: bool = False
     changed_s: float = 0.0
     """When its ledger changed last, seconds since 1970."""
-    findings: tuple[FoundFinding, ...] = ()
+    status: str = ""
+    """Status, tone and headline of its answer."""
+    tone: str = "quiet"
+    headline: str = ""
+    elsewhere: str = ""
+    """Contact that its failures do not show."""
+    failures: tuple[FoundFailure, ...] = ()
+    """The most severe first."""
     problem: str = ""
+    """Why it has no answer; without a name, why it cannot be read."""
     unread: bool = False
     """Whether it is still to be read; what is known of it may be old, or its folder alone."""
-
-    @property
-    def violations(self) -> int:
-        """How many confirmations violate the requirement."""
-        return sum(finding.violated for finding in self.findings)
 
     @property
     def tried(self) -> str:
@@ -87,6 +94,8 @@ class Listing(Record):
     worlds: tuple[str, ...]
     campaigns: tuple[FoundCampaign, ...]
     suites: tuple[str, ...]
+    matrices: tuple[str, ...] = ()
+    """Folders of campaigns of several routes and requirements."""
     cut: bool = False
     """Whether the folder holds more folders than are looked at."""
 
@@ -103,7 +112,7 @@ Stamp = tuple[tuple[str, int, int], ...]
 class _Index(Record):
     """The campaigns of each store with its stamp when they were read, kept between two sessions."""
 
-    format: Literal[5] = 5
+    format: Literal[6] = 6
     stores: dict[str, tuple[Stamp, tuple[FoundCampaign, ...]]] = Field(default_factory=dict)
 
 
@@ -135,7 +144,7 @@ class Lister:
             wait: read every campaign that has changed first. Without it they are read in the background, and what is
                 known of them by then is marked as `unread`.
         """
-        worlds, stores, suites = list[str](), list[str](), list[str]()
+        worlds, stores, suites, matrices = (list[str]() for _ in range(4))
         cut = False
         for count, (path, names) in enumerate(_folders(self.folder)):
             if cut := count >= MOST_FOLDERS:
@@ -147,6 +156,8 @@ class Lister:
                 suites.append(place)
             if LEDGER in names or STORE in names:
                 stores.append(place)
+            if MATRIX in names:
+                matrices.append(place)
         with self._lock:
             gone = set(self._known).difference(stores)
             for place in gone:
@@ -163,7 +174,11 @@ class Lister:
         campaigns = [each for place in stores for each in self._campaigns(place)]
         newest_first = sorted(campaigns, key=lambda each: (-each.changed_s, each.folder))
         return Listing(
-            worlds=tuple(sorted(worlds)), campaigns=tuple(newest_first), suites=tuple(sorted(suites)), cut=cut
+            worlds=tuple(sorted(worlds)),
+            campaigns=tuple(newest_first),
+            suites=tuple(sorted(suites)),
+            matrices=tuple(sorted(matrices)),
+            cut=cut,
         )
 
     def _changed(self, place: str) -> bool:
@@ -260,7 +275,16 @@ def _found(campaign: Campaign, place: str, changed: float) -> FoundCampaign:
     summary = summarise(campaign.plan, attempts)
     account = summary.accounting
     calls = calls_of(search_attempts(attempts))
-    confirmed = [(each, each.verdict, each.proposal.scenario) for each in confirmations(attempts)]
+    scenarios = {each.attempt: each.scenario_id for each in (*summary.ranking, *summary.further)}
+    said: dict[str, Any] = {}
+    try:
+        answer = campaign.answer
+    except InputError as error:  # its world has changed since
+        said["problem"] = str(error)
+    else:
+        said = {"status": answer.status, "tone": answer.tone, "headline": answer.headline}
+        said["elsewhere"] = answer.elsewhere.text if answer.elsewhere is not None else ""
+        said["failures"] = tuple(FoundFailure(row=r, scenario_id=scenarios[r.attempt]) for r in answer.failures)
     return FoundCampaign(
         folder=place,
         name=campaign.name,
@@ -276,18 +300,6 @@ def _found(campaign: Campaign, place: str, changed: float) -> FoundCampaign:
         calls_s=sum(call.latency_s for call in calls),
         model=calls[0].model if calls else "",
         cost_usd=account.cost_usd,
-        violated=summary.violated,
         changed_s=changed,
-        findings=tuple(
-            FoundFinding(
-                attempt=attempt.index,
-                status=verdict.status.value,
-                violated=violated(verdict),
-                violations=verdict.violations,
-                runs=verdict.runs,
-                description=scenario.description,
-            )
-            for attempt, verdict, scenario in confirmed
-            if verdict is not None and scenario is not None
-        ),
+        **said,
     )

@@ -357,8 +357,5 @@ class Cells:
         if campaign is None:
             tag("span", "not begun", cls="soft")
             return
-        if bad := campaign.violations:
-            chip(counted(bad, "violation"), bad=True)
-        elif campaign.complete:
-            chip("not confirmed" if campaign.violated else "nothing found", good=not campaign.violated)
+        chip(campaign.status, campaign.tone)
         link(f"{campaign.tried} tried", "/campaign", folder=campaign.folder, name=campaign.name)

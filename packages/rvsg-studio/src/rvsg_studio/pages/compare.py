@@ -202,8 +202,8 @@ def _totals(listing: Listing, a: str, b: str) -> None:
         "Generator": lambda c: c.generator,
         "Configurations tried": lambda c: c.attempts,
         "Runs": lambda c: c.runs,
-        "Confirmed violations": lambda c: c.violations,
-        "Worst confirmed": _worst,
+        "Failures": lambda c: len(c.failures),
+        "Most severe": lambda c: f"{c.failures[0].row.name}, {c.failures[0].row.share}" if c.failures else "none",
         "Cost": lambda c: "unknown" if c.cost_usd is None else f"{c.cost_usd:.2f} USD",
     }
     with table(["", *(campaign.folder for campaign in shown)], label="Totals"):
@@ -212,11 +212,6 @@ def _totals(listing: Listing, a: str, b: str) -> None:
                 tag("th", label, scope="row")
                 for campaign in shown:
                     tag("td", str(value(campaign)))
-
-
-def _worst(campaign: FoundCampaign) -> str:
-    worst = max(campaign.findings, key=lambda f: f.violations / max(1, f.runs), default=None)
-    return f"{worst.status}, {worst.violations} of {worst.runs}" if worst else "none"
 
 
 def _pairs(a: str, b: str, pairs: tuple[Pair, ...], unit: str) -> None:

@@ -1,23 +1,50 @@
-"""Home with worlds, campaigns, suites, jobs and newest findings; and a single job or suite."""
+"""Home with failures, campaigns, worlds, suites and jobs; and a single job or suite."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
+from functools import partial
+from pathlib import Path
+from typing import Any
 
 from nicegui import ui
 
 import rvsg
+from rvsg.core.errors import InputError
 from rvsg.evaluation.verdict import counted
 from rvsg.world.world_folder import shipped_worlds
-from rvsg_studio.frame import PATIENT_S, Page, actions, chip, link, load, page, route, section, table, tag
-from rvsg_studio.listing import FoundCampaign, Listing
+from rvsg_studio.frame import (
+    PATIENT_S,
+    Page,
+    actions,
+    address,
+    chip,
+    link,
+    load,
+    page,
+    rate,
+    route,
+    section,
+    select,
+    table,
+    tag,
+    text_input,
+)
+from rvsg_studio.listing import FoundCampaign, FoundFailure, Listing
 from rvsg_studio.pages.finding import JobLine, job_buttons
-from rvsg_studio.workspace import Job, Workspace
+from rvsg_studio.workspace import STATES, Job, Note, Workspace, note, notes_of
 
-COLUMNS = ("Campaign", "World, route", "Requirement", "Tried", "Runs", "Result", "Cost", "Changed")
-NEWEST = 8
+FAILURES = ("", "", "Failure", "Violated", "Contact", "Cause", "Status", "Age")
+CAMPAIGNS = ("Campaign", "Answer", "Tried", "Runs", "Cost", "Changed")
 FOLLOW_S = 2.0
 SHOWN = 200
+STARTS = (
+    ("New campaign", "/campaign/new", "Find failures on a world that ships with RVSG."),
+    ("New world", "/world/new", "Bring your own Nav2 map or Gazebo world."),
+    ("New scenario", "/scenario", "Say where people walk, and watch what the robot does."),
+)
+Failure = tuple[FoundCampaign, FoundFailure]
 
 
 def add(workspace: Workspace) -> None:
@@ -27,7 +54,7 @@ def add(workspace: Workspace) -> None:
     async def home() -> None:
         listing = await load(workspace.listing)
         jobs = await load(workspace.jobs.all)
-        with page(workspace, workspace.folder.name or "Home", here="/") as shown:
+        with page(workspace, workspace.folder.name or "Home", here="/", wide=True) as shown:
             Home(shown, listing, jobs)
 
     @route(workspace, "/job", "Job")
@@ -64,22 +91,171 @@ class Home:
     """What lies in the folder; it follows campaigns that are still being read, and jobs until they end."""
 
     def __init__(self, shown: Page, listing: Listing, jobs: list[Job]) -> None:
-        self.page, self.shown = shown, _followed(listing, jobs)
+        self.page, self.workspace, self.shown = shown, shown.workspace, _followed(listing, jobs)
+        self.chosen = dict.fromkeys(("world", "requirement", "status", "contact", "search"), "")
+        """What the failures are filtered by."""
+        self.selected: set[tuple[str, str, int]] = set()
         self.body = tag("div")
-        with self.body:
-            lay_out(shown, listing, jobs)
+        self._lay_out(listing, jobs)
         if self.shown:
             self.timer = ui.timer(FOLLOW_S, shown.guarded(self._follow))
 
     async def _follow(self) -> None:
-        listing, jobs = await load(self.page.workspace.listing), await load(self.page.workspace.jobs.all)
+        listing, jobs = await load(self.workspace.listing), await load(self.workspace.jobs.all)
         if (followed := _followed(listing, jobs)) != self.shown:
             self.shown = followed
             self.body.clear()
-            with self.body:
-                lay_out(self.page, listing, jobs)
+            self._lay_out(listing, jobs)
         if not self.shown:
             self.timer.deactivate()
+
+    def _lay_out(self, listing: Listing, jobs: list[Job]) -> None:
+        found = [(campaign, failure) for campaign in listing.campaigns for failure in campaign.failures]
+        self.failures = sorted(found, key=lambda each: each[1].severity, reverse=True)
+        self.notes = {folder: notes_of(self.workspace.path(folder)) for folder in {each.folder for each, _ in found}}
+        with self.body:
+            if listing.cut:
+                tag("p", "The folder holds very many folders; only the first of them are shown.", cls="soft")
+            _starts(self.workspace.folder, listing)
+            _running([job for job in jobs if job.running])
+            if listing.campaigns:
+                new = sum(self._status(each) == "new" for each in self.failures)
+                title = f"{counted(len(self.failures), 'failure')}, {new} new"
+                with section(title, "failures"):
+                    self._filters(listing)
+                    self.bar = tag("div", cls="st-actions")
+                    self.rows = tag("div")
+                    self._rows()
+                _campaigns(listing)
+            _places(listing)
+
+    def _status(self, each: Failure) -> str:
+        return self.notes[each[0].folder].findings.get(each[1].scenario_id, Note()).status
+
+    def _filters(self, listing: Listing) -> None:
+        known: dict[str, Iterable[str]] = {
+            "world": sorted({campaign.world for campaign, _ in self.failures}),
+            "requirement": sorted({campaign.requirement for campaign, _ in self.failures}),
+            "status": STATES,
+            "contact": ("contact", "no contact"),
+        }
+
+        def choose(key: str, value: str) -> None:
+            self.chosen[key] = value
+            self._rows()
+
+        if not self.failures:
+            return
+        with tag("div", cls="st-filters"):
+            for key, values in known.items():
+                options = {"": f"any {key}"} | {value: value for value in values}
+                select(options, self.chosen[key], partial(choose, key), aria_label=key.capitalize())
+            text_input(self.chosen["search"], partial(choose, "search"), kind="search", data_search=True,
+                       placeholder="Search ( / )", aria_label="Search failures")  # fmt: skip
+
+    def _is_shown(self, each: Failure) -> bool:
+        campaign, failure = each
+        row, chosen = failure.row, self.chosen
+        touched = "contact" if row.contacts else "no contact"
+        facts = {"world": campaign.world, "requirement": campaign.requirement, "contact": touched}
+        facts["status"] = self._status(each)
+        text = f"{row.name} {row.cause} {campaign.folder} {campaign.route}".lower()
+        return all(chosen[key] in ("", fact) for key, fact in facts.items()) and chosen["search"].lower() in text
+
+    def _rows(self) -> None:
+        """Lay out the failures that the filters leave."""
+        self.rows.clear()
+        found = [each for each in self.failures if self._is_shown(each)]
+        with self.rows:
+            if not found:
+                none = "No failure is confirmed." if not self.failures else "No failure has all of this."
+                tag("p", none, cls="soft", role="status")
+            else:
+                with table(FAILURES, cls="st-table st-failures"):
+                    for each in found[:SHOWN]:
+                        self._row(each)
+            if len(found) > SHOWN:
+                tag("p", f"and {len(found) - SHOWN} more: filter or search.", cls="soft")
+        self._bar()
+
+    def _row(self, each: Failure) -> None:
+        campaign, failure = each
+        row, key = failure.row, _key(each)
+        query: dict[str, Any] = {"campaign": campaign.folder, "name": campaign.name, "attempt": row.confirmation}
+
+        def select_it(on: bool) -> None:
+            self.selected ^= {key} if on != (key in self.selected) else set()
+            self._bar()
+
+        with tag("tr"):
+            with tag("td"):
+                box = tag("input", type="checkbox", aria_label=f"Select {row.name}, {campaign.folder}")
+                if key in self.selected:
+                    box._props["^checked"] = True
+                box.on("change", lambda event: select_it(bool(event.args)), js_handler="(e) => emit(e.target.checked)")
+            with tag("td", cls="st-thumb"):
+                tag("img", src=address("/data/still", **query, run=row.run, t=row.moment_s), alt="", loading="lazy")
+            with tag("td", data_label="Failure"), tag("div"):
+                link(row.name, "/finding", **query)
+                where = f"{campaign.requirement} · {campaign.world}, {campaign.route} · {campaign.folder} {row.number}"
+                tag("div", where, cls="soft small")
+            with tag("td", data_label="Violated", cls="st-rate"):
+                rate(row)
+            touch = f"{row.contact} {row.touch}" if row.contacts else row.contact
+            tag("td", touch, data_label="Contact", cls="st-wrong" if row.contacts else "")
+            with tag("td", data_label="Cause"), tag("div", row.cause):
+                tag("div", row.caused, cls="soft small")
+            tag("td", self._status(each), data_label="Status")
+            tag("td", ago(campaign.changed_s, since=True), data_label="Age")
+
+    def _bar(self) -> None:
+        """Lay out what can be done with the selection."""
+        self.bar.clear()
+        chosen = [each for each in self.failures if _key(each) in self.selected]
+        if not chosen:
+            return
+        suite = {"folder": "suite"}
+
+        def mark(status: str) -> None:
+            for campaign, failure in chosen:
+                kept = next(state for state in STATES if state == status)
+                note(self.workspace.path(campaign.folder), failure.scenario_id, status=kept)
+                self.notes[campaign.folder] = notes_of(self.workspace.path(campaign.folder))
+            self._rows()
+
+        async def keep() -> None:
+            self.page.say(await load(add_to_suite, self.workspace, chosen, suite["folder"]))
+
+        def compare() -> None:
+            folders = list(dict.fromkeys(campaign.folder for campaign, _ in chosen))
+            if len(folders) != 2:
+                raise InputError(f"Select failures of two campaigns to compare these; this is {len(folders)}.")
+            ui.navigate.to(address("/compare", a=folders[0], b=folders[1]))
+
+        with self.bar:
+            tag("strong", f"{len(chosen)} selected", role="status")
+            select(
+                {"": "set status"} | {state: state for state in STATES}, "", mark, aria_label="Status of the selection"
+            )
+            text_input("suite", partial(suite.__setitem__, "folder"), cls="st-inline", aria_label="Folder of the suite")
+            self.page.button("Add to suite", keep)
+            self.page.button("Compare", compare)
+
+
+def _key(each: Failure) -> tuple[str, str, int]:
+    return each[0].folder, each[0].name, each[1].row.confirmation or 0
+
+
+def add_to_suite(workspace: Workspace, chosen: Iterable[Failure], name: str) -> str:
+    """Add failures as cases, those that only touch a person under `no_contact`; return what the suite holds then."""
+    suite = rvsg.Suite.create(workspace.path(name))
+    for found, failure in chosen:
+        campaign, row = rvsg.Campaign.open(workspace.existing(found.folder), found.name), failure.row
+        scenario = next(a.proposal.scenario for a in campaign.attempts() if a.index == row.attempt)
+        assert scenario is not None, "a confirmed scenario is valid"
+        judged = str(campaign.record.config["requirement"]) if row.violated == "yes" else "no_contact"
+        suite = suite.add(scenario, judged, title=row.name, world=campaign.world, simulator=campaign.found_with)
+    return f"{name} holds {counted(len(suite.cases), 'case')}."
 
 
 def _followed(listing: Listing, jobs: list[Job]) -> tuple[object, ...]:
@@ -88,24 +264,32 @@ def _followed(listing: Listing, jobs: list[Job]) -> tuple[object, ...]:
     return (listing.unread, running) if listing.unread or running else ()
 
 
-def lay_out(shown: Page, listing: Listing, jobs: list[Job]) -> None:
-    """Lay out what lies in the folder."""
-    tag("p", str(shown.workspace.folder), cls="soft small st-path")
-    with actions():
-        link("New campaign", "/campaign/new", cls="st-button st-primary")
-        link("New world", "/world/new", cls="st-button")
-        link("New scenario", "/scenario", cls="st-button")
-    if listing.cut:
-        tag("p", "The folder holds very many folders; only the first of them are shown.", cls="soft")
-    running = [job for job in jobs if job.running]
+def _starts(folder: Path, listing: Listing) -> None:
+    """Lay out what can be begun; an empty folder says what each is for."""
+    empty = not (listing.campaigns or listing.worlds or listing.suites)
+    with tag("ul", cls="st-cards") if empty else actions():
+        for place, (name, path, what) in enumerate(STARTS):
+            style = f"st-button{'' if place else ' st-primary'}"
+            if empty:
+                with tag("li", cls="st-card"):
+                    tag("p", what)
+                    link(name, path, cls=style)
+            else:
+                link(name, path, cls=style)
+        if not empty:
+            tag("span", str(folder), cls="soft small st-path")
+
+
+def _running(running: list[Job]) -> None:
     if running:
         with section("Running", "jobs"), tag("ul", cls="st-list"):
             for job in running:
                 with tag("li"):
                     link(job.title, "/job", job=job.id)
                     tag("span", f" {job.target} · for {ago(job.begun_s, since=True)}", cls="soft small")
-    _findings(listing)
-    _campaigns(listing)
+
+
+def _places(listing: Listing) -> None:
     with section("Worlds", "worlds"), tag("ul", cls="st-list st-columns"):
         for name in (*listing.worlds, *shipped_worlds()):
             with tag("li"):
@@ -119,69 +303,64 @@ def lay_out(shown: Page, listing: Listing, jobs: list[Job]) -> None:
                     link(name, "/suite", suite=name)
 
 
-def _findings(listing: Listing) -> None:
-    found = [(campaign, finding) for campaign in listing.campaigns for finding in campaign.findings]
-    with section("Newest findings", "findings"):
-        if not found:
-            tag("p", "Nothing is confirmed yet. A campaign confirms what its search finds.", cls="soft")
-            return
-        with tag("ul", cls="st-cards"):
-            for campaign, finding in found[:NEWEST]:
-                with tag("li", cls="st-card"):
-                    with tag("p", cls="st-card-head"):
-                        chip(finding.status, bad=finding.violated, good=finding.status == "PASS")
-                        tag("span", f"{campaign.requirement} · {campaign.world}, {campaign.route}", cls="soft small")
-                    with tag("p", cls="st-clip"):
-                        said = finding.description or "Without a description"
-                        link(said, "/finding", campaign=campaign.folder, name=campaign.name, attempt=finding.attempt)
-                    tag("p", f"{finding.violations} of {finding.runs} runs violate it", cls="small")
-
-
 def _campaigns(listing: Listing) -> None:
-    with section(f"Campaigns ({len(listing.campaigns)})", "campaigns"):
-        if not listing.campaigns:
-            tag("p", "No campaign lies in this folder.", cls="soft")
-            return
+    together: dict[str, list[FoundCampaign]] = {}
+    for campaign in listing.campaigns:
+        above = campaign.folder.rpartition("/")[0]
+        together.setdefault(above if above in listing.matrices else campaign.folder, []).append(campaign)
+    with section(counted(len(listing.campaigns), "campaign"), "campaigns"):
         if new := sum(not (each.name or each.problem) for each in listing.campaigns):
             tag("p", f"Reading {counted(new, 'campaign')}…", cls="soft", role="status")
-        with table(COLUMNS, cls="st-table"):
-            for campaign in listing.campaigns[:SHOWN]:
-                _row(campaign)
+        with table(CAMPAIGNS, cls="st-table"):
+            for folder, found in list(together.items())[:SHOWN]:
+                with tag("tr"):
+                    if folder in listing.matrices:
+                        _matrix(folder, found)
+                    else:
+                        _campaign(found[0])
 
 
-def _row(campaign: FoundCampaign) -> None:
-    with tag("tr"):
-        with tag("td", data_label="Campaign"):
-            if campaign.problem:
-                tag("span", campaign.folder)
-            else:
-                link(campaign.folder, "/campaign", folder=campaign.folder, name=campaign.name or None)
+def _campaign(campaign: FoundCampaign) -> None:
+    with tag("td", data_label="Campaign"), tag("div"):
+        if campaign.problem and not campaign.name:
+            tag("span", campaign.folder)
+        else:
+            link(campaign.folder, "/campaign", folder=campaign.folder, name=campaign.name or None)
+        if campaign.name:
+            where = f"{campaign.requirement} · {campaign.world}, {campaign.route}"
+            tag("div", where, cls="soft small")
+    if not campaign.name:
+        tag("td", campaign.problem or "is being read", cls="st-wrong" if campaign.problem else "soft", colspan="5")
+        return
+    with tag("td", data_label="Answer"), tag("div"):
         if campaign.problem:
-            tag("td", campaign.problem, cls="st-wrong", colspan="7")
-            return
-        if not campaign.name:
-            tag("td", "is being read", cls="soft", colspan="7")
-            return
-        tag("td", f"{campaign.world}, {campaign.route}", data_label="World, route")
-        tag("td", campaign.requirement, data_label="Requirement")
-        tag("td", campaign.tried, data_label="Tried")
-        tag("td", str(campaign.runs), data_label="Runs")
-        with tag("td", data_label="Result"):
-            _result(campaign)
-        cost = "?" if campaign.cost_usd is None else f"{campaign.cost_usd:.2f} USD" if campaign.calls else "–"
-        tag("td", cost, data_label="Cost")
-        tag("td", ago(campaign.changed_s), data_label="Changed")
+            tag("span", campaign.problem, cls="st-wrong")
+        else:
+            chip(campaign.status, campaign.tone)
+            tag("span", f" {campaign.headline} {campaign.elsewhere}", cls="small")
+    _amounts([campaign], campaign.tried)
 
 
-def _result(campaign: FoundCampaign) -> None:
-    if bad := campaign.violations:
-        chip(counted(bad, "violation"), bad=True)
-    elif campaign.findings:
-        chip("none confirmed", good=True)
-    elif not campaign.complete:
-        chip("not finished")
-    else:
-        chip("not confirmed" if campaign.violated else "nothing found")
+def _matrix(folder: str, found: list[FoundCampaign]) -> None:
+    """Lay out campaigns of several routes and requirements as one row with a chip for each."""
+    with tag("td", data_label="Campaign"), tag("div"):
+        link(folder, "/matrix", folder=folder)
+        tag("div", f"{counted(len(found), 'campaign')}, {found[0].world}", cls="soft small")
+    with tag("td", data_label="Answer"), tag("div"):
+        for each in sorted(found, key=lambda each: (each.route, each.requirement)):
+            made = link(f"{each.route} {each.requirement}: {each.status or 'is being read'}", "/campaign",
+                        folder=each.folder, name=each.name or None, cls=f"chip {each.tone}")  # fmt: skip
+            made._props["title"] = each.headline
+    _amounts(found, str(sum(each.attempts for each in found)))
+
+
+def _amounts(found: list[FoundCampaign], tried: str) -> None:
+    costs = [each.cost_usd for each in found]
+    cost = "?" if None in costs else f"{sum(each or 0.0 for each in costs):.2f} USD"
+    tag("td", tried, data_label="Tried")
+    tag("td", str(sum(each.runs for each in found)), data_label="Runs")
+    tag("td", cost if any(each.calls for each in found) else "–", data_label="Cost")
+    tag("td", ago(max(each.changed_s for each in found)), data_label="Changed")
 
 
 def ago(moment_s: float, *, since: bool = False) -> str:

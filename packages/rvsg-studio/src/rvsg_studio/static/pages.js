@@ -44,6 +44,12 @@
     loadNames();
   };
 
+  /* "/" goes to the search field of a page. */
+  document.addEventListener("keydown", function (event) {
+    const field = event.key === "/" && !event.ctrlKey && !/^(INPUT|TEXTAREA|SELECT)$/.test(event.target.tagName) && document.querySelector("[data-search]");
+    if (field) { event.preventDefault(); field.focus(); }
+  });
+
   /* Files that are dropped on the page, or chosen; data-accept says what they end in. They wait in the studio. */
   parts.drop = function (element) {
     const chosen = labelled(element, "Files", html(null, "input", { type: "file", multiple: "", accept: element.dataset.accept }));
