@@ -211,6 +211,9 @@ def test_finding_is_replayed_and_noted(opened: Open, studio: Server) -> None:
     before = tab.evaluate(TIME)
     tab.keyboard.press("ArrowRight")
     assert tab.evaluate(TIME) > before
+    press(tab, tab.get_by_role("tab", name="Events"))
+    for _ in range(4):
+        tab.keyboard.press("ArrowRight")
     reach(tab, tab.get_by_label("Status"))
     tab.keyboard.type("accepted")
     rewrite(tab, tab.get_by_label("Comment"), HOSTILE)

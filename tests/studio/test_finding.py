@@ -8,10 +8,45 @@ from pathlib import Path
 
 import pytest
 import yaml
-from tests.studio.conftest import PATIENT, Server, Show, axe_violations, confirmed, fits
+from tests.studio.conftest import PATIENT, Server, Show, axe_violations, confirmed, fits, waited
 
 import rvsg
 from rvsg.scenario.builder import load_scenario_in
+from rvsg_studio.listing import Lister
+
+
+def test_the_page_fills_the_window_and_another_run_changes_everything(show: Show, studio: Server) -> None:
+    index = confirmed(studio.folder)
+    row = rvsg.Campaign.open(studio.folder / "runs" / "first").answer.row(index)
+    tab = show(f"/finding?campaign=runs/first&attempt={index}")
+    assert tab.locator("h1").inner_text() == row.name
+    assert row.share in tab.locator(".st-head").inner_text()
+    assert tab.evaluate("document.documentElement.scrollHeight <= innerHeight")
+    state = "document.getElementById('replay').replay.state()"
+    chosen, told = tab.locator(".st-run-list [aria-pressed=true]"), tab.locator(".rp-about")
+    assert (tab.evaluate(state)["run"], tab.evaluate(state)["t"]) == (row.run, row.moment_s)
+    before = tab.evaluate(state)["run"], chosen.get_attribute("title"), told.inner_text()
+    assert str(chosen.get_attribute("title")).rpartition(" ")[2] in before[2]
+    tab.keyboard.press("]")
+    waited(lambda: tab.evaluate(state)["run"] != before[0])
+    after = tab.evaluate(state)["run"], chosen.get_attribute("title"), told.inner_text()
+    assert all(x != y for x, y in zip(before, after, strict=True))
+    assert str(after[1]).rpartition(" ")[2] in after[2]
+
+
+def test_keys_go_through_the_findings_in_the_order_of_home(show: Show, studio: Server) -> None:
+    shutil.copytree(studio.folder / "runs" / "first", studio.folder / "runs" / "second")
+    found = Lister(studio.folder).listing().failures
+    tab = show()
+    waited(lambda: tab.locator(".st-failures tbody tr").count() == len(found) > 1)
+    tab.locator(".st-failures a").first.click()
+    tab.wait_for_url("**/finding?**")
+    for key, place in (("j", 1), ("k", 0)):
+        campaign, failure = found[place]
+        tab.wait_for_selector("[data-ready]")
+        tab.keyboard.press(key)
+        folder = campaign.folder.replace("/", "%2F")
+        tab.wait_for_url(f"**/finding?campaign={folder}&**attempt={failure.row.confirmation}")
 
 
 @pytest.fixture(scope="module")

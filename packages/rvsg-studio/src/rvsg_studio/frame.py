@@ -122,8 +122,12 @@ class Page:
 
 
 @contextlib.contextmanager
-def page(workspace: Workspace, title: str, *, here: str = "", wide: bool = False) -> Iterator[Page]:
-    """Lay out a page: navigation, title, a line for messages, the content, and the command lines that do the same."""
+def page(workspace: Workspace, title: str, *, here: str = "", wide: bool = False, full: bool = False) -> Iterator[Page]:
+    """Lay out a page: navigation, title, a line for messages, the content, and the command lines that do the same.
+
+    Args:
+        full: fill the window, so that parts of the page scroll instead of the page.
+    """
     made = Page(workspace)
     ui.add_head_html(HEAD)
     ui.page_title(f"{title} – RVSG studio")
@@ -132,7 +136,7 @@ def page(workspace: Workspace, title: str, *, here: str = "", wide: bool = False
         tag("a", "RVSG", cls="st-brand", href="/", aria_label="RVSG studio, home")
         for path, name in PAGES:
             tag("a", name, href=path, aria_current="page" if path == here else None)
-    with tag("div", cls=f"st-main{' st-wide' if wide else ''}", id="content", tabindex="-1"):
+    with tag("div", cls=f"st-main{' st-wide' if wide else ' st-full' if full else ''}", id="content", tabindex="-1"):
         tag("h1", title)
         made.message = tag("p", "", cls="st-message", role="status", aria_live="polite")
         body = tag("div", cls="st-body")

@@ -88,6 +88,9 @@ class FoundCampaign(Record):
         return tried_of(self.attempts, self.planned)
 
 
+Failure = tuple[FoundCampaign, FoundFailure]
+
+
 class Listing(Record):
     """What lies in a folder. Paths are relative to it, with `/`."""
 
@@ -98,6 +101,12 @@ class Listing(Record):
     """Folders of campaigns of several routes and requirements."""
     cut: bool = False
     """Whether the folder holds more folders than are looked at."""
+
+    @property
+    def failures(self) -> list[Failure]:
+        """The failures of all campaigns, the most severe first."""
+        found = [(campaign, failure) for campaign in self.campaigns for failure in campaign.failures]
+        return sorted(found, key=lambda each: each[1].severity, reverse=True)
 
     @property
     def unread(self) -> int:

@@ -1,10 +1,10 @@
-"""A finding: what happens, the replay, what people say of it, and what can be done with it."""
+"""A finding: its runs, their replay, what is known of it, and what can be done with it."""
 
 from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,27 +16,28 @@ from rvsg.app.commands import confirm_command, runs_command, shrink_command
 from rvsg.campaign.attempt import Attempt
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.plugins import ignore
-from rvsg.evaluation.verdict import counted, how_sure, status_in_words
-from rvsg.report.terminal import describe_finding
+from rvsg.evaluation.verdict import how_sure
+from rvsg.report.answer import Answer, Row, answer_of_runs
 from rvsg.scenario.builder import save_scenario, without_people
 from rvsg_exchange import formats as exchange
 from rvsg_studio.frame import (
     Page,
-    actions,
     address,
     chip,
     field,
     link,
     load,
     page,
+    rate,
     route,
-    section,
     select,
     tag,
     text_area,
 )
+from rvsg_studio.listing import Failure
 from rvsg_studio.workspace import STATES, Job, Note, Workspace, note, notes_of
 
+TABS = ("Events", "Cause", "People", "Certainty", "Notes")
 MORE = 30
 FRESH_SEED = 900_000
 """The first seed of further runs; campaigns draw theirs from all of 64 bits."""
@@ -53,12 +54,12 @@ FORMATS = {
 
 @dataclass(frozen=True)
 class Shown:
-    """What the page shows: an attempt of a campaign, what it means where it is a confirmation, and its note."""
+    """What the page shows: an attempt of a campaign, what the campaign says of it, and its note."""
 
     campaign: rvsg.Campaign
     folder: str
     attempt: Attempt
-    finding: Any
+    row: Row
     note: Note
     confirmed: bool
 
@@ -87,73 +88,113 @@ def add(workspace: Workspace) -> None:
     @route(workspace, "/finding", "Finding")
     async def finding(campaign: str = "", name: str = "", attempt: int = -1) -> None:
         shown = await load(read, workspace, campaign, name, attempt)
-        plan = shown.campaign.plan
-        what = "confirmed" if shown.attempt.purpose == "confirmation" else shown.attempt.purpose
-        number = shown.attempt.brief.scenario_index + 1
-        where = f"{plan.requirement.name} on {plan.mission.world}, {plan.mission.route.name}"
-        with page(workspace, f"{where}: scenario {number}, {what}", wide=True) as made:
-            lay_out(made, shown)
+        listing = await load(workspace.listing)
+        with page(workspace, shown.row.name, full=True) as made:
+            lay_out(made, shown, listing.failures)
 
 
 def read(workspace: Workspace, folder: str, name: str, index: int) -> Shown:
-    """Read an attempt of a campaign, with what its confirmation means."""
+    """Read an attempt of a campaign, with what its campaign says of it."""
     path = workspace.existing(folder)
 
-    def made() -> tuple[rvsg.Campaign, list[Attempt], tuple[Any, ...]]:
+    def made() -> tuple[rvsg.Campaign, list[Attempt], Answer]:
         campaign = rvsg.Campaign.open(path, name or None)
-        return campaign, campaign.attempts(), campaign.findings
+        return campaign, campaign.attempts(), campaign.answer
 
-    campaign, attempts, findings = workspace.kept(("findings", folder, name), path, made)
+    campaign, attempts, answer = workspace.kept(("answer", folder, name), path, made)
     attempt = next((a for a in attempts if a.index == index), None)
-    if attempt is None or attempt.proposal.scenario is None:
-        raise InputError(f"There is no attempt {index} with a scenario in {folder}.")
+    if attempt is None or attempt.proposal.scenario is None or attempt.verdict is None:
+        raise InputError(f"There is no attempt {index} with a valid scenario in {folder}.")
+    row = next((r for r in answer.rows if index == (r.attempt if r.confirmation is None else r.confirmation)), None)
+    if row is None:  # another configuration of its scenario is more severe
+        with campaign.reading() as ledger:
+            row = answer_of_runs(campaign.plan, attempt, world=campaign.world, run_of=ledger.run).rows[0]
     return Shown(
         campaign=campaign,
         folder=folder,
         attempt=attempt,
-        finding=next((f for f in findings if f.confirmation == index), None),
+        row=row,
         note=notes_of(path).findings.get(attempt.proposal.scenario.id, Note()),
         confirmed=any(a.confirms == index and a.purpose == "confirmation" for a in attempts),
     )
 
 
-def lay_out(made: Page, shown: Shown) -> None:
-    """Lay out the page."""
-    with tag("p", cls="small"):
-        link(shown.folder, "/campaign", folder=shown.folder, name=shown.campaign.name)
-        tag("span", f" · attempt {shown.attempt.index}", cls="soft")
-    _verdict(shown)
-    tag("p", shown.scenario.description or "This scenario has no description.")
-    _actions(made, shown)
-    _jobs(made, shown)
-    with section("Replay", "replay-title"):
-        where = address("/data/replay", **shown.query)
-        traced = json.dumps({"campaign": shown.folder, "name": shown.campaign.name})
-        tag("div", data_studio="replay", data_url=where, data_keys="page", data_trace=traced, id="replay")
-        made.command("Trace a run", f"rvsg replay {shlex.quote(shown.folder)} --trace --run RUN")
-    with tag("div", cls="st-two"):
-        _happened(shown)
-        _note(made, shown)
-    _people(shown)
+def lay_out(made: Page, shown: Shown, failures: Sequence[Failure]) -> None:
+    """Lay out the page: what can be done, then runs, map, and what is known, beside each other."""
+    with tag("div", cls="st-actions st-head"):
+        _facts(shown, failures)
+        _actions(made, shown)
+    with tag("div", cls="st-panes"):
+        with tag("section", cls="st-runs", aria_label="Runs", tabindex="0"):
+            tag("div", id="runs")
+            _jobs(made, shown)
+        tag("section", cls="st-stage", aria_label="Replay", id="stage")
+        with tag("section", cls="st-known", aria_label="What is known", data_studio="tabs"):
+            with tag("div", role="tablist", aria_label="What is known"):
+                for name in TABS:
+                    tag("button", name, role="tab", id=f"tab-{name}", type="button", aria_controls=f"panel-{name}")
+            lays: dict[str, Callable[[], None]] = {
+                "Events": lambda: _events(shown),
+                "Cause": lambda: _list([shown.row.cause, shown.row.caused, shown.row.shrunk]),
+                "People": lambda: _people(shown),
+                "Certainty": lambda: _certainty(shown),
+                "Notes": lambda: _note(made, shown),
+            }
+            for name, lay in lays.items():
+                with tag("div", role="tabpanel", id=f"panel-{name}", aria_labelledby=f"tab-{name}", tabindex="0"):
+                    lay()
+    made.command("Trace a run", f"rvsg replay {shlex.quote(shown.folder)} --trace --run RUN")
 
 
-def _verdict(shown: Shown) -> None:
-    verdict = shown.attempt.verdict
-    if verdict is None:
-        return
-    bad = shown.finding.violated if shown.finding is not None else verdict.violations > 0
-    with tag("div", cls=f"verdict{' bad' if bad else ''}"):
-        with tag("p", cls="said"):
-            chip(verdict.status.value, bad=bad, good=verdict.status.value == "PASS")
-            runs = counted(verdict.runs, "run")
-            tag("strong", f"{verdict.violations} of {runs} violate {shown.campaign.requirement.name}")
-        if shown.finding is not None:
-            told = " ".join(shown.finding.story)
-            for line in describe_finding(shown.finding, shown.campaign.requirement):
-                if line.strip() != told:  # it has a section of its own
-                    tag("p", line.strip())
-        else:
-            tag("p", f"{status_in_words(verdict)}. {how_sure(verdict)}.")
+def _facts(shown: Shown, failures: Sequence[Failure]) -> None:
+    row, plan = shown.row, shown.campaign.plan
+    chip(row.status, row.tone)
+    with tag("span", cls="st-rate"):
+        rate(row)
+    tag("span", f"contact {row.contact}{f', {row.touch}' if row.touch else ''}", cls="st-wrong" if row.contacts else "")
+    tag("span", f"{plan.requirement.name} on {plan.mission.world}, {plan.mission.route.name}", cls="soft")
+    link(f"{shown.folder} {row.number}", "/campaign", folder=shown.folder, name=shown.campaign.name)
+    here = [campaign.folder == shown.folder and each.row == row for campaign, each in failures]
+    place = here.index(True) if True in here else -1
+    for key, text, other in (("k", "Previous (k)", place - 1), ("j", "Next (j)", place + 1)):
+        if place >= 0 and 0 <= other < len(failures):
+            campaign, each = failures[other]
+            query = {"campaign": campaign.folder, "name": campaign.name, "attempt": each.row.confirmation}
+            tag("a", text, href=address("/finding", **query), data_key=key, cls="st-step", title=each.row.name)
+
+
+def _list(lines: Iterable[str]) -> None:
+    for line in lines:
+        if line:
+            tag("p", line)
+
+
+def _events(shown: Shown) -> None:
+    traced = json.dumps({"campaign": shown.folder, "name": shown.campaign.name})
+    first: dict[str, Any] = {"data_run": shown.row.run, "data_t": shown.row.moment_s}
+    tag("div", data_studio="replay", data_url=address("/data/replay", **shown.query), data_keys="page", id="replay",
+        data_trace=traced, data_stage="stage", data_runs="runs", **first)  # fmt: skip
+
+
+def _certainty(shown: Shown) -> None:
+    row, verdict = shown.row, shown.attempt.verdict
+    assert verdict is not None
+    limit = shown.campaign.requirement
+    facts = {
+        "Violated": f"{row.share} {row.interval and f'({row.interval})'}",
+        limit.title: row.measured,
+        "Contact": row.contact,
+        "Closest gap": row.closest,
+        "Arrived": row.arrived,
+        "Others": row.others,
+    }
+    with tag("table"), tag("tbody"):
+        for name, value in facts.items():
+            if value:
+                with tag("tr"):
+                    tag("th", name, scope="row")
+                    tag("td", value)
+    tag("p", f"{how_sure(verdict)}.")
 
 
 def _actions(made: Page, shown: Shown) -> None:
@@ -180,7 +221,7 @@ def _actions(made: Page, shown: Shown) -> None:
     requirement = str(shown.campaign.record.config["requirement"])
     shrinking = shrink_command(file, config, requirement=requirement, out=small)
     confirming = confirm_command(Path(shown.folder), shown.attempt.index)
-    with actions():
+    with tag("span", cls="st-group"):
         offer("shrink", "Shrink", "Shrink", shown.scenario, file, shrinking, out=small)
         alone = file.replace(".json", "-alone.json")
         for text, title, scenario, path in (
@@ -191,7 +232,7 @@ def _actions(made: Page, shown: Shown) -> None:
             offer("runs", text, title, scenario, path, runs_command(path, config, **seeds), **seeds)
         if shown.attempt.purpose == "search" and not shown.confirmed:
             made.button("Confirm now", confirm, command=confirming, cls="st-primary")
-        tag("a", "Edit the scenario", cls="st-button", href=address("/scenario", **shown.query))
+        tag("a", "Edit", cls="st-button", href=address("/scenario", **shown.query), data_key="e", title="e")
         _export(made, shown)
 
 
@@ -290,16 +331,6 @@ def job_buttons(made: Page, job: Job, said: Callable[[str], object] = ignore, *,
     made.button("Stop now", lambda: end(jobs.stop, "Stopped."), cls="st-danger")
 
 
-def _happened(shown: Shown) -> None:
-    with section("What happens in the worst run", "story"):
-        story = shown.finding.story if shown.finding is not None else ()
-        if not story:
-            tag("p", "The replay lists the moments of each run.", cls="soft")
-        with tag("ul", cls="st-list"):
-            for sentence in story:
-                tag("li", sentence)
-
-
 def _note(made: Page, shown: Shown) -> None:
     folder, scenario = made.workspace.path(shown.folder), shown.scenario.id
 
@@ -310,25 +341,20 @@ def _note(made: Page, shown: Shown) -> None:
         except RvsgError as error:
             made.say(str(error), wrong=True)
 
-    with section("Note", "note"):
-        with field("Status"):
-            select(STATES, shown.note.status, lambda value: kept(status=value))
-        with field("Comment"):
-            text_area(shown.note.comment, lambda text: kept(comment=text), rows=4, maxlength=20_000)
-        state = tag("p", "", cls="soft small", role="status")
+    with field("Status"):
+        select(STATES, shown.note.status, lambda value: kept(status=value))
+    with field("Comment"):
+        text_area(shown.note.comment, lambda text: kept(comment=text), rows=4, maxlength=20_000)
+    state = tag("p", "", cls="soft small", role="status")
 
 
 def _people(shown: Shown) -> None:
-    with section("What the people are asked to do", "people"), tag("div", cls="people"):
-        for human in shown.scenario.people.humans:
-            with tag("div"):
-                tag("h3", human.name)
-                delay = f", starts after {human.start_delay_s:g} s" if human.start_delay_s else ""
-                tag("p", f"{human.behaviour.value}, {human.speed_m_s:g} m/s{delay}", cls="soft small")
-                with tag("ul", cls="tasks"):
-                    for task in human.tasks[:8]:
-                        with tag("li"):
-                            tag("span", task.name)
-                            tag("div", " ".join(task.path), cls="path")
-                    if len(human.tasks) > 8:
-                        tag("li", f"and {len(human.tasks) - 8} more", cls="soft")
+    for human in shown.scenario.people.humans:
+        tag("h2", human.name, cls="st-minor")
+        delay = f", starts after {human.start_delay_s:g} s" if human.start_delay_s else ""
+        tag("p", f"{human.behaviour.value}, {human.speed_m_s:g} m/s{delay}", cls="soft small")
+        with tag("ul", cls="tasks"):
+            for task in human.tasks:
+                with tag("li"):
+                    tag("span", task.name)
+                    tag("div", " ".join(task.path), cls="path")

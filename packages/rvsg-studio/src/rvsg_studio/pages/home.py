@@ -31,7 +31,7 @@ from rvsg_studio.frame import (
     tag,
     text_input,
 )
-from rvsg_studio.listing import FoundCampaign, FoundFailure, Listing
+from rvsg_studio.listing import Failure, FoundCampaign, Listing
 from rvsg_studio.pages.finding import JobLine, job_buttons
 from rvsg_studio.workspace import STATES, Job, Note, Workspace, note, notes_of
 
@@ -44,7 +44,6 @@ STARTS = (
     ("New world", "/world/new", "Bring your own Nav2 map or Gazebo world."),
     ("New scenario", "/scenario", "Say where people walk, and watch what the robot does."),
 )
-Failure = tuple[FoundCampaign, FoundFailure]
 
 
 def add(workspace: Workspace) -> None:
@@ -110,9 +109,9 @@ class Home:
             self.timer.deactivate()
 
     def _lay_out(self, listing: Listing, jobs: list[Job]) -> None:
-        found = [(campaign, failure) for campaign in listing.campaigns for failure in campaign.failures]
-        self.failures = sorted(found, key=lambda each: each[1].severity, reverse=True)
-        self.notes = {folder: notes_of(self.workspace.path(folder)) for folder in {each.folder for each, _ in found}}
+        self.failures = listing.failures
+        folders = {campaign.folder for campaign, _ in self.failures}
+        self.notes = {folder: notes_of(self.workspace.path(folder)) for folder in folders}
         with self.body:
             if listing.cut:
                 tag("p", "The folder holds very many folders; only the first of them are shown.", cls="soft")
@@ -150,7 +149,7 @@ class Home:
             for key, values in known.items():
                 options = {"": f"any {key}"} | {value: value for value in values}
                 select(options, self.chosen[key], partial(choose, key), aria_label=key.capitalize())
-            text_input(self.chosen["search"], partial(choose, "search"), kind="search", data_search=True,
+            text_input(self.chosen["search"], partial(choose, "search"), kind="search", data_key="/",
                        placeholder="Search ( / )", aria_label="Search failures")  # fmt: skip
 
     def _is_shown(self, each: Failure) -> bool:

@@ -44,10 +44,13 @@
     loadNames();
   };
 
-  /* "/" goes to the search field of a page. */
+  /* A key goes to what has it as data-key: to a field, or to where a link leads. */
   document.addEventListener("keydown", function (event) {
-    const field = event.key === "/" && !event.ctrlKey && !/^(INPUT|TEXTAREA|SELECT)$/.test(event.target.tagName) && document.querySelector("[data-search]");
-    if (field) { event.preventDefault(); field.focus(); }
+    const plain = !event.ctrlKey && !event.metaKey && !event.altKey && !/^(INPUT|TEXTAREA|SELECT)$/.test(event.target.tagName);
+    const found = plain && Array.from(document.querySelectorAll("[data-key]")).find(function (each) { return each.dataset.key === event.key; });
+    if (!found) return;
+    event.preventDefault();
+    if (found.tagName === "INPUT") found.focus(); else found.click();
   });
 
   /* Files that are dropped on the page, or chosen; data-accept says what they end in. They wait in the studio. */

@@ -109,7 +109,54 @@
     show();
   }
 
+  /** List the runs of a replay, those of a configuration together, the worst first; the chosen one is marked. */
+  function listRuns(box, data, replay) {
+    const buttons = {};
+    box.textContent = "";
+    data.groups.forEach(function (group) {
+      html(box, "h2", { class: "st-minor" }, group.label);
+      const list = html(box, "ol", { class: "st-run-list" });
+      group.runs.forEach(function (run) {
+        const marks = (run.violated ? "\u2715" : "\u2713") + ((run.lanes.contact || []).length ? " \u25cf" : "") + (run.arrived ? "" : " \u25f7");
+        const said = [run.said, run.violated ? "violated" : "not violated"].concat((run.lanes.contact || []).length ? ["contact"] : [], run.arrived ? [] : ["did not arrive"]).join(", ");
+        const made = html(html(list, "li", {}), "button", { type: "button", title: said + ", seed " + run.seed, "aria-label": said + ", seed " + run.seed, class: run.violated ? "st-wrong" : "" }, marks + " " + run.said);
+        made.addEventListener("click", function () { replay.pause(); replay.select(run.id); });
+        buttons[run.id] = buttons[run.id] || made;
+      });
+    });
+    function mark() {
+      const chosen = replay.state().run;
+      for (const id in buttons) buttons[id].setAttribute("aria-pressed", id === chosen ? "true" : "false");
+      if (buttons[chosen]) buttons[chosen].scrollIntoView({ block: "nearest" });
+    }
+    html(box, "p", { class: "small soft" }, "\u2715 violated, \u25cf contact, \u25f7 did not arrive. [ and ] choose the run.");
+    replay.element.addEventListener("replaychange", mark);
+  }
+
+  /* Tabs: buttons with role=tab, each with the panel that it controls. */
+  parts.tabs = function (element) {
+    const tabs = Array.from(element.querySelectorAll("[role=tab]"));
+    function choose(tab) {
+      tabs.forEach(function (each) {
+        each.setAttribute("aria-selected", each === tab ? "true" : "false");
+        each.tabIndex = each === tab ? 0 : -1;
+        document.getElementById(each.getAttribute("aria-controls")).hidden = each !== tab;
+      });
+    }
+    tabs.forEach(function (tab, k) {
+      tab.addEventListener("click", function () { choose(tab); });
+      tab.addEventListener("keydown", function (event) {
+        const by = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+        if (!by) return;
+        const next = tabs[(k + by + tabs.length) % tabs.length];
+        event.preventDefault(); event.stopPropagation(); choose(next); next.focus();
+      });
+    });
+    choose(tabs[0]);
+  };
+
   /* The replay of the static report: data-url gives its data, data-play starts it, data-keys="page" listens everywhere,
+     data-stage and data-runs name the elements that hold the map and the list of runs, data-run and data-t what is shown first,
      data-both lays the second run over the first, data-trace (JSON) names the campaign or the files of runs of which a
      run can be traced. */
   parts.replay = function (element) {
@@ -122,9 +169,11 @@
         if (turn !== wanted) return;
         if (shown) shown.destroy();
         host.textContent = "";
-        shown = rvsgReplay.mount(host, data, { keys: element.dataset.keys === "page" ? document : host });
+        const given = element.dataset, stage = given.stage && document.getElementById(given.stage);
+        shown = rvsgReplay.mount(host, data, { keys: given.keys === "page" ? document : host, stage: stage || undefined, run: given.run, t: given.t && +given.t });
         element.replay = shown; element.replayData = data;
         if (!shown) return;
+        if (given.runs) listRuns(document.getElementById(given.runs), data, shown);
         if (element.dataset.trace) tracing(shown, JSON.parse(element.dataset.trace));
         return shown.ready().then(function () {
           if (element.dataset.both === undefined) return null;
