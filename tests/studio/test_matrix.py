@@ -78,11 +78,12 @@ def test_a_candidate_is_confirmed_now(show: Show, studio: Server) -> None:
         folder, scenarios=8, refinements=0, repeats=3, confirmations=0, simulator="kinematic", jobs=1
     )
     list(campaign.run())
-    candidate = campaign.candidates()[0].index
     tab = show("/campaign?folder=runs/more")
-    tab.get_by_role("button", name=f"Confirm attempt {candidate} now").focus()
-    tab.keyboard.press("Enter")
-    tab.get_by_role("heading", name="Findings").wait_for(timeout=PATIENT)
+    tab.locator(".st-row", has_text="candidate").first.get_by_role("link").click()
+    tab.wait_for_url("**/finding?**", timeout=PATIENT)
+    candidate = int(tab.url.partition("attempt=")[2])
+    tab.get_by_role("button", name="Confirm now").click()
+    tab.get_by_role("link", name="Open the finding").wait_for(timeout=PATIENT)
     found = [a for a in rvsg.Campaign.open(folder).attempts() if a.purpose == "confirmation"]
     assert [a.confirms for a in found] == [candidate]
 
@@ -94,9 +95,10 @@ def test_a_candidate_is_confirmed_beside_a_running_search(show: Show, studio: Se
     tab.wait_for_function("[...document.querySelectorAll('input')].some(e => e.value === 'runs/long')")
     tab.get_by_role("button", name="Start", exact=True).click()
     tab.wait_for_url("**/campaign?folder=runs%2Flong**", timeout=PATIENT)
-    tab.get_by_role("button", name="Confirm attempt").first.click(timeout=PATIENT)
+    tab.locator(".st-row a").first.click(timeout=PATIENT)
     tab.wait_for_url("**/finding?**attempt=**", timeout=PATIENT)
-    line = tab.locator(".st-job", has_text="30 fresh runs")
+    tab.get_by_role("button", name="30 more runs").click()
+    line = tab.locator(".st-job", has_text="30 more runs")
     line.get_by_role("link", name="Replay these runs").wait_for(timeout=PATIENT)
     index = int(tab.url.partition("attempt=")[2])
     runs = rvsg.load_runs(studio.folder / f"runs/long/attempt-{index}-runs.jsonl")

@@ -9,19 +9,15 @@ from typing import Any
 
 from nicegui import ui
 
-import rvsg
-from rvsg.app.commands import confirm_command, resume_command, runs_command
+from rvsg.app.commands import resume_command
 from rvsg.app.matrix import Matrix
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.ranking import best_attempt, confirmations
-from rvsg.core.errors import InputError
-from rvsg.evaluation.verdict import counted, number, value_in_words
+from rvsg.campaign.ranking import best_attempt
+from rvsg.evaluation.verdict import counted
 from rvsg.report.charts import search_chart
-from rvsg.report.summary import Summary, tried_of
-from rvsg.scenario.builder import save_scenario
-from rvsg_studio.frame import Page, actions, address, chip, link, load, page, route, section, svg, table, tag
+from rvsg.report.summary import tried_of
+from rvsg_studio.frame import Page, actions, address, chip, link, load, page, rate, route, section, svg, table, tag
 from rvsg_studio.listing import FoundCampaign
-from rvsg_studio.pages.finding import FRESH_SEED, MORE, job_buttons
+from rvsg_studio.pages.finding import State, job_buttons, known
 from rvsg_studio.workspace import Job, Workspace
 
 EVERY_S = 1.0
@@ -30,16 +26,12 @@ PATIENCE = 6.0
 SHOWN = 40
 
 
-State = tuple[rvsg.Campaign, list[Attempt], Summary]
-"""A campaign as it is stored now."""
-
-
 def add(workspace: Workspace) -> None:
     """Add the page."""
 
     @route(workspace, "/campaign", "Campaign")
     async def campaign(folder: str = "", name: str = "") -> None:
-        state = await load(read, workspace, folder, name)
+        state = await load(known, workspace, folder, name)
         with page(workspace, folder, wide=True) as made:
             Live(made, workspace.relative(workspace.path(folder)), state)
 
@@ -51,34 +43,19 @@ def add(workspace: Workspace) -> None:
             Cells(made, name, found)
 
 
-def read(workspace: Workspace, folder: str, name: str) -> State:
-    """Read a campaign; what was read is kept until its store changes."""
-    path = workspace.existing(folder)
-    if not path.is_dir():
-        raise InputError(f"{folder}: this is a file; a campaign is a folder.")
-
-    def made() -> State:
-        opened = rvsg.Campaign.open(path, name or None)
-        attempts = opened.attempts()  # read once: a running campaign has more a moment later
-        return opened, attempts, opened.summary(attempts)
-
-    return workspace.kept(("campaign", folder, name), path, made)
-
-
 class Live:
     """The page of a campaign, which follows it while it runs."""
 
     def __init__(self, made: Page, folder: str, state: State) -> None:
         self.page, self.folder = made, folder
-        self.campaign, self.attempts, self.summary = state
+        self._take(state)
         self.workspace = made.workspace
         self._at, self._next, self._shown_worst = 0, 0.0, -1
         self._following: str | None = None
         self._last = ""
         self._buttons_for: tuple[bool, bool] | None = None
-        plan = self.campaign.plan
-        tag("p", f"{plan.requirement.name}: {plan.requirement.title} · {plan.mission.world}, "
-                 f"{plan.mission.route.name} · robot {plan.mission.robot_name}", cls="soft")  # fmt: skip
+        tag("p", " · ".join((self.answer.title, *self.answer.setup)), cls="soft")
+        self.said = tag("div")
         with tag("div", cls="st-status"):
             self.chip = tag("span", "", cls="chip")
             self.progress = tag("span", "")
@@ -91,16 +68,20 @@ class Live:
             self.course = tag("div", cls="chart-box")
         with tag("div", cls="st-two st-unequal"):
             with section("Worst so far", "worst"):
-                self.about = tag("p", "", cls="small")
                 self.replay = tag("div", data_studio="replay", data_play=True, id="worst-replay")
             with section("Latest reasoning", "thought"):
                 self.reasoning = tag("p", "", cls="reasoning small")
-        self.lists = tag("div")
+        with section("Scenarios", "scenarios"):
+            self.rows = tag("div")
         made.command("Start it again elsewhere", self.campaign.command)
         made.command("Resume", resume_command(self.campaign.config))
         made.command("Report", f"rvsg report {folder}")
         self._show(self._job())
         self.timer = ui.timer(EVERY_S, made.guarded(self._follow))
+
+    def _take(self, state: State) -> None:
+        self.campaign, self.attempts, self.answer = state
+        self.summary = self.campaign.summary(self.attempts)
 
     def _job(self) -> Job | None:
         """The newest job on this campaign, or on the folder of campaigns that it stands in."""
@@ -122,8 +103,7 @@ class Live:
         changed = any(event["kind"] in ("attempt", "run") for event in events) or not job.running
         if changed and time.monotonic() >= self._next and not (not events and not job.running):
             begun = time.monotonic()
-            state = await load(read, self.workspace, self.folder, self.campaign.name)
-            self.campaign, self.attempts, self.summary = state
+            self._take(await load(known, self.workspace, self.folder, self.campaign.name))
             self._next = time.monotonic() + max(EVERY_S, PATIENCE * (time.monotonic() - begun))
             self._show(job)
         elif events or job.state != self._last:
@@ -157,7 +137,8 @@ class Live:
         texts = [each.proposal.reasoning for each in self.attempts if each.purpose == "search"]
         self.reasoning.set_text(next((text for text in reversed(texts) if text), "No reasoning yet."))
         self._worst()
-        self._lists()
+        self._answer()
+        self._rows()
 
     def _status(self, job: Job | None) -> None:
         self._last = job.state if job is not None else ""
@@ -219,75 +200,42 @@ class Live:
 
     def _worst(self) -> None:
         worst = best_attempt(self.attempts, self.campaign.requirement)
-        if worst is None:
-            self.about.set_text("No run yet.")
-            return
-        verdict, requirement = worst.verdict, self.campaign.requirement
-        if verdict is not None:
-            scenario = f"Scenario {worst.brief.scenario_index + 1}"
-            self.about.set_text(f"{scenario}: {value_in_words(verdict, requirement.unit)}, {verdict.violations} of "
-                                f"{counted(verdict.runs, 'run')} violate it.")  # fmt: skip
-        if worst.index != self._shown_worst:
+        if worst is not None and worst.index != self._shown_worst:
             self._shown_worst = worst.index
             shown = {"campaign": self.folder, "name": self.campaign.name, "attempt": worst.index}
             self.replay._props["data-url"] = address("/data/replay", **shown, alone=1)
             self.replay.update()
 
-    def _lists(self) -> None:
-        self.lists.clear()
-        with self.lists:
-            confirmed = confirmations(self.attempts)
-            if confirmed:
-                tag("h2", "Findings")
-                for attempt in confirmed:
-                    self._line(attempt)
-            done = {attempt.confirms for attempt in confirmed}
-            open_ = [entry for entry in self.summary.ranking if entry.attempt not in done]
-            if open_:
-                tag("h2", "Candidates and other scenarios, the worst first")
-                by_index = {attempt.index: attempt for attempt in self.attempts}
-                for entry in open_[:SHOWN]:
-                    self._line(by_index[entry.attempt])
-                if len(open_) > SHOWN:
-                    tag("p", f"and {len(open_) - SHOWN} more in the report.", cls="soft")
+    def _answer(self) -> None:
+        """Show what the campaign says: its headline, the robot alone, and contact in other configurations."""
+        alone, elsewhere = self.answer.alone, self.answer.elsewhere
+        self.said.clear()
+        with self.said:
+            with tag("p"):
+                chip(self.answer.status, self.answer.tone)
+                tag("strong", f" {self.answer.headline}")
+            if alone is not None:
+                tag("p", f"Alone: {alone.warning or alone.text}", cls=f"strip{' warn' if alone.warning else ''}")
+            if elsewhere is not None:
+                tag("p", elsewhere.text, cls="strip warn")
 
-    def _line(self, attempt: Attempt) -> None:
-        verdict, scenario = attempt.verdict, attempt.proposal.scenario
-        if verdict is None or scenario is None:
-            return
-        with tag("div", cls="st-row"):
-            with tag("span", cls="st-row-head"):
-                chip(verdict.status.value, bad=verdict.violations > 0, good=verdict.status.value == "PASS")
-                tag("span", f"{verdict.violations} of {verdict.runs}; mean "
-                            f"{number(verdict.mean, self.campaign.requirement.unit)}", cls="small")  # fmt: skip
-            link(scenario.description or "Without a description", "/finding", campaign=self.folder,
-                 name=self.campaign.name, attempt=attempt.index, cls="st-clip")  # fmt: skip
-            if attempt.purpose == "search" and verdict.violations:
-                label = f"Confirm attempt {attempt.index} now"
-                made = self.page.button("Confirm now", lambda: self._confirm(attempt), aria_label=label)
-                made._props["title"] = confirm_command(Path(self.folder), attempt.index)
-
-    def _confirm(self, attempt: Attempt) -> None:
-        """Confirm a candidate; while the search runs, in fresh runs beside the campaign, whose records stay its own."""
-        job, campaign = self._job(), self.campaign
-        told: dict[str, Any] = {"folder": self.folder, "name": campaign.name}
-        if self.summary.complete and not (job is not None and job.running):
-            command = confirm_command(Path(self.folder), attempt.index)
-            self.workspace.jobs.start("confirm", title="Confirm", command=command, target=self.folder,
-                                      candidate=attempt.index, **told)  # fmt: skip
-            self.page.command("Confirm", command)
-            self.news.set_text("Confirming…")
-            return
-        scenario = attempt.proposal.scenario
-        if scenario is None:
-            raise InputError(f"Attempt {attempt.index} has no scenario.")
-        file = f"{self.folder}/attempt-{attempt.index}.json"
-        save_scenario(scenario, self.workspace.path(file))
-        seeds: dict[str, Any] = {"seed": FRESH_SEED, "repeats": MORE, "out": file.replace(".json", "-runs.jsonl")}
-        command, title = runs_command(file, campaign.config, **seeds), f"{MORE} fresh runs"
-        self.workspace.jobs.start("runs", title=title, command=command, target=file, scenario=file, **seeds, **told)
-        self.page.command("Confirm beside the search", command)
-        ui.navigate.to(address("/finding", campaign=self.folder, name=campaign.name, attempt=attempt.index))
+    def _rows(self) -> None:
+        """List the failures, what else is confirmed, and the candidates; each can be confirmed on its own page."""
+        self.rows.clear()
+        shown = self.answer.shown
+        with self.rows:
+            for row in shown[:SHOWN]:
+                with tag("div", cls="st-row"):
+                    with tag("span", cls="st-row-head"):
+                        chip(row.status, row.tone)
+                        rate(row)
+                    index = row.attempt if row.confirmation is None else row.confirmation
+                    link(f"{row.number} {row.name}", "/finding", campaign=self.folder, name=self.campaign.name,
+                         attempt=str(index))  # fmt: skip
+                    touch = f"contact {row.contact}"
+                    tag("span", touch, cls=f"small{' st-wrong' if row.contacts else ''}")
+            more = f"and {len(shown) - SHOWN} more in the report. " if len(shown) > SHOWN else ""
+            tag("p", more + self.answer.rest, cls="soft small")
 
 
 class Cells:

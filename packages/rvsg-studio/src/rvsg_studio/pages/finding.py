@@ -93,15 +93,26 @@ def add(workspace: Workspace) -> None:
             lay_out(made, shown, listing.failures)
 
 
-def read(workspace: Workspace, folder: str, name: str, index: int) -> Shown:
-    """Read an attempt of a campaign, with what its campaign says of it."""
-    path = workspace.existing(folder)
+State = tuple[rvsg.Campaign, list[Attempt], Answer]
+"""A campaign as it is stored now."""
 
-    def made() -> tuple[rvsg.Campaign, list[Attempt], Answer]:
+
+def known(workspace: Workspace, folder: str, name: str) -> State:
+    """Read a campaign; what was read is kept until its store changes."""
+    path = workspace.existing(folder)
+    if not path.is_dir():
+        raise InputError(f"{folder}: this is a file; a campaign is a folder.")
+
+    def made() -> State:
         campaign = rvsg.Campaign.open(path, name or None)
         return campaign, campaign.attempts(), campaign.answer
 
-    campaign, attempts, answer = workspace.kept(("answer", folder, name), path, made)
+    return workspace.kept(("answer", folder, name), path, made)
+
+
+def read(workspace: Workspace, folder: str, name: str, index: int) -> Shown:
+    """Read an attempt of a campaign, with what its campaign says of it."""
+    campaign, attempts, answer = known(workspace, folder, name)
     attempt = next((a for a in attempts if a.index == index), None)
     if attempt is None or attempt.proposal.scenario is None or attempt.verdict is None:
         raise InputError(f"There is no attempt {index} with a valid scenario in {folder}.")
@@ -114,7 +125,7 @@ def read(workspace: Workspace, folder: str, name: str, index: int) -> Shown:
         folder=folder,
         attempt=attempt,
         row=row,
-        note=notes_of(path).findings.get(attempt.proposal.scenario.id, Note()),
+        note=notes_of(workspace.path(folder)).findings.get(attempt.proposal.scenario.id, Note()),
         confirmed=any(a.confirms == index and a.purpose == "confirmation" for a in attempts),
     )
 
