@@ -41,19 +41,19 @@ PATIENT_MS = 300_000
 
 def pages(folder: Path) -> dict[str, str]:
     """The address of every page that is shown, by the name of its picture."""
-    campaigns = [each for each in Lister(folder).listing().campaigns if each.findings]
+    campaigns = [each for each in Lister(folder).listing().campaigns if each.failures]
     if not campaigns:
         raise SystemExit(
             f"{folder}: there is no campaign with a finding; make one with: rvsg demo --out {folder}/runs/demo"
         )
     chosen = max(campaigns, key=lambda each: each.calls)
-    attempt = chosen.findings[0].attempt
+    attempt = chosen.failures[0].row.confirmation
     traced = next((each for each in campaigns if each.folder.startswith("runs/matrix/")), chosen)
     return {
         "home": "/",
         "new-campaign": "/campaign/new",
         "campaign": f"/campaign?folder={chosen.folder}",
-        "finding": f"/finding?campaign={traced.folder}&attempt={traced.findings[0].attempt}#replay-title",
+        "finding": f"/finding?campaign={traced.folder}&attempt={traced.failures[0].row.confirmation}",
         "scenario": f"/scenario?campaign={chosen.folder}&attempt={attempt}",
         "world": "/world?world=my_office",
         "new-world": "/world/new",

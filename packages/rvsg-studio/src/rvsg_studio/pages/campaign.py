@@ -63,6 +63,8 @@ class Live:
         self.bar = tag("progress", max="1", aria_label="Part of the planned runs that is made")
         self.actions = actions()
         self.news = tag("p", "", cls="soft small st-news")
+        with section("Scenarios", "scenarios"):
+            self.rows = tag("div")
         region = {"tabindex": "0", "role": "region", "aria_label": "Chart of the search"}
         with section("Course of the search", "course"), tag("div", cls="scroll", **region):
             self.course = tag("div", cls="chart-box")
@@ -71,8 +73,6 @@ class Live:
                 self.replay = tag("div", data_studio="replay", data_play=True, id="worst-replay")
             with section("Latest reasoning", "thought"):
                 self.reasoning = tag("p", "", cls="reasoning small")
-        with section("Scenarios", "scenarios"):
-            self.rows = tag("div")
         made.command("Start it again elsewhere", self.campaign.command)
         made.command("Resume", resume_command(self.campaign.config))
         made.command("Report", f"rvsg report {folder}")
