@@ -23,7 +23,6 @@ from rvsg_studio.workspace import Job, Workspace
 EVERY_S = 1.0
 PATIENCE = 6.0
 """Reading the store again may take this share of the time at most: one part in so many."""
-SHOWN = 40
 
 
 def add(workspace: Workspace) -> None:
@@ -222,9 +221,8 @@ class Live:
     def _rows(self) -> None:
         """List the failures, what else is confirmed, and the candidates; each can be confirmed on its own page."""
         self.rows.clear()
-        shown = self.answer.shown
         with self.rows:
-            for row in shown[:SHOWN]:
+            for row in self.answer.shown:
                 with tag("div", cls="st-row"):
                     with tag("span", cls="st-row-head"):
                         chip(row.status, row.tone)
@@ -234,8 +232,7 @@ class Live:
                          attempt=str(index))  # fmt: skip
                     touch = f"contact {row.contact}"
                     tag("span", touch, cls=f"small{' st-wrong' if row.contacts else ''}")
-            more = f"and {len(shown) - SHOWN} more in the report. " if len(shown) > SHOWN else ""
-            tag("p", more + self.answer.rest, cls="soft small")
+            tag("p", self.answer.rest, cls="soft small")
 
 
 class Cells:

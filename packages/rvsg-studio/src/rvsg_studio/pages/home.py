@@ -36,7 +36,7 @@ from rvsg_studio.pages.finding import JobLine, job_buttons
 from rvsg_studio.workspace import STATES, Job, Note, Workspace, note, notes_of
 
 FAILURES = ("", "", "Failure", "Violated", "Contact", "Cause", "Status", "Age")
-CAMPAIGNS = ("Campaign", "Answer", "Tried", "Runs", "Cost", "Changed")
+CAMPAIGNS = ("Campaign", "Answer", "Tried", "Runs", "Changed")
 FOLLOW_S = 2.0
 SHOWN = 200
 STARTS = (
@@ -329,7 +329,7 @@ def _campaign(campaign: FoundCampaign) -> None:
             where = f"{campaign.requirement} · {campaign.world}, {campaign.route}"
             tag("div", where, cls="soft small")
     if not campaign.name:
-        tag("td", campaign.problem or "is being read", cls="st-wrong" if campaign.problem else "soft", colspan="5")
+        tag("td", campaign.problem or "is being read", cls="st-wrong" if campaign.problem else "soft", colspan="4")
         return
     with tag("td", data_label="Answer"), tag("div"):
         if campaign.problem:
@@ -354,11 +354,8 @@ def _matrix(folder: str, found: list[FoundCampaign]) -> None:
 
 
 def _amounts(found: list[FoundCampaign], tried: str) -> None:
-    costs = [each.cost_usd for each in found]
-    cost = "?" if None in costs else f"{sum(each or 0.0 for each in costs):.2f} USD"
     tag("td", tried, data_label="Tried")
     tag("td", str(sum(each.runs for each in found)), data_label="Runs")
-    tag("td", cost if any(each.calls for each in found) else "–", data_label="Cost")
     tag("td", ago(max(each.changed_s for each in found)), data_label="Changed")
 
 
