@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import http.client
-import json
 import shutil
 from urllib.parse import urlsplit
 
 from tests.studio.conftest import HOSTILE, Server, Show, waited
 
 import rvsg
-from rvsg.report.answer import Row
-from rvsg_studio.listing import FoundFailure, Lister
+from rvsg_studio.listing import Lister
 from rvsg_studio.workspace import notes_of
 
 
@@ -71,17 +69,12 @@ def test_failures_of_all_campaigns_are_ranked_filtered_marked_and_kept(show: Sho
 
 def test_contact_ranks_before_any_violation_without(studio: Server) -> None:
     found = Lister(studio.folder).listing().campaigns[0].failures[0]
-
-    def failure(**changes: object) -> FoundFailure:
-        return found.replace(row=Row.model_validate_json(json.dumps(json.loads(found.row.model_dump_json()) | changes)))
-
-    touch = failure(contacts=1, violated="no", often="rarely", violations=0)
-    always = failure(contacts=0, violated="yes", often="always")
-    sometimes = failure(contacts=0, violated="yes", often="sometimes")
-    open_ = failure(contacts=0, violated="open", often="not settled")
-    assert sorted([open_, sometimes, touch, always], key=lambda each: each.severity, reverse=True) == [
-        touch, always, sometimes, open_
-    ]  # fmt: skip
+    kinds = {"touch": (1, "no", "rarely"), "always": (0, "yes", "always"), "open": (0, "open", "not settled")}
+    made = {
+        name: found.replace(row=found.row.replace(contacts=contacts, violated=violated, often=often))
+        for name, (contacts, violated, often) in reversed(kinds.items())
+    }
+    assert sorted(made, key=lambda name: made[name].severity, reverse=True) == list(kinds)
 
 
 def test_an_empty_folder_offers_three_starts(show: Show, studio: Server) -> None:

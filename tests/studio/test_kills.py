@@ -52,6 +52,11 @@ def asked(name: str) -> Callable[[Any], Any]:
     return field
 
 
+def comment(tab: Any) -> Any:
+    tab.get_by_role("tab", name="Notes").click()
+    return tab.get_by_label("Comment")
+
+
 WORLD, SCENARIO = "/world?world=office2", "/scenario?campaign=runs/first&attempt={confirmed}"
 FIELDS: dict[str, Page] = {
     "name of an area": (WORLD, of_area("Name"), "Tea corner"),
@@ -63,11 +68,7 @@ FIELDS: dict[str, Page] = {
     "new person": (SCENARIO, labelled("From waypoint"), "H15"),
     "file of a scenario": (SCENARIO, labelled("As a file"), "scenarios/slow.json"),
     "title of a case": (SCENARIO, labelled("Title of the case"), "Slow walk"),
-    "comment": (
-        "/finding?campaign=runs/first&attempt={confirmed}",
-        lambda tab: tab.get_by_label("Comment"),
-        "seen in May",
-    ),
+    "comment": ("/finding?campaign=runs/first&attempt={confirmed}", comment, "seen in May"),
     "description": ("/describe?world=office2", lambda tab: tab.locator("#text-layout"), "In the north"),
     "reason": ("/describe?world=office2", lambda tab: tab.locator("#reason"), "In the south"),
     "campaign file": ("/campaign/new", lambda tab: tab.locator("#yaml"), "world: office"),

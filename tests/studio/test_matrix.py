@@ -86,24 +86,3 @@ def test_a_candidate_is_confirmed_now(show: Show, studio: Server) -> None:
     tab.get_by_role("link", name="Open the finding").wait_for(timeout=PATIENT)
     found = [a for a in rvsg.Campaign.open(folder).attempts() if a.purpose == "confirmation"]
     assert [a.confirms for a in found] == [candidate]
-
-
-@pytest.mark.exhaustive
-def test_a_candidate_is_confirmed_beside_a_running_search(show: Show, studio: Server) -> None:
-    tab = show("/campaign/new")
-    tab.locator("#yaml").fill(yaml.safe_dump(SETTINGS | {"scenarios": 4000, "out": "runs/long"}))
-    tab.wait_for_function("[...document.querySelectorAll('input')].some(e => e.value === 'runs/long')")
-    tab.get_by_role("button", name="Start", exact=True).click()
-    tab.wait_for_url("**/campaign?folder=runs%2Flong**", timeout=PATIENT)
-    tab.locator(".st-row a").first.click(timeout=PATIENT)
-    tab.wait_for_url("**/finding?**attempt=**", timeout=PATIENT)
-    tab.get_by_role("button", name="30 more runs").click()
-    line = tab.locator(".st-job", has_text="30 more runs")
-    line.get_by_role("link", name="Replay these runs").wait_for(timeout=PATIENT)
-    index = int(tab.url.partition("attempt=")[2])
-    runs = rvsg.load_runs(studio.folder / f"runs/long/attempt-{index}-runs.jsonl")
-    assert sorted(run.seed for run in runs) == list(range(900_000, 900_030))
-    assert all(a.purpose == "search" for a in rvsg.Campaign.open(studio.folder / "runs" / "long").attempts())
-    tab.goto(f"{studio.base}/campaign?folder=runs/long")
-    tab.get_by_role("button", name="Stop now").click(timeout=PATIENT)
-    tab.get_by_role("button", name="Resume").wait_for(timeout=PATIENT)
