@@ -1,0 +1,60 @@
+"""One answer at every door: the words and numbers of terminal, JSON, report and overview are the same."""
+
+from __future__ import annotations
+
+import html
+import re
+from typing import Any
+
+import pytest
+from rich.console import Console
+from tests.campaign.parts import warehouse
+from tests.report.test_page import _with_objectives, answer, default_campaign
+
+from rvsg.campaign.attempt import Attempt
+from rvsg.cli import tables
+from rvsg.report.overview import pins_of, render_overview
+from rvsg.report.page import render_page
+from rvsg.report.summary import summarise
+
+COMMANDS = {"planner": "rvsg replay X --trace", "keep": "rvsg suite add X", "resume": "R", "repeat": "A", "more": "M"}
+
+
+def plain(markup: str) -> str:
+    return " ".join(html.unescape(re.sub(r"<[^>]+>", " ", markup)).replace("\N{NO-BREAK SPACE}", " ").split())
+
+
+def attempts_with(objective: float | None) -> list[Attempt]:
+    """The campaign with confirmation runs of this value; None: before its confirmation."""
+    made = default_campaign()[1]
+    if objective is None:
+        return [a for a in made if a.purpose == "search"]
+    return [_with_objectives(a, objective) if a.purpose == "confirmation" else a for a in made]
+
+
+@pytest.mark.parametrize("objective", [0.5, 2.0, None], ids=["violated", "not violated", "not confirmed"])
+def test_every_door_shows_the_same_verdict_numbers_and_names(
+    objective: float | None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    the_plan, _, ledger = default_campaign()
+    attempts = attempts_with(objective)
+    told = answer(the_plan, attempts, ledger, stack="nav2-dwb", commands=COMMANDS)
+    first = told.rows[0]
+    monkeypatch.setattr(tables, "console", lambda: Console(width=400))
+    monkeypatch.setenv("COLUMNS", "400")
+    tables.show_answer(told, page="report.html", again="rvsg run")
+    terminal = " ".join(capsys.readouterr().err.split())
+    where: dict[str, Any] = {"world": warehouse(), "run_of": ledger.run}
+    page = plain(render_page(the_plan, attempts, command="rvsg run", stack="nav2-dwb", commands=COMMANDS, **where))
+    pins = pins_of("a.html", the_plan, told, **where)
+    known = ("a.html", the_plan, summarise(the_plan, attempts), told)
+    overview = plain(render_overview([known], command="rvsg run", pins=pins))
+    for door in (terminal, page, overview):
+        for words in (told.status, told.headline, told.title, first.share):
+            assert " ".join(words.split()) in door
+    for door in (terminal, page):
+        for each in told.figures:
+            assert each.value in door and each.note.removeprefix("contact ") in door
+        assert all(part in door for part in told.setup) and told.next[0].command in door
+    assert told.model_dump(mode="json")["rows"][0]["share"] == first.share
+    assert all(row.name in page and row.number in page for row in told.rows)
