@@ -4,6 +4,7 @@
         params_file:={params}' [--speed 4] [--stacks nav2-dwb nav2-rpp nav2-mppi] [--suite examples/suites/warehouse]
         [--scenarios FILE.json ...] [--world hospital] [--routes route_1 ...] [--runs 10] [--own-runs 30]
         [--keep DIR] [--json FILE] [--rows FILE]
+    python benchmarks/nav2_agreement.py --stored benchmarks/results/nav2-agreement.csv
 
 For every stack the real Nav2 is started with the parameters that the built-in one has (`rvsg ros2 new-params`), and
 the built-in one reads the same file. Without --launch the Nav2 that runs is measured as it is, against every stack.
@@ -13,8 +14,9 @@ more --runs. --rows writes every run as a line of CSV. Exit code 3 where there i
 
 For each scenario: path RMS (m) between runs of the same seed at equal shares of the way, beside that between two seeds
 of each; time, rounds of recovery, share that reached the goal, the requirement's value and the share that violates it.
-Over all: rank correlations of the means, beside that of the built-in stack's first runs with its others; and in how
-many scenarios a Kolmogorov-Smirnov test tells the two apart.
+Over all: rank correlations of the means, in how many scenarios two tests tell the two apart, and the mean difference.
+Beside each is what chance gives: the runs of each scenario are relabelled at random, as if both were one stack. The
+option --stored computes that from the lines that --rows wrote, without paths and violated shares.
 """
 
 from __future__ import annotations
@@ -36,6 +38,9 @@ from scipy import stats
 SAMPLES = 100
 NO_NAV2 = 3
 P_VALUE = 0.05
+TESTS = {"Kolmogorov-Smirnov": stats.ks_2samp, "Mann-Whitney": stats.mannwhitneyu}
+DRAWS = 1000
+"""Relabellings of the runs; for tests, whose counts take long, a fifth of it."""
 PATHS = ("path_m", "path_between_real_m", "path_between_built_in_m")
 ROUND = "RecoveryActions"
 """Nav2's default trees call the outer recovery so."""
@@ -54,6 +59,9 @@ class Question:
 def main() -> int:
     """Measure, print and write the table."""
     given = arguments()
+    if given.stored is not None:
+        print(json.dumps({name: over_all(rows) for name, rows in stored(given.stored).items()}, indent=1))
+        return 0
     from rvsg.cli.options import pairs
     from rvsg.core.errors import RvsgError
 
@@ -109,6 +117,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--keep", type=Path)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--rows", type=Path)
+    parser.add_argument("--stored", type=Path)
     return parser.parse_args()
 
 
@@ -356,35 +365,112 @@ def path_rms(one: Any, other: Any) -> float:
 
 
 def over_all(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return correlations over scenarios, and in how many of them a test tells the two apart."""
-    judged = [row for row in rows if "ks_value_p" in row]
+    """Return correlations over scenarios, in how many of them a test tells the two apart, and mean differences."""
+    judged = [row for row in rows if "requirement" in row]
+    by_requirement = {
+        name: [row for row in judged if row["requirement"] == name]
+        for name in sorted({row["requirement"] for row in judged})
+    }
     return {
         "scenarios": len(rows),
         "path_median_m": {name: median(rows, name) for name in PATHS},
-        "time_difference_s": mean([difference(row, "times_s") for row in rows]),
         "rank_correlation_time": correlation(rows, "times_s"),
-        "rank_correlation_value": {
-            name: correlation([row for row in judged if row["requirement"] == name], "values")
-            for name in sorted({row["requirement"] for row in judged})
-        },
+        "rank_correlation_value": {name: correlation(of, "values") for name, of in by_requirement.items()},
         **{
             f"{name}_{side}": mean([row[side].get(name) for row in rows])
             for name in ("violated", "reached", "rounds")
             for side in ("real", "built_in")
         },
-        "told_apart_by_time": told_apart(rows, "ks_time_p"),
-        "told_apart_by_value": told_apart(judged, "ks_value_p"),
+        "difference_time_s": difference(rows, "times_s"),
+        "difference_value": {name: difference(of, "values") for name, of in by_requirement.items()},
+        "told_apart_by_time": told_apart(rows, "times_s"),
+        "told_apart_by_value": told_apart(judged, "values"),
     }
 
 
-def told_apart(rows: list[dict[str, Any]], key: str) -> int:
-    """Return in how many scenarios the test tells the two apart."""
-    return sum(row[key] is not None and row[key] < P_VALUE for row in rows)
+def stored(path: Path) -> dict[str, list[dict[str, Any]]]:
+    """Return what `over_all` takes for each stack, from the lines that --rows wrote: scenarios with people."""
+    found: dict[str, dict[str, Any]] = {}
+    for line in csv.DictReader(path.read_text().splitlines()):
+        if line["requirement"] and not line["scenario"].endswith("-again"):
+            row = found.setdefault(line["stack"], {}).setdefault(
+                line["scenario"],
+                {key: {"times_s": [], "values": []} for key in ("real", "built_in")}
+                | {"scenario": line["scenario"], "requirement": line["requirement"]},
+            )
+            side = row["real" if line["driver"] == "nav2" else "built_in"]
+            side["times_s"].append(float(line["time_s"]))
+            side["values"] += [float(line["value"])] if line["value"] else []
+    return {stack: list(rows.values()) for stack, rows in found.items()}
 
 
-def difference(row: dict[str, Any], key: str) -> float:
-    """Return by how much the mean of the built-in stack exceeds that of the real one."""
-    return float(np.mean(row["built_in"][key]) - np.mean(row["real"][key]))
+class Sides(NamedTuple):
+    """The numbers of one scenario."""
+
+    real: np.ndarray
+    own: np.ndarray
+
+    def relabelled(self, chance: np.random.Generator) -> Sides:
+        """Return the same numbers, each given to one of the two by chance."""
+        mixed = chance.permutation(np.concatenate(self))
+        return Sides(mixed[: len(self.real)], mixed[len(self.real) :])
+
+
+def sides(rows: list[dict[str, Any]], key: str) -> list[Sides]:
+    """Return the numbers of the scenarios in which both have some."""
+    found = [Sides(np.array(row["real"][key]), np.array(row["built_in"][key])) for row in rows]
+    return [each for each in found if len(each.real) and len(each.own)]
+
+
+def against_chance(
+    known: list[Sides], figure: Callable[[list[Sides]], float], draws: int = DRAWS
+) -> tuple[float, np.ndarray]:
+    """Return a figure of the scenarios, and what it is when the runs of each are relabelled."""
+    chance = np.random.default_rng(0)
+    return figure(known), np.array([figure([each.relabelled(chance) for each in known]) for _ in range(draws)])
+
+
+def told_apart(rows: list[dict[str, Any]], key: str) -> dict[str, dict[str, float]]:
+    """Return in how many scenarios each test tells the two apart, how many chance gives, and how likely so many are."""
+    known, found = sides(rows, key), {}
+    for name, test in TESTS.items():
+
+        def count(these: list[Sides], test: Any = test) -> float:
+            return float(sum(test(*each).pvalue < P_VALUE for each in these))
+
+        counted, by_chance = against_chance(known, count, DRAWS // 5)
+        found[name] = {"scenarios": counted, "chance": by_chance.mean(), "p": share(by_chance >= counted)}
+    return found
+
+
+def difference(rows: list[dict[str, Any]], key: str) -> dict[str, float] | None:
+    """Return by how much the built-in stack's mean exceeds Nav2's, and two p-values: of it, and in units of the spread.
+
+    Runs are relabelled within their scenario.
+    """
+    known = sides(rows, key)
+    if not known:
+        return None
+    spread = [np.std(np.concatenate(each)) or 1.0 for each in known]
+
+    def excess(these: list[Sides]) -> float:
+        return float(np.mean([each.own.mean() - each.real.mean() for each in these]))
+
+    def in_spreads(these: list[Sides]) -> float:
+        return float(np.mean([(e.own.mean() - e.real.mean()) / s for e, s in zip(these, spread, strict=True)]))
+
+    found, by_chance = against_chance(known, excess)
+    scaled, scaled_by_chance = against_chance(known, in_spreads)
+    return {
+        "mean": found,
+        "p": share(abs(by_chance) >= abs(found)),
+        "p_in_spreads": share(abs(scaled_by_chance) >= abs(scaled)),
+    }
+
+
+def share(so: np.ndarray) -> float:
+    """Return how likely it is by chance, of relabellings in which it is so; never 0."""
+    return float((1 + so.sum()) / (1 + so.size))
 
 
 def mean(values: Sequence[float | None]) -> float | None:
@@ -395,31 +481,26 @@ def mean(values: Sequence[float | None]) -> float | None:
 
 def median(rows: list[dict[str, Any]], key: str) -> float | None:
     """Return the median over the runs of all scenarios."""
-    values = [value for row in rows for value in row[key]]
+    values = [value for row in rows for value in row.get(key, ())]
     return float(np.median(values)) if values else None
 
 
-def correlation(rows: list[dict[str, Any]], key: str) -> dict[str, float] | None:
-    """Return Spearman's correlations of the means over scenarios; None for fewer than three scenarios.
+def correlation(rows: list[dict[str, Any]], key: str) -> dict[str, Any] | None:
+    """Return Spearman's correlation of the means over scenarios; None for fewer than three scenarios.
 
-    The built-in stack's runs beyond the number of the real one's are compared with the real one's, and with its own
-    first ones.
+    Beside it, the mean and 95 % interval that a stack has with itself: of relabelled runs.
     """
-    rows = [row for row in rows if row["real"][key] and row["built_in"][key]]
-    if len(rows) < 3:
+    known = sides(rows, key)
+    if len(known) < 3:
         return None
-    first, others = zip(*(halves(row, key) for row in rows), strict=True)
-    real = [np.mean(row["real"][key]) for row in rows]
-    return {
-        "real": float(stats.spearmanr(real, others).statistic),
-        "built_in": float(stats.spearmanr(first, others).statistic),
-    }
 
+    def spearman(these: list[Sides]) -> float:
+        real, own = ([float(np.mean(side)) for side in part] for part in zip(*these, strict=True))
+        return float(stats.spearmanr(real, own).statistic)
 
-def halves(row: dict[str, Any], key: str) -> tuple[float, float]:
-    """Return the means of the built-in stack's first runs, as many as the real one's, and of the others if any."""
-    values, runs = row["built_in"][key], len(row["real"][key])
-    return float(np.mean(values[:runs])), float(np.mean(values[runs:] or values))
+    found, by_chance = against_chance(known, spearman)
+    low, high = np.quantile(by_chance, (0.025, 0.975))
+    return {"with_nav2": found, "with_itself": by_chance.mean(), "interval": [float(low), float(high)]}
 
 
 if __name__ == "__main__":
