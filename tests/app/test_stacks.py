@@ -17,6 +17,7 @@ from rvsg import stacks
 from rvsg.app.matrix import Matrix
 from rvsg.app.settings import read_campaign_file
 from rvsg.core.errors import InputError
+from rvsg.scenario.builder import scenario_json
 from rvsg.simulation.embedded.trace import trace
 from rvsg.stacks import Ended, Observation, StackChoice, Task, WholeStack
 
@@ -69,6 +70,16 @@ def test_the_list_names_every_stack(terminal: Terminal) -> None:
     assert listed["nav2-rpp"]["options"]["lookahead_dist"] == 0.6
     terminal("stacks --write-clients .")
     assert Path("rvsg_client.py").stat().st_size and Path("rvsg_client.hpp").stat().st_size
+
+
+def test_a_run_in_which_the_stack_failed_is_no_success(terminal: Terminal) -> None:
+    Path("s.json").write_text(scenario_json(alone()))
+    Path("fails.py").write_text(
+        "from rvsg.stacks import LocalPlanner\n\n\nclass Fails(LocalPlanner):\n    def reset(self, task): pass\n"
+        "    def command(self, seen): raise ValueError\n"
+    )
+    terminal("simulate s.json --stack fails.py:Fails --out runs.jsonl", code=2)
+    assert Path("runs.jsonl").read_text()
 
 
 class GivesUp(WholeStack):

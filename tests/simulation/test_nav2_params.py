@@ -189,6 +189,20 @@ def test_the_release_decides_how_recoveries_drive(tmp_path: Path, dots: str, smo
         assert StackChoice.of(name).driver.adapt(TIAGO).navigation.behaviours.smoothed is built_in
 
 
+def test_a_value_that_is_simulated_in_any_case_counts_as_honoured_and_oscillation_is_read(tmp_path: Path) -> None:
+    same = "sum_scores: false}\n      prune_plan: true\n      Oscillation: {oscillation_reset_dist: 0.1}\n"
+    path = written(
+        tmp_path,
+        "controller_server:\n  ros__parameters:\n    controller_plugins: [FollowPath]\n    FollowPath:\n"
+        f"      plugin: dwb_core::DWBLocalPlanner\n      BaseObstacle: {{{same}",
+    )
+    state = {entry.key.rpartition(".")[2]: entry.state for entry in read_nav2_params(path).entries}
+    assert state["sum_scores"] == state["prune_plan"] == state["oscillation_reset_dist"] == "honoured"
+    assert StackChoice.of(path).driver.adapt(TIAGO).navigation.dwb.oscillation_reset_m == 0.1
+    path.write_text(path.read_text().replace("false", "true"))
+    assert "not supported" in [entry.state for entry in read_nav2_params(path).entries]
+
+
 def test_what_makes_mppi_crawl_is_told_first_and_open_loop_is_honoured(tmp_path: Path) -> None:
     unequal = MPPI.replace("vx_max: 0.6", "vx_max: 0.6\n      ax_max: 0.8\n      ax_min: -1.2\n      open_loop: true")
     path = written(tmp_path, unequal)

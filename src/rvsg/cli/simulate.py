@@ -37,13 +37,15 @@ def simulate(
 ) -> None:
     """Simulate a scenario and write its runs, one JSON object per line.
 
-    RVSG checks the scenario first: it simulates no unknown waypoint and no path through an obstacle.
+    RVSG checks the scenario first: it simulates no unknown waypoint and no path through an obstacle. The exit code is 2
+    if the navigation stack failed in a run, which then cannot be judged.
     """
     import rvsg
     from rvsg.app.playback import check_bag, write_bag_of
     from rvsg.core.outputs import check_writable, write_text
     from rvsg.scenario.builder import load_changed
     from rvsg.simulation.archive import runs_text
+    from rvsg.simulation.run import Outcome
 
     check_writable(out)
     check_bag(bag, repeats)
@@ -74,6 +76,8 @@ def simulate(
     write_text(out, runs_text(runs))
     if bag is not None:
         write_bag_of(runs, bag, asked, simulator=simulator, stack=stack, world=place)
+    if any(run.outcome is Outcome.STACK_FAILED for run in runs):
+        raise typer.Exit(2)
 
 
 evaluate_app = verb()

@@ -156,7 +156,7 @@ OUTSIDE = (
 """Nodes that have no part in a run here; `smoother_server` is not called by Nav2's default behaviour tree of Humble."""
 WORDS = re.compile(
     r"(topic|frame|frame_id|use_sim_time|publish|visuali[sz]e|debug|groot|bond|introspection|qos|service|transform_tolerance"
-    r"|realtime|server_timeout|source_timeout|stop_pub_timeout|terminal_checking_interval|expected_planner_frequency|odom_duration|filter_duration|stamp_smoothed|map_subscribe|result_timeout|update_timeout|navigators|always_send_full|plugin_lib_names|rviz|verbose|tf_broadcast|error_code)"
+    r"|realtime|server_timeout|source_timeout|stop_pub_timeout|terminal_checking_interval|expected_planner_frequency|odom_duration|filter_duration|stamp_smoothed|map_subscribe|result_timeout|update_timeout|navigators|always_send_full|plugin_lib_names|rviz|verbose|tf_broadcast|error_code|blackboard_id|cancel_timeout|stamped_cmd_vel)"
 )
 PLANAR = re.compile(
     r"(z_|origin_z|obstacle_height|m(in|ax)_height|mark_threshold|unknown_threshold|combination_method)"
@@ -177,6 +177,13 @@ AS_SIMULATED = {
     "base_shift_correction": True, "min_speed_theta": 0.0, "lookahead_time": -1.0,
     "scale_velocities": False, "deadband_velocity": [0.0, 0.0, 0.0],
     "allow_partial_planning": False, "lethal_cost_threshold": 100, "trinary_costmap": True, "inf_is_valid": False,
+    "prune_plan": True, "shorten_transformed_plan": True, "split_path": False, "use_dwa": False,
+    "discretize_by_time": False, "time_granularity": 0.5, "include_last_point": True, "sum_scores": False,
+    "aggregation_type": "last", "oscillation_reset_time": -1.0, "footprint_clearing_enabled": True,
+    "observation_persistence": 0.0, "expected_update_rate": 0.0, "inflate_unknown": False,
+    "inflate_around_unknown": False, "origin_x": 0.0, "origin_y": 0.0, "use_cancel_deceleration": False,
+    "cancel_deceleration": 3.2, "interpolate_curvature_after_goal": False, "min_distance_to_obstacle": -1.0,
+    "use_interpolation": True,
 }  # fmt: skip
 """Values of keys that are what is simulated in any case."""
 DWB = {
@@ -189,6 +196,9 @@ DWB = {
     "rotate_to_goal_scale": "RotateToGoal.scale", "obstacle_scale": "BaseObstacle.scale",
     "goal_distance_scale": "GoalDist.scale", "goal_align_scale": "GoalAlign.scale",
     "path_distance_scale": "PathDist.scale", "path_align_scale": "PathAlign.scale",
+    "oscillation_speed_m_s": "Oscillation.x_only_threshold",
+    "oscillation_reset_m": "Oscillation.oscillation_reset_dist",
+    "oscillation_reset_rad": "Oscillation.oscillation_reset_angle",
 }  # fmt: skip
 SCALES = {"RotateToGoal": "rotate_to_goal_scale", "GoalAlign": "goal_align_scale", "PathAlign": "path_align_scale",
           "PathDist": "path_distance_scale", "GoalDist": "goal_distance_scale"}  # fmt: skip
