@@ -40,6 +40,8 @@ class Options:
     map: bool = True
     active_after_s: float = 0.3
     inactive: tuple[str, ...] = ()
+    twice: tuple[str, ...] = ()
+    """Nodes of which another one of the same name is there, which does not answer."""
     period_s: float = 0.05
     """Simulated time between commands."""
     miss_every: int = 0
@@ -107,6 +109,7 @@ class Peer:
             for node in NODES
             if options.localises or node != "amcl"
         }
+        self.stale = [self.server(f"{node}/get_state", "lifecycle_msgs/srv/GetState", True) for node in options.twice]
         self.clears = [
             self.server(f"{which}_costmap/clear_entirely_{which}_costmap", "nav2_msgs/srv/ClearEntireCostmap")
             for which in ("global", "local")

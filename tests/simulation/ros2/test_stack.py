@@ -71,8 +71,10 @@ NOT_ACTIVE = "Not active after 15 s: planner_server is inactive."
         pytest.param(GONE, {"answer_limit_s": 1.0}, "controller_server:", 1.0, marks=pytest.mark.exhaustive),
         ({"inactive": ["planner_server"]}, {"start_limit_s": 15.0}, NOT_ACTIVE, 0.0),
         ({**GONE, "abort_at_s": 1.3}, {"answer_limit_s": 2.0}, "controller_server", 0.0),
+        ({"twice": ["bt_navigator"]}, {"start_limit_s": 5.0}, "bt_navigator is there 2 times", 0.0),
+        ({"abort_at_s": -0.5}, {}, "without a velocity command", 0.0),
     ],
-    ids=["rejected", "hangs", "gone", "not active", "gone before the navigator gives up"],
+    ids=["rejected", "hangs", "gone", "not active", "gone before the navigator gives up", "twice", "ends at once"],
 )
 def test_what_fails_is_named(peer: dict[str, Any], options: dict[str, Any], fault: str, from_s: float) -> None:
     (run,) = drive(peer, options=options)["runs"]

@@ -93,6 +93,11 @@ class RunRecord:
         return self._missed / max(1, self._missed + self._commands)
 
     @property
+    def has_commands(self) -> bool:
+        """Whether a velocity command came."""
+        return self._commands > 0
+
+    @property
     def lost_pace(self) -> bool:
         """Whether so many periods are missed that the run cannot be judged."""
         return self._missed + self._commands > LOST_AFTER and self.missed_share > LOST_SHARE

@@ -70,6 +70,8 @@ TURN_LIMIT_S = 3600.0
 MAP_LIMIT_S = 2.0
 """Wall time in which a latched map arrives."""
 _END_LIMIT_S = 1.0
+SOON_S = 1.0
+"""An action that fails sooner than this, simulated, without a velocity command, has planned nothing."""
 
 
 class Running:
@@ -257,6 +259,11 @@ class Running:
             if self.client.status == SUCCEEDED:
                 return Ended.REACHED
             self._ask_whether_alive()  # the navigator gives up, too, where another node is gone
+            if seen.t < SOON_S and not self.record.has_commands:
+                raise SimulationError(
+                    f"{self.client.name} ended after {seen.t:.1f} s without a velocity command: nothing was planned. "
+                    "Read the log of bt_navigator; `rvsg ros2 check` lists the nodes."
+                )
             return Ended.GAVE_UP
         return self._command(seen)
 
