@@ -81,7 +81,13 @@ class Server:
                 jobs.stop(job.id)
                 waited(lambda job=job: not jobs.get(job.id).running)
         for path in (*self.folder.iterdir(), *self.own.iterdir(), *(self.own / "jobs").iterdir()):
-            if path not in (self.own, self.own / "jobs", self.own / "nicegui", self.own / ".gitignore"):
+            if path not in (
+                self.own,
+                self.own / "jobs",
+                self.own / "nicegui",
+                self.own / "token",
+                self.own / ".gitignore",
+            ):
                 shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
         shutil.copytree(work, self.folder, dirs_exist_ok=True)
         self.killed = self.refuses = False
@@ -160,7 +166,7 @@ def _is_wrong(message: Any, studio: Server) -> bool:
 
 
 def _inside(url: str, studio: Server) -> bool:
-    return url.startswith((studio.base, studio.base.replace("http", "ws"), "data:", "blob:"))
+    return url.startswith((studio.address, studio.base, studio.base.replace("http", "ws"), "data:", "blob:"))
 
 
 def ready(tab: Any) -> None:

@@ -111,6 +111,12 @@ def test_world_an_area_is_drawn_and_named(opened: Open, office: Path) -> None:
     xs, ys = zip(*rvsg.load_world(office).area(HOSTILE).outline, strict=True)
     assert max(xs) - min(xs) == pytest.approx(2.0, abs=0.51)  # both edges may snap by 25 cm
     assert max(ys) - min(ys) == pytest.approx(1.0, abs=0.51)
+    drawn = tab.locator(".st-map")
+    before = drawn.get_attribute("viewBox")
+    drawn.hover()
+    drawn.focus()
+    tab.mouse.wheel(0, -100)
+    waited(lambda: drawn.get_attribute("viewBox") != before)
     is_well(tab)
 
 
@@ -118,9 +124,13 @@ def test_new_world_is_made(opened: Open, studio: Server, tmp_path: Path) -> None
     (tmp_path / "map.pgm").write_bytes(room_map())
     (tmp_path / "map.yaml").write_text(MAP)
     tab = opened("/world/new")
-    rewrite(tab, tab.get_by_label("Folder"), "made")
+    press(tab, tab.get_by_role("button", name="Make the world"))
+    tab.get_by_role("alert").get_by_text("Give the new world a folder.").wait_for()
     tab.get_by_label("Files").set_input_files([tmp_path / "map.yaml", tmp_path / "map.pgm"])
     tab.get_by_text("Received: map.pgm, map.yaml").wait_for()
+    assert tab.get_by_label("Folder").input_value() == "map"
+    rewrite(tab, tab.get_by_label("Folder"), "made")
+    waited(lambda: tab.get_by_role("alert").inner_text() == "")
     is_well(tab)
     press(tab, tab.get_by_role("button", name="Make the world"))
     tab.wait_for_url("**/world?world=made", timeout=PATIENT)

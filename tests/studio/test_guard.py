@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from rvsg_studio.server import Guard
+from rvsg_studio.server import Guard, token_of
 
 PORT = 8420
 HOST = f"127.0.0.1:{PORT}"
@@ -70,6 +71,16 @@ def test_the_cookie_is_set_under_a_host_name_of_the_studio_alone() -> None:
         assert b"set-cookie" not in headers
         assert headers[b"location"] == f"http://{OWN}/campaign?folder=a&token=secret".encode()
     assert OWN.endswith(f".localhost:{PORT}") and Guard(None, token="other", port=PORT).own != OWN  # type: ignore[arg-type]
+
+
+def test_the_token_belongs_to_the_folder_and_to_its_user(tmp_path: Path) -> None:
+    token, file = token_of(tmp_path), tmp_path / ".rvsg-studio" / "token"
+    assert len(token) == 32 and token_of(tmp_path) == token
+    assert file.stat().st_mode & 0o777 == 0o600
+    file.chmod(0o644)  # others may have read it
+    assert token_of(tmp_path) != token and file.stat().st_mode & 0o777 == 0o600
+    file.write_text("")
+    assert len(token_of(tmp_path)) == 32
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,8 @@ HOST = "127.0.0.1"
 PORT = 8420
 """The port that is tried first where none is asked for."""
 RECONNECT_S = 60.0
+OWN = ".rvsg-studio"
+"""The studio's own folder in the folder it works in: jobs, undo steps, the index. Deleting it loses no result."""
 
 
 def serve(folder: Path, *, port: int | None, browser: bool, say: Callable[[str], None]) -> None:
@@ -43,7 +45,7 @@ def serve(folder: Path, *, port: int | None, browser: bool, say: Callable[[str],
     folder = Path.cwd()
     with _listening(port) as sock:
         number = sock.getsockname()[1]
-        token = secrets.token_urlsafe(24)
+        token = token_of(folder)
         app = make_app(folder, token=token, port=number)
         address = f"http://{HOST}:{number}/?token={token}"
         say(f"Studio of {folder}: {address}")
@@ -57,9 +59,24 @@ def serve(folder: Path, *, port: int | None, browser: bool, say: Callable[[str],
         uvicorn.Server(config).run(sockets=[sock])
 
 
+def token_of(folder: Path) -> str:
+    """Return the token of a folder, which its user alone can read: pages that are open live on after a restart."""
+    path = folder / OWN / "token"
+    try:
+        path.parent.mkdir(mode=0o700, exist_ok=True)
+        if path.is_file() and not path.is_symlink() and not path.stat().st_mode & 0o077 and (known := path.read_text()):
+            return known
+        path.unlink(missing_ok=True)
+        with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+            file.write(token := secrets.token_urlsafe(24))
+    except OSError as error:
+        raise FileError(folder, f"the studio cannot write here: {error.strerror}. Choose another folder.") from None
+    return token
+
+
 def make_app(folder: Path, *, token: str, port: int) -> Callable[..., object]:
     """Return the application of a studio, with its guard in front of everything."""
-    own = folder.resolve() / ".rvsg-studio"
+    own = folder.resolve() / OWN
     os.environ["NICEGUI_STORAGE_PATH"] = str(own / "nicegui")  # read when NiceGUI is imported
     try:
         from fastapi import FastAPI
@@ -127,10 +144,12 @@ HEADERS = (
     (b"x-frame-options", b"DENY"),
 )  # fmt: skip
 """What every answer says: nothing is loaded from elsewhere, and no other page may hold this one in a frame."""
-REFUSED = (
-    b"403. This studio opens with the address that `rvsg studio` printed, with the token in it. "
-    b"After a restart the token is another one.\n"
-)
+REFUSED = b"""<!doctype html>
+<html lang="en"><meta name="viewport" content="width=device-width"><title>RVSG studio</title>
+<style>:root{color-scheme:light dark}body{font:16px/1.5 system-ui,sans-serif;max-width:38em;margin:4em auto}</style>
+<h1>This studio needs its address</h1>
+<p>Open the address that <code>rvsg studio</code> printed, with the token in it. What you typed is kept.</p></html>
+"""
 
 
 class Guard:
@@ -190,7 +209,7 @@ class Guard:
         if scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008})  # before it is accepted: the server answers 403
             return
-        head = [(b"content-type", b"text/plain; charset=utf-8"), *HEADERS]
+        head = [(b"content-type", b"text/html; charset=utf-8"), *HEADERS]
         await send({"type": "http.response.start", "status": 403, "headers": head})
         await send({"type": "http.response.body", "body": REFUSED})
 

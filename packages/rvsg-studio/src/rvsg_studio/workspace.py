@@ -39,6 +39,7 @@ from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.core.records import Record
 from rvsg_studio.listing import Lister, Listing
+from rvsg_studio.server import OWN
 
 JOB, EVENTS, RESULT, LOCK, LOG = "job.json", "events.jsonl", "result.json", ".lock", "worker.log"
 PAUSE = "pause"
@@ -204,8 +205,6 @@ def read_json(path: Path, otherwise: Any) -> Any:
         return otherwise
 
 
-OWN = ".rvsg-studio"
-"""The studio's own folder in the folder it works in: jobs, undo steps, the index. Deleting it loses no result."""
 REMEMBERED = 24
 T = TypeVar("T")
 

@@ -51,6 +51,7 @@ def _lay_out(made: Page, name: str, found: dict[str, Any]) -> None:
             made.button("Copy into this folder to edit it", copy, cls="st-primary")
         tag("a", "Review its description", cls="st-button", href=address("/describe", world=name))
         tag("a", "New scenario here", cls="st-button", href=address("/scenario", world=name))
+        tag("a", "New campaign here", cls="st-button", href=address("/campaign/new", world=name))
     tag("div", data_studio="world", data_world=name, id="world-editor")
     made.command("Check", f"rvsg world check {name}")
     made.command("Draw", f"rvsg world draw {name}")
@@ -68,7 +69,8 @@ class NewWorld:
         tag("p", "Drop a Nav2 map (its .yaml with the picture beside it) or a Gazebo world (.sdf, .world). Labels and "
                  "routes are proposed; you correct them on the map.")  # fmt: skip
         with field("Folder", help="Where the world is made, in the folder of the studio"):
-            text_input(self.name, self._named, autocomplete="off", required=True)
+            text_input(self.name, self._named, autocomplete="off", required=True, id="folder", aria_describedby="wrong")
+        self.wrong = tag("p", "", cls="st-wrong small", role="alert", id="wrong")
         tag("div", data_studio="drop", data_accept=",".join(KINDS), id="files")
         with actions():
             made.button("Make the world", self._make, cls="st-primary")
@@ -77,14 +79,15 @@ class NewWorld:
 
     def _named(self, text: str) -> None:
         self.name = text.strip()
+        self.wrong.set_text("")
         self.typed.keep({"folder": text})
 
     async def _make(self) -> None:
-        if not self.name:
-            raise InputError("Give the new world a folder.")
-        folder = self.page.workspace.path(self.name)
+        folder = self.page.workspace.path(self.name or ".")
         if folder.exists() and any(folder.iterdir()):
-            raise InputError(f"{self.name}: this folder is not empty. Choose a new one.")
+            self.wrong.set_text(f"{self.name}: this folder is not empty. Choose a new one." if self.name else
+                                "Give the new world a folder.")  # fmt: skip
+            return
         self.page.say("Making the world…")
         await load(make_world, received(self.page.workspace), folder)
         forget(self.page.workspace)

@@ -209,9 +209,11 @@ def add(workspace: Workspace) -> None:
     """Add the page."""
 
     @route(workspace, "/campaign/new", "New campaign", patience_s=PATIENT_S)
-    async def new_campaign() -> None:
+    async def new_campaign(world: str = "") -> None:
         listing = await load(workspace.listing)
         draft = Draft(workspace)
+        if world not in ("", draft.settings.get("world")):
+            draft.set("world", world)
         with page(workspace, "New campaign", here="/campaign/new") as made:
             Form(made, draft, (*shipped_worlds(), *listing.worlds))
 

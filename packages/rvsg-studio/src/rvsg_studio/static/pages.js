@@ -63,6 +63,8 @@
       told.textContent = found.names.length ? "Received: " + found.names.join(", ") : "";
       told.classList.remove("st-wrong");
       again.hidden = !found.names.length;
+      const folder = document.getElementById("folder"), map = found.names.find(function (each) { return /\.(ya?ml|sdf|world)$/i.test(each); });
+      if (map && !folder.value) { folder.value = map.replace(/\.[^.]*$/, ""); folder.dispatchEvent(new Event("input")); }
     }
     function take(files) {
       told.textContent = "Receiving\u2026";

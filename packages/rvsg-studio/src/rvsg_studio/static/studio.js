@@ -16,7 +16,7 @@
     return node;
   }
   async function answer(response) {
-    if (response.status === 403) throw new Error("The studio was restarted. Open the address that it printed; what you typed is kept.");
+    if (response.status === 403) throw new Error("The studio does not know this page. Open the address that it printed; what you typed is kept.");
     const value = await response.json();
     if (!response.ok) throw new Error(value.error || "The studio answered " + response.status + ".");
     return value;

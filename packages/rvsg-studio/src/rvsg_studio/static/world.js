@@ -38,6 +38,16 @@
     const m = floor.matrix, metres = svg(map, "g", { class: "plan", transform: "matrix(" + m.join(" ") + ")" }), words = svg(map, "g", {});
     const whole = floor.view_box.split(" ").map(Number);
     function frame(box) { map.setAttribute("viewBox", box.join(" ")); map.dispatchEvent(new CustomEvent("framed")); }
+    function zoom(factor, atX, atY) {
+      const b = map.getAttribute("viewBox").split(" ").map(Number), w = Math.min(whole[2], b[2] / factor), h = Math.min(whole[3], b[3] / factor);
+      frame([b[0] + (b[2] - w) * atX, b[1] + (b[3] - h) * atY, w, h]);
+    }
+    map.addEventListener("wheel", function (event) {
+      if (document.activeElement !== map && !event.ctrlKey) return;  /* else the page scrolls */
+      const box = map.getBoundingClientRect();
+      event.preventDefault();
+      zoom(event.deltaY > 0 ? 0.8 : 1.25, (event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height);
+    }, { passive: false });
     return {
       map: map, metres: metres, words: words,
       place: function (x, y) { return [m[0] * x + m[2] * y + m[4], m[1] * x + m[3] * y + m[5]]; },
@@ -45,10 +55,7 @@
       at: function (event) { const p = new DOMPoint(event.clientX, event.clientY).matrixTransform(metres.getScreenCTM().inverse()); return [p.x, p.y]; },
       /** Metres that a pixel is now. */
       pixel: function () { const c = map.getScreenCTM(); return 1 / Math.hypot(c.a, c.b); },
-      zoom: function (factor) {
-        const b = map.getAttribute("viewBox").split(" ").map(Number), w = Math.min(whole[2], b[2] / factor), h = Math.min(whole[3], b[3] / factor);
-        frame([b[0] + (b[2] - w) / 2, b[1] + (b[3] - h) / 2, w, h]);
-      },
+      zoom: function (factor) { zoom(factor, 0.5, 0.5); },
       pan: function (dx, dy) { const b = map.getAttribute("viewBox").split(" ").map(Number), k = 1 / map.getScreenCTM().a; frame([b[0] - dx * k, b[1] - dy * k, b[2], b[3]]); },
       fit: function () { frame(whole); },
     };
