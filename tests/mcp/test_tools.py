@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -25,7 +26,9 @@ def asked(
     """Start the server on a folder, call tools in order, and return their results."""
 
     async def talk() -> list[Any]:
-        command = StdioServerParameters(command=sys.executable, args=["-m", "rvsg", "mcp", str(folder)])
+        command = StdioServerParameters(
+            command=sys.executable, args=["-m", "rvsg_mcp", str(folder)], env=dict(os.environ)
+        )
 
         async def heard(progress: float, total: float | None, message: str | None) -> None:
             if on_progress is not None:
@@ -45,7 +48,7 @@ def text_of(result: Any) -> str:
 @pytest.mark.slow
 def test_an_assistant_writes_a_scenario_and_runs_a_campaign(tmp_path: Path) -> None:
     progress: list[float] = []
-    catalogue, world, scenario, wrong, outside, code, campaign, listed, findings, suite = asked(
+    catalogue, world, scenario, wrong, outside, code, campaign, listed, findings, finding, suite = asked(
         tmp_path,
         ("catalogue", {}),
         ("show_world", {"world": "warehouse"}),
@@ -56,6 +59,7 @@ def test_an_assistant_writes_a_scenario_and_runs_a_campaign(tmp_path: Path) -> N
         ("run_campaign", {"out": "first", "simulator": "kinematic", "scenarios": 1} | PLACE),
         ("campaigns", {}),
         ("findings", {"campaign": "first"}),
+        ("findings", {"campaign": "first", "number": "1.2"}),
         ("keep", {"suite": "suite", "scenario": "a.json", "requirement": "R1"}),
         on_progress=progress.append,
     )  # fmt: skip
@@ -69,6 +73,8 @@ def test_an_assistant_writes_a_scenario_and_runs_a_campaign(tmp_path: Path) -> N
     assert progress == sorted(progress) and progress
     assert "first" in text_of(listed)
     assert (tmp_path / "first" / "report.html").exists() and text_of(findings)
+    assert [part.type for part in finding.content][-1] == "image"
+    assert (tmp_path / "first" / "scenario-1.2.json").exists() and "Human 1" in text_of(finding)
     assert "1 case" in text_of(suite)
 
 

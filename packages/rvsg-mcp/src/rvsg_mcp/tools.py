@@ -1,7 +1,7 @@
 """The tools of an assistant: thin calls of what every other door calls, on files inside one workspace folder.
 
 A path that leads out of the workspace is refused, and so is whatever would run code: a stack or a robot is a shipped
-one or a file of data (the verb allows no code in the whole process). What a person would be told in one message is the
+one or a file of data (no code is allowed in the whole process). What a person would be told in one message is the
 error of the tool.
 """
 
@@ -22,14 +22,17 @@ from pydantic import BaseModel, Field
 
 import rvsg
 from rvsg.app.campaign import campaigns_below
+from rvsg.app.folder import LEDGER
 from rvsg.campaign.execution import Event, Message, RunFinished
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.evaluation.story import story_of
+from rvsg.report.answer import Answer
 from rvsg.report.film import shot_of_run, strip
-from rvsg.report.terminal import describe_case, describe_finding, describe_judgement
+from rvsg.report.terminal import describe_case, describe_judgement
 from rvsg.robots.robot import shipped_robots
 from rvsg.scenario.builder import load_scenario_in, save_scenario
 from rvsg.scenario.requirement import shipped_requirements
+from rvsg.scenario.scenario import Human
 from rvsg.simulation.stacks.stack_choice import listed_stacks
 from rvsg.world.creation import create_world
 from rvsg.world.drawing import draw_world
@@ -96,7 +99,7 @@ def told(tool: Callable[P, T]) -> Callable[P, T]:
 
 def server(folder: Path) -> MCPServer[Any]:
     """Return the server of a workspace."""
-    made: MCPServer[Any] = MCPServer("rvsg", instructions=INSTRUCTIONS, version=rvsg.__version__)
+    made: MCPServer[Any] = MCPServer("rvsg", instructions=INSTRUCTIONS, version=rvsg.__version__, log_level="WARNING")
     tools = Tools(Workspace(folder))
     for tool in (
         tools.catalogue, tools.show_world, tools.new_world, tools.write_scenario, tools.simulate, tools.campaigns,
@@ -120,7 +123,7 @@ class Tools:
             "worlds": [*shipped_worlds(), *(str(path.relative_to(self.workspace.folder)) for path in own)],
             "robots": list(shipped_robots()),
             "stacks": {each["name"]: each["title"] for each in listed_stacks()},
-            "requirements": {name: f"{r.title}: {r.measured_as}" for name, r in shipped_requirements().items()},
+            "requirements": {name: _described(each) for name, each in shipped_requirements().items()},
         }
 
     def show_world(self, world: str) -> list[dict[str, Any] | Image]:
@@ -149,14 +152,16 @@ class Tools:
         return f"{file} holds a valid scenario."
 
     def simulate(
-        self, scenario: str, requirement: str = "R1", runs: int = 10, stack: str | None = None
+        self, scenario: str, requirement: str = "R1", runs: int = 10, first_seed: int = 0, stack: str | None = None
     ) -> list[str | Image]:
-        """Simulate a scenario file with new seeds and judge a requirement: a verdict, the worst run as a story and
-        pictures of its decisive moments. Runs by which you choose a scenario do not confirm it: use other seeds by
-        asking for more runs.
+        """Simulate a scenario file and judge a requirement: a verdict, the worst run as a story, and pictures of its
+        decisive moments. A verdict takes at most 30 runs. Seeds count up from `first_seed`, and the same seed gives the
+        same run: confirm a scenario that you chose by its runs with seeds that it has not had.
         """
         loaded, world = load_scenario_in(self.workspace.path(scenario))
-        done = rvsg.simulate(loaded, runs, world=world, stack=self.workspace.stack(stack))
+        done = rvsg.simulate(
+            loaded, range(first_seed, first_seed + runs), world=world, stack=self.workspace.stack(stack)
+        )
         judged = rvsg.judge(done, self._requirement(requirement), world=world)
         valued = [m for m in judged.measurements if m.objective is not None]
         lines: list[str | Image] = ["\n".join(describe_judgement(judged, done))]
@@ -205,18 +210,48 @@ class Tools:
 
     def campaigns(self) -> dict[str, str]:
         """List the campaigns of the workspace, each with what it found."""
+        if not any(self.workspace.folder.rglob(LEDGER)):
+            return {}
         found = campaigns_below(self.workspace.folder)
-        return {
-            str(each.folder.relative_to(self.workspace.folder)): each.verdict.status.value if each.verdict else "open"
-            for each in found
-        }
+        return {str(each.folder.relative_to(self.workspace.folder)): each.answer.headline for each in found}
 
-    def findings(self, campaign: str) -> list[str | Image]:
-        """Tell every confirmed scenario of a campaign: verdict, cause, what happens, and pictures of the worst run."""
+    def findings(self, campaign: str, number: str = "") -> list[str | Image]:
+        """Tell what a campaign found. With a `number` such as 3.2, who walks where in that configuration, a picture of
+        its decisive moments, and the file that its scenario is saved to for `simulate` and `keep`.
+        """
         opened = rvsg.Campaign.open(self.workspace.path(campaign))
         opened.report()
-        lines = ["\n".join(describe_finding(finding, opened.requirement)) for finding in opened.findings]
-        return [*lines] or ["Nothing was confirmed."]
+        answer = opened.answer
+        if number:
+            return self._finding(opened, answer, number)
+        lines = [answer.headline, answer.counts, *(f"{f.label}: {f.value} {f.note}".strip() for f in answer.figures)]
+        lines += [each.text for each in (answer.alone, answer.elsewhere) if each is not None]
+        for row in answer.shown:
+            lines.append(f"{row.number} {row.status}: {row.name}")
+            lines.append(f"    violated in {row.share}, {row.measured}; contact in {row.contact} {row.touch}")
+            lines.append(f"    cause: {row.cause} ({row.caused}) {row.shrunk}".rstrip())
+        return ["\n".join(lines)]
+
+    def _finding(self, campaign: rvsg.Campaign, answer: Answer, number: str) -> list[str | Image]:
+        row = next((each for each in answer.rows if each.number == number), None)
+        if row is None:
+            raise InputError(f"There is no {number}. There are {', '.join(each.number for each in answer.rows)}.")
+        made = {attempt.index: attempt for attempt in campaign.attempts()}
+        attempt = made[row.attempt if row.confirmation is None else row.confirmation]
+        scenario, world = attempt.proposal.scenario, campaign.world
+        run = next(each for each in campaign.runs() if each.id == row.run)
+        measured = next(each for each in attempt.measurements if each.run_id == row.run)
+        if scenario is None:
+            raise InputError(f"{number} holds no valid scenario.")
+        file = campaign.folder / f"scenario-{number}.json"
+        save_scenario(scenario, file)
+        return [
+            scenario.description,
+            *(describe_person(human) for human in scenario.people.humans),
+            " ".join(each.text for each in story_of(run, world=world, scenario=scenario)),
+            f"Saved to {file.relative_to(self.workspace.folder)}.",
+            _png(strip(shot_of_run(run, measured, campaign.requirement, world, scenario), STRIP_PX)),
+        ]
 
     def keep(self, suite: str, scenario: str, requirement: str, expected: str = "violation", reason: str = "") -> str:
         """Add a scenario to a suite: a known failure (`violation`) or one that the robot must master (`pass`)."""
@@ -241,6 +276,19 @@ class Tools:
 
     def _requirement(self, name: str) -> str:
         return self.workspace.either(name, list(shipped_requirements())) or name
+
+
+def _described(requirement: rvsg.Requirement) -> str:
+    limit = requirement.limit if requirement.limit is not None else f"{requirement.limit_share} of the time limit"
+    return (
+        f"{requirement.text} {requirement.measured_as}; {requirement.worse} is worse, limit {limit} {requirement.unit}"
+    )
+
+
+def describe_person(human: Human) -> str:
+    """Return who walks where, how fast and how."""
+    tasks = "; ".join(f"{task.name} by {' '.join(task.path)}" for task in human.tasks)
+    return f"{human.name} ({human.behaviour.value}, {human.attention.value}, {human.speed_m_s} m/s): {tasks}"
 
 
 def _rest(person: Person) -> dict[str, Any]:
