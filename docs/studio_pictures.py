@@ -20,7 +20,8 @@ from playwright.sync_api import Browser, sync_playwright
 
 import rvsg
 from rvsg.app.matrix import Matrix
-from rvsg.app.proposal import proposal_json, propose
+from rvsg.app.proposal import propose
+from rvsg.generation.generator import proposal_json
 from rvsg.scenario.builder import load_scenario_in
 from rvsg.simulation.archive import runs_text
 from rvsg_studio.listing import Lister
@@ -90,8 +91,7 @@ def picture(browser: Browser, address: str, path: str, name: str, size: tuple[in
         tab.get_by_role("button", name="This run is traced").or_(tab.locator(".rp-note:not(:empty)")).first.wait_for()
     if name.startswith("conversations"):
         tab.locator("summary").first.click()
-    if "#" in path:
-        tab.evaluate("id => document.getElementById(id).scrollIntoView()", path.partition("#")[2])
+    tab.evaluate("[document.scrollingElement, ...document.querySelectorAll('section')].forEach(e => e.scrollTo(0, 0))")
     tab.wait_for_timeout(700)
     image = Image.open(io.BytesIO(tab.screenshot())).convert("RGB")
     image.quantize(COLOURS, dither=Image.Dither.NONE).save(IMAGES / f"studio-{name}.png", optimize=True)

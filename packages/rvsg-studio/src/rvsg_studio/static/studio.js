@@ -117,8 +117,8 @@
       html(box, "h2", { class: "st-minor" }, group.label);
       const list = html(box, "ol", { class: "st-run-list" });
       group.runs.forEach(function (run) {
-        const marks = (run.violated ? "\u2715" : "\u2713") + ((run.lanes.contact || []).length ? " \u25cf" : "") + (run.arrived ? "" : " \u25f7");
-        const said = [run.said, run.violated ? "violated" : "not violated"].concat((run.lanes.contact || []).length ? ["contact"] : [], run.arrived ? [] : ["did not arrive"]).join(", ");
+        const judged = run.objective !== null, marks = (run.violated ? "\u2715" : judged ? "\u2713" : "") + ((run.lanes.contact || []).length ? " \u25cf" : "") + (run.arrived ? "" : " \u25f7");
+        const said = [run.said, run.violated ? "violated" : judged ? "not violated" : "not judged"].concat((run.lanes.contact || []).length ? ["contact"] : [], run.arrived ? [] : ["did not arrive"]).join(", ");
         const made = html(html(list, "li", {}), "button", { type: "button", title: said + ", seed " + run.seed, "aria-label": said + ", seed " + run.seed, class: run.violated ? "st-wrong" : "" }, marks + " " + run.said);
         made.addEventListener("click", function () { replay.pause(); replay.select(run.id); });
         buttons[run.id] = buttons[run.id] || made;

@@ -112,7 +112,7 @@
     /* tools */
     const KEYS = " By keyboard: arrow keys move the cross by 10 cm (Shift: 1 m), Space sets a point.";
     const HELP = {
-      select: "Click an area to select it; drag it or its corners; double-click or F2 renames it; arrow keys move it by 10 cm (Shift: 1 m), Delete removes it. Drag the floor to move the map.",
+      select: "Click an area to select it; drag it or its corners; double-click or F2 renames it; arrow keys move it by 10 cm (Shift: 1 m), Delete removes it. Drag the floor to move the map; after a click the wheel zooms it.",
       rectangle: "Drag from corner to corner. Edges snap to walls and things; hold Alt to place freely." + KEYS,
       polygon: "Click corner after corner; Enter or a click on the first corner closes it, Escape drops it." + KEYS,
       split: "Click two points: the selected area is cut along the line through them." + KEYS,
