@@ -48,6 +48,7 @@ def test_a_running_campaign_outlives_the_studio_and_pauses_and_resumes(show: Sho
     tab.close()
     studio.restart()
     tab = show(address)
+    tab.get_by_text("search").and_(tab.get_by_text("/12000")).first.wait_for(timeout=PATIENT)
     tab.get_by_role("button", name="Pause").click()
     tab.get_by_role("button", name="Resume").wait_for(timeout=PATIENT)
     folder = studio.folder / "runs" / "new"

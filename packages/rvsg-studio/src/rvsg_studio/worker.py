@@ -21,14 +21,11 @@ from rvsg.app.settings import effective, safe_name
 from rvsg.app.wiring import wire
 from rvsg.campaign.execution import (
     AttemptFinished,
-    ConfirmationStarted,
     Event,
-    ExplanationStarted,
     Message,
     ModelCall,
-    ProposalStarted,
-    RunFinished,
 )
+from rvsg.cli.progress import CampaignProgress
 from rvsg.core import permission
 from rvsg.core.errors import RvsgError
 from rvsg.core.files import write_whole
@@ -89,7 +86,7 @@ def run_campaign(work: Work) -> dict[str, Any]:
     work.cancel = campaign.cancel
     if work.pausing:
         campaign.cancel()
-    for _ in campaign.run(observe=partial(tell_event, work)):
+    for _ in campaign.run(observe=partial(tell_event, work, CampaignProgress(campaign.plan, campaign.attempts()))):
         if work.pausing:
             campaign.cancel()
     summary = campaign.summary()
@@ -111,12 +108,13 @@ def run_matrix(work: Work) -> dict[str, Any]:
     failed = []
     if work.pausing:
         cancel()
+    progress = {each.folder: CampaignProgress(each.plan, each.attempts(), name=each.folder.name) for each in campaigns}
     for campaign, event in matrix.run(campaigns):
         if work.pausing:
             cancel()
         folder = Path(os.path.relpath(campaign.folder)).as_posix()
         if not isinstance(event, Ended):
-            tell_event(work, event, folder=folder)
+            tell_event(work, progress[campaign.folder], event, folder=folder)
         elif isinstance(event.error, RvsgError):
             failed.append(f"{campaign.folder.name}: {event.error}")
         elif event.error is not None:
@@ -129,31 +127,28 @@ def run_matrix(work: Work) -> dict[str, Any]:
     return {"state": "finished" if all(each.summary().complete for each in campaigns) else "paused"}
 
 
-def tell_event(work: Work, event: Event, **where: str) -> None:
+def tell_event(work: Work, progress: CampaignProgress, event: Event, **where: str) -> None:
     """Append what a page shows of an event of a campaign; `where` is its folder, where the job is about several."""
     tell: Callable[..., None] = partial(work.tell, **where)
+    before = progress.text()
+    progress(event)  # its lines are the log of the job
     match event:
         case Message():
             tell("message", text=event.text)
-        case ProposalStarted(brief=brief):
-            tell("proposing", scenario=brief.scenario_index, configuration=brief.configuration_index)
         case ModelCall():
             tell_call(work, event.news, **where)
-        case RunFinished():
-            tell("run", attempt=event.index, purpose=event.purpose)
         case AttemptFinished(attempt=attempt):
             tell("attempt", attempt=attempt.index, purpose=attempt.purpose)
-        case ConfirmationStarted():
-            tell("confirming", number=event.number, of=event.of, runs=event.runs)
-        case ExplanationStarted():
-            tell("explaining", without=list(event.without), runs=event.runs)
+    if (text := progress.text()) != before:
+        tell("progress", text=text)
 
 
 def confirm(work: Work) -> dict[str, Any]:
     """Confirm one more candidate of a campaign."""
     campaign = work.campaign()
     work.cancel = campaign.cancel
-    made = campaign.confirm(work.arguments["candidate"], observe=partial(tell_event, work))
+    observe = partial(tell_event, work, CampaignProgress(campaign.plan, campaign.attempts()))
+    made = campaign.confirm(work.arguments["candidate"], observe=observe)
     campaign.report()
     return {"state": "finished", "attempt": made.index, "reason": made.verdict.reason if made.verdict else ""}
 

@@ -18,9 +18,11 @@ from rvsg.report.summary import tried_of
 from rvsg_studio.frame import Page, actions, address, chip, link, load, page, rate, route, section, svg, table, tag
 from rvsg_studio.listing import FoundCampaign
 from rvsg_studio.pages.finding import State, job_buttons, known
-from rvsg_studio.workspace import Job, Workspace
+from rvsg_studio.pages.home import ago
+from rvsg_studio.workspace import LOG, Job, Workspace
 
 EVERY_S = 1.0
+LOGGED = 200  # lines
 PATIENCE = 6.0
 """Reading the store again may take this share of the time at most: one part in so many."""
 
@@ -57,11 +59,16 @@ class Live:
         self.said = tag("div")
         with tag("div", cls="st-status"):
             self.chip = tag("span", "", cls="chip")
+            self.elapsed = tag("span", "", cls="soft")
             self.progress = tag("span", "")
             self.spend = tag("span", "", cls="soft")
         self.bar = tag("progress", max="1", aria_label="Part of the planned runs that is made")
         self.actions = actions()
+        self.stage = tag("p", "", cls="st-news", role="status")
         self.news = tag("p", "", cls="soft small st-news")
+        with tag("details"):
+            tag("summary", "Log")
+            self.log = tag("pre", "", tabindex="0", aria_label="Log")
         with section("Scenarios", "scenarios"):
             self.rows = tag("div")
         region = {"tabindex": "0", "role": "region", "aria_label": "Chart of the search"}
@@ -99,7 +106,7 @@ class Live:
         events = [event for event in events if event.get("folder", self.folder) == self.folder]
         for event in events:
             self._say(event)
-        changed = any(event["kind"] in ("attempt", "run") for event in events) or not job.running
+        changed = any(event["kind"] in ("attempt", "progress") for event in events) or not job.running
         if changed and time.monotonic() >= self._next and not (not events and not job.running):
             begun = time.monotonic()
             self._take(await load(known, self.workspace, self.folder, self.campaign.name))
@@ -110,19 +117,12 @@ class Live:
 
     def _say(self, event: dict[str, Any]) -> None:
         match event:
+            case {"kind": "progress", "text": text}:
+                self.stage.set_text(text)
             case {"kind": "message", "text": text}:
-                said = text
-            case {"kind": "proposing", "scenario": scenario, "configuration": configuration}:
-                said = f"A scenario is being written: scenario {scenario + 1}, configuration {configuration + 1}."
+                self.news.set_text(text)
             case {"kind": "model", "model": model, "purpose": purpose, "what": what, "why": why}:
-                said = f"The model {model}, {purpose}: {what}{f' ({why})' if why else ''}."
-            case {"kind": "confirming", "number": number, "of": of}:
-                said = f"Confirming candidate {number} of {of}."
-            case {"kind": "explaining", "without": without}:
-                said = f"Running without {', '.join(without) or 'people'} to find the cause."
-            case _:
-                return
-        self.news.set_text(said)
+                self.news.set_text(f"The model {model}, {purpose}: {what}{f' ({why})' if why else ''}.")
 
     def _show(self, job: Job | None) -> None:
         self._status(job)
@@ -159,6 +159,11 @@ class Live:
         self.bar._props["value"] = f"{share:.3f}"
         self.bar.update()
         self.spend.set_text(self._spent(job))
+        if job is not None:
+            self.elapsed.set_text(f"for {ago(job.begun_s, since=True)}" if job.running else "")
+            self.log.set_text("\n".join((job.folder / LOG).read_text(errors="replace").splitlines()[-LOGGED:]))
+            if not job.running:
+                self.stage.set_text("")
         self._buttons(job)
 
     def _spent(self, job: Job | None) -> str:
