@@ -60,6 +60,8 @@ class Server:
             raise AssertionError(self.log.read_text())
         at = urlsplit(self.address)
         token = at.query.removeprefix("token=")
+        self.direct, self.cookie = f"http://{at.netloc}", {"cookie": f"rvsg-studio-{at.port}={token}"}
+        """For requests outside of the browser, whose resolver may not know names below `localhost`."""
         self.base = f"http://{Guard(None, token=token, port=at.port).own}"  # type: ignore[arg-type]
 
     def kill(self) -> None:

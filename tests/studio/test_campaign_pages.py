@@ -66,7 +66,7 @@ def test_files_outside_the_folder_are_never_shown(show: Show, studio: Server) ->
     (studio.folder / "runs" / "link").symlink_to(outside)
     tab = show()
     for path in ("../outside", str(outside), "runs/link", "runs/../../outside", ".rvsg-studio"):
-        answer = tab.request.get(f"{studio.base}/data/replay?campaign={path}&attempt=0")
+        answer = tab.request.get(f"{studio.direct}/data/replay?campaign={path}&attempt=0", headers=studio.cookie)
         assert answer.status == 400
         assert "outside the folder" in answer.json()["error"]
     tab.goto(f"{studio.base}/campaign?folder=../outside")

@@ -49,11 +49,11 @@ def test_fifty_campaigns_are_listed_at_once_and_answer_quickly(show: Show, studi
     tab.wait_for_function("!document.body.innerText.includes('being read')", timeout=PATIENT)
     assert tab.get_by_text(f"{ATTEMPTS} of {ATTEMPTS}").count() == CAMPAIGNS
     for path in ("/", "/campaign/new", "/compare", "/conversations", "/campaign?folder=runs/c07"):
-        tab.request.get(studio.base + path)  # the first load
+        tab.request.get(studio.direct + path, headers=studio.cookie)  # the first load
         spent = []
         for _ in range(5):
             before = processor_s(studio)
-            assert tab.request.get(studio.base + path).status == 200
+            assert tab.request.get(studio.direct + path, headers=studio.cookie).status == 200
             spent.append(processor_s(studio) - before)
         assert min(spent) < ANSWER_S, (path, spent)
 
@@ -69,7 +69,7 @@ def test_a_page_that_follows_2000_runs_stays_responsive(show: Show, studio: Serv
     while tab.locator(".chip", has_text="finished").count() == 0:
         seen.add(tab.locator(".chart-box svg circle").count())
         running = tab.get_by_role("button", name="Pause").count()
-        other = tab.request.get(f"{studio.base}/")
+        other = tab.request.get(f"{studio.direct}/", headers=studio.cookie)
         answered += other.status == 200 and running
         tab.locator("summary", has_text="The same on the command line").click()
         tab.wait_for_timeout(500)
