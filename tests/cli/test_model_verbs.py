@@ -21,7 +21,7 @@ def _own_folder(terminal: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_prompt_is_printed_without_calling_a_model(terminal: Terminal) -> None:
     said = terminal("scenario prompt --route route_2 --requirement R3 --conversation study")
-    for text in ("Step 1: describe a scenario", "Efficiency", "route_2"):
+    for text in ("Step 1: describe a scenario", "Time to reach the goal", "route_2"):
         assert text in terminal.out
     assert "input tokens, 2 pictures" in said
     assert not Path("runs").exists()

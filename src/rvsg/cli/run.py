@@ -130,7 +130,7 @@ def _run(campaign: Campaign, *, resumed: bool) -> None:
 
 
 def _what_it_does(campaign: Campaign) -> str:
-    from rvsg.evaluation.verdict import counted, title_of
+    from rvsg.evaluation.verdict import counted
 
     plan = campaign.plan
     search = (
@@ -141,7 +141,7 @@ def _what_it_does(campaign: Campaign) -> str:
     )
     confirmed = f"at most {plan.confirmations}" if plan.requirement.threshold is not None else plan.confirmations
     then = f", then {confirmed} to confirm, and more to name causes" if plan.confirmations else ""
-    title = f"{plan.requirement.name}, {title_of(plan.requirement)[:1].lower()}{title_of(plan.requirement)[1:]}"
+    title = f"{plan.requirement.name}, {plan.requirement.title[:1].lower()}{plan.requirement.title[1:]}"
     return f"{title}, on {plan.mission.world}, {plan.mission.route.name}: {search}{then}."
 
 

@@ -306,14 +306,6 @@ def objective(run: Run, requirement: Requirement, *, world: World | None = None)
     return measure(run, [requirement.metric], world=world)[requirement.metric]
 
 
-def title_of(requirement: Requirement) -> str:
-    """Return a title that says what is measured; those of the study name a quality, and models read them in prompts."""
-    known = find_metric(requirement.metric)
-    if known is None or not requirement.source.startswith("Requirement and metric of the RVSG study."):
-        return requirement.title
-    return f"{known.title} (study's {requirement.name})"
-
-
 def check_requirement(requirement: Requirement) -> Requirement:
     """Return the requirement with the unit of its metric, which may be left out.
 

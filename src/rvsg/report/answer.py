@@ -29,7 +29,6 @@ from rvsg.evaluation.verdict import (
     percent,
     still_open,
     summarise_safety,
-    title_of,
     value_in_words,
     violated,
 )
@@ -469,7 +468,7 @@ def answer_of_runs(plan: Plan, attempt: Attempt, *, world: World, run_of: Callab
 
 
 def _quantity(requirement: Requirement) -> str:
-    return title_of(requirement).removesuffix(f" (study's {requirement.name})")
+    return requirement.title
 
 
 def _setup(mission: Mission, *more: str) -> tuple[str, ...]:
