@@ -78,7 +78,7 @@ def test_cells_that_are_stopped_resume_to_identical_records(
 
 @pytest.mark.parametrize(
     ("asked", "meant"),
-    [("--route route_1 --route rout_2", "route_2"), ("--requirement R1 --requirement R17", "R1")],
+    [("--route route_1 --route rout_2", "route_2"), ("--requirement R1 --requirement clearence", "clearance")],
 )
 def test_a_mistake_in_one_cell_is_told_before_any_begins(terminal: Terminal, asked: str, meant: str) -> None:
     assert terminal.refused("run", SMALL, asked, "--out all").nearest == meant
