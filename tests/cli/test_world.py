@@ -135,12 +135,12 @@ def test_a_copy_is_the_same_world_with_the_map_for_a_navigation_stack(terminal: 
 
 @pytest.mark.parametrize("room", [0, 60, 400, 1000, 1200])
 def test_a_full_disk_leaves_a_whole_world_or_none(hall: str, room: int) -> None:
-    """No file can be longer than `room` bytes."""
+    """No file can be longer than `room` bytes; -B: neither could a compiled module of RVSG, which others then read."""
 
     def full() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
 
-    made = subprocess.run([sys.executable, "-m", "rvsg", *hall.split(), "--no-simulation"],
+    made = subprocess.run([sys.executable, "-B", "-m", "rvsg", *hall.split(), "--no-simulation"],
                           preexec_fn=full, capture_output=True, text=True, check=False)  # fmt: skip
     assert (made.returncode, "Traceback" in made.stderr) == (2, False), made.stderr
     assert sorted(path.name for path in Path().iterdir()) == ["m.pgm", "m.yaml"]
