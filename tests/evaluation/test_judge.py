@@ -19,6 +19,7 @@ from rvsg.evaluation.verdict import (
     Verdict,
     judge,
     next_repeats,
+    number,
     objective,
     status_in_words,
     still_open,
@@ -250,3 +251,10 @@ def test_the_interval_covers_as_often_as_it_says_although_the_runs_stopped_on_th
 
 def test_the_runs_are_spent_where_the_verdict_is_hard():
     assert coverage(0.5)[1] < 6 < 15 < coverage(0.01)[1] < coverage(0.05)[1] < DEFAULT.max_runs
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "said"), [(1.0, "events", "1 event"), (2.0, "events", "2 events"), (1.0, "1 or 0", "1")]
+)
+def test_a_value_is_told_as_people_say_it(value, unit, said):
+    assert number(value, unit) == said

@@ -178,7 +178,11 @@ def number(value: float | None, unit: str = "") -> str:
     if value is None:
         return "–"
     text = f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
-    return f"{text} {unit}".strip()
+    return f"{text} {_SPOKEN.get((text, unit), _SPOKEN.get(('', unit), unit))}".strip()
+
+
+_SPOKEN = {("1", "events"): "event", ("", "1 or 0"): ""}
+"""How some units are said after a number, or after any."""
 
 
 def counted(count: int, one: str, more: str = "") -> str:

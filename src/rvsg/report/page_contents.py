@@ -12,7 +12,7 @@ from rvsg.campaign.ranking import best_attempt, confirmed_candidate, search_atte
 from rvsg.evaluation.verdict import counted, metres, number, outcome_in_words, percent, value_in_words
 from rvsg.generation.generator import Call
 from rvsg.generation.vlm.recording import RecordedCall, Recording
-from rvsg.report.answer import Answer
+from rvsg.report.answer import Answer, status_of
 from rvsg.report.replay_data import distinct_colours, people_colours
 from rvsg.report.run_facts import AttemptFacts, footprint_of
 from rvsg.report.stills import Look, Turn
@@ -122,7 +122,7 @@ def group_label(facts: AttemptFacts) -> str:
         case "shrinking":
             return f"{scenario}, shrunk"
         case "confirmation":
-            return f"{scenario}, confirmation{f', {verdict.status.value}' if verdict else ''}"
+            return f"{scenario}, confirmation{f', {status_of(verdict)}' if verdict else ''}"
         case _:
             return f"{scenario}, search"
 
