@@ -84,7 +84,7 @@ def test_a_trace_is_the_run_and_its_bag_holds_what_the_robot_sees(scenario: rvsg
     assert np.array_equal(recorded[0].imu, run.imu)
     measured, again = (measure(each, world=world) for each in (rvsg.simulate(scenario, [3])[0], recorded[0]))
     assert again == {
-        name: value if value is None else pytest.approx(value, abs=1e-6) for name, value in measured.items()
+        name: value if value is None else pytest.approx(value, rel=1e-6, abs=1e-6) for name, value in measured.items()
     }
     from rvsg_exchange.recordings import open_bag
 

@@ -261,7 +261,7 @@ def test_an_undecided_campaign_says_the_command_that_adds_fresh_runs_to_those_it
     terminal: Terminal, far: list[str]
 ) -> None:
     said = terminal("run", far, "--confirmations 3")
-    told = re.search(r"More confirmation runs can decide it: .*rvsg (run .*)\n", said)
+    told = re.search(r"next +rvsg (run .*)\n", said)
     assert told is not None
     again = shlex.split(told[1])
     assert again[-4:] == ["--out", "one-250", "--confirmations", "250"]
