@@ -18,7 +18,7 @@ from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.archive import run_from_json, run_to_json
 from rvsg.simulation.embedded.simulator import empty_room
 from rvsg.world.world import Route
-from rvsg_ros2 import world as ros2_world
+from rvsg_ros2 import ros2_world
 from rvsg_ros2.ros2_world import Ros2World
 
 HUMANS = (
@@ -41,7 +41,7 @@ class Scenario:
 
 
 def main(given: dict[str, Any]) -> dict[str, Any]:
-    ros2_world.decode = lambda people, grid: HUMANS  # type: ignore[assignment]
+    ros2_world.decode = lambda people, grid, radius_m: HUMANS  # type: ignore[assignment]
     folder = Path(tempfile.mkdtemp())
     settings = folder / "settings.json"
     settings.write_text(json.dumps({"truth": str(folder / "truth.npz"), **given.get("world", {})}))
