@@ -161,7 +161,9 @@ class Live:
         self.spend.set_text(self._spent(job))
         if job is not None:
             self.elapsed.set_text(f"for {ago(job.begun_s, since=True)}" if job.running else "")
-            self.log.set_text("\n".join((job.folder / LOG).read_text(errors="replace").splitlines()[-LOGGED:]))
+            log = job.folder / LOG  # a job that was stopped before its worker began has none
+            lines = log.read_text(errors="replace").splitlines() if log.exists() else []
+            self.log.set_text("\n".join(lines[-LOGGED:]))
             if not job.running:
                 self.stage.set_text("")
         self._buttons(job)
