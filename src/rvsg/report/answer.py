@@ -415,7 +415,7 @@ def answer_of(
         violated=is_,
         often=often,
         tone=tone_of(strongest, touched) if strongest is not None else "warn" if touched else "quiet",
-        title=f"{requirement.name}: {_quantity(requirement)}",
+        title=f"{requirement.name}: {requirement.title}",
         setup=_setup(plan.mission, plan.mission.world, stack),
         headline=_headline(plan, summary, rows, strongest),
         counts=_counts(rows),
@@ -454,7 +454,7 @@ def answer_of_runs(plan: Plan, attempt: Attempt, *, world: World, run_of: Callab
         violated=row.violated,
         often=row.often,
         tone=row.tone,
-        title=f"{requirement.name}: {_quantity(requirement)}",
+        title=f"{requirement.name}: {requirement.title}",
         setup=_setup(plan.mission, world.title),
         headline=f"{row.name}. {often}{touch}.",
         counts="",
@@ -465,10 +465,6 @@ def answer_of_runs(plan: Plan, attempt: Attempt, *, world: World, run_of: Callab
         rows=(row,),
         rest="",
     )
-
-
-def _quantity(requirement: Requirement) -> str:
-    return requirement.title
 
 
 def _setup(mission: Mission, *more: str) -> tuple[str, ...]:
@@ -546,7 +542,7 @@ def _figures(row: Row, requirement: Requirement) -> tuple[Figure, ...]:
     touch = f"contact {row.contact} runs" + (f", {row.touch}" if row.touch else "")
     return (
         Figure(label="Violated", value=row.share, note="; ".join(each for each in (often, row.others) if each)),
-        Figure(label=_quantity(requirement), value=row.measured, note=limit),
+        Figure(label=requirement.title, value=row.measured, note=limit),
         Figure(label="Closest gap", value=row.closest, note=touch),
         Figure(label="Cause", value=row.cause, note=row.caused),
     )
