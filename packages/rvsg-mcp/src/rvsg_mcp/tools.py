@@ -23,6 +23,7 @@ from pydantic import BaseModel, Field
 import rvsg
 from rvsg.app.campaign import campaigns_below
 from rvsg.app.folder import LEDGER
+from rvsg.campaign.attempt import Measurement
 from rvsg.campaign.execution import Event, Message, RunFinished
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.evaluation.story import story_of
@@ -33,7 +34,7 @@ from rvsg.robots.robot import shipped_robots
 from rvsg.scenario.builder import load_scenario_in, save_scenario
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.scenario.scenario import Human
-from rvsg.simulation.stacks.stack_choice import listed_stacks
+from rvsg.simulation.stacks.stack_choice import listed_stacks, stack_names
 from rvsg.world.creation import create_world
 from rvsg.world.drawing import draw_world
 from rvsg.world.world_folder import shipped_worlds, world_summary
@@ -75,13 +76,25 @@ class Workspace:
             raise InputError(f"{name} is outside of the workspace. Name a file inside it.", code="outside-workspace")
         return path
 
-    def either(self, name: str | None, shipped: Container[str]) -> str | None:
+    def either(self, name: str, shipped: Container[str]) -> str:
         """Return the name of something shipped as it is, and anything else as a path inside the folder."""
-        return name if name is None or name in shipped else str(self.path(name))
+        return name if name in shipped else str(self.path(name))
+
+    def world(self, name: str) -> str:
+        """Return a shipped world, or the path of a world folder."""
+        return self.either(name, shipped_worlds())
+
+    def requirement(self, name: str) -> str:
+        """Return a shipped requirement, or the path of a file of them."""
+        return self.either(name, shipped_requirements())
+
+    def robot(self, name: str) -> str:
+        """Return a shipped robot, or the path of a robot file."""
+        return self.either(name, shipped_robots())
 
     def stack(self, name: str | None) -> str | None:
         """Return a registered stack, or the path of a file of parameters."""
-        return self.either(name, [each["name"] for each in listed_stacks()])
+        return None if name is None else self.either(name, stack_names())
 
 
 def told(tool: Callable[P, T]) -> Callable[P, T]:
@@ -128,7 +141,7 @@ class Tools:
 
     def show_world(self, world: str) -> list[dict[str, Any] | Image]:
         """Describe a world: routes, areas with their waypoints, and a picture with the grid of waypoints."""
-        loaded = self._world(world)
+        loaded = rvsg.load_world(self.workspace.world(world))
         with tempfile.TemporaryDirectory() as folder:
             written = draw_world(loaded, Path(folder), what="grid", width=PICTURE_PX)
             pictures = [Image(data=path.read_bytes(), format="png") for path, _ in written]
@@ -144,10 +157,9 @@ class Tools:
         self, file: str, world: str, route: str, people: list[Person], description: str = "", robot: str = "tiago_omni"
     ) -> str:
         """Write a scenario to a file: a robot on a route, and people who walk. It is checked; each finding is told."""
-        made = rvsg.scenario(
-            self._world(world), route, [rvsg.walk(p.name, *p.waypoints, **_rest(p)) for p in people],
-            description=description, robot=self.workspace.either(robot, shipped_robots()) or robot,
-        )  # fmt: skip
+        walks = [rvsg.walk(p.name, *p.waypoints, **p.model_dump(exclude={"name", "waypoints"})) for p in people]
+        place, driven = self.workspace.world(world), self.workspace.robot(robot)
+        made = rvsg.scenario(place, route, walks, description=description, robot=driven)
         save_scenario(made, self.workspace.path(file))
         return f"{file} holds a valid scenario."
 
@@ -162,34 +174,30 @@ class Tools:
         done = rvsg.simulate(
             loaded, range(first_seed, first_seed + runs), world=world, stack=self.workspace.stack(stack)
         )
-        judged = rvsg.judge(done, self._requirement(requirement), world=world)
+        judged = rvsg.judge(done, self.workspace.requirement(requirement), world=world)
         valued = [m for m in judged.measurements if m.objective is not None]
         lines: list[str | Image] = ["\n".join(describe_judgement(judged, done))]
         if valued:
             worst = max(valued, key=lambda m: judged.requirement.badness(m.objective or 0.0))
             run = next(run for run in done if run.id == worst.run_id)
-            shot = shot_of_run(run, worst, judged.requirement, world, loaded)
-            lines += [
-                " ".join(each.text for each in story_of(run, world=world, scenario=loaded)),
-                _png(strip(shot, STRIP_PX)),
-            ]
+            lines += _shown(run, worst, judged.requirement, world, loaded)
         return lines
 
     async def run_campaign(
         self, context: Context[Any], out: str, world: str, route: str, requirement: str = "R1", scenarios: int = 10,
         robot: str = "tiago_omni", stack: str | None = None, humans: int = 2, seed: int = 0,
         simulator: Literal["embedded", "kinematic"] = "embedded",
-    ) -> list[str]:  # fmt: skip
+    ) -> list[str | Image]:  # fmt: skip
         """Search for scenarios that violate a requirement, confirm the worst with new seeds, and name the cause. Takes
         minutes. Called again with the same settings, it goes on where it was stopped. The simulator `kinematic` has no
         physics: only to try things out.
         """
         try:
             campaign = rvsg.Campaign.create(
-                self.workspace.path(out), world=self._place(world), route=route,
-                requirement=self._requirement(requirement), scenarios=scenarios, humans=humans, seed=seed,
+                self.workspace.path(out), world=self.workspace.world(world), route=route,
+                requirement=self.workspace.requirement(requirement), scenarios=scenarios, humans=humans, seed=seed,
                 simulator=simulator, stack=self.workspace.stack(stack),
-                robot=self.workspace.either(robot, shipped_robots()),
+                robot=self.workspace.robot(robot),
             )  # fmt: skip
             total, done = campaign.plan.search_runs, 0
             events, ended = campaign.run(), object()
@@ -202,9 +210,8 @@ class Tools:
                         await context.report_progress(done, max(total, done), text)
             finally:
                 campaign.cancel()
-            return await anyio.to_thread.run_sync(
-                lambda: [part for part in self.findings(out) if isinstance(part, str)]
-            )
+            await anyio.to_thread.run_sync(campaign.report)
+            return await anyio.to_thread.run_sync(self.findings, out)
         except RvsgError as error:
             raise ToolError(str(error)) from error
 
@@ -220,7 +227,6 @@ class Tools:
         its decisive moments, and the file that its scenario is saved to for `simulate` and `keep`.
         """
         opened = rvsg.Campaign.open(self.workspace.path(campaign))
-        opened.report()
         answer = opened.answer
         if number:
             return self._finding(opened, answer, number)
@@ -238,44 +244,33 @@ class Tools:
             raise InputError(f"There is no {number}. There are {', '.join(each.number for each in answer.rows)}.")
         made = {attempt.index: attempt for attempt in campaign.attempts()}
         attempt = made[row.attempt if row.confirmation is None else row.confirmation]
-        scenario, world = attempt.proposal.scenario, campaign.world
-        run = next(each for each in campaign.runs() if each.id == row.run)
+        scenario = attempt.proposal.scenario
+        assert scenario is not None, "a row has runs"
+        with campaign.reading() as ledger:
+            run = ledger.run(row.run)
         measured = next(each for each in attempt.measurements if each.run_id == row.run)
-        if scenario is None:
-            raise InputError(f"{number} holds no valid scenario.")
         file = campaign.folder / f"scenario-{number}.json"
         save_scenario(scenario, file)
         return [
             scenario.description,
-            *(describe_person(human) for human in scenario.people.humans),
-            " ".join(each.text for each in story_of(run, world=world, scenario=scenario)),
+            *map(_in_words, scenario.people.humans),
             f"Saved to {file.relative_to(self.workspace.folder)}.",
-            _png(strip(shot_of_run(run, measured, campaign.requirement, world, scenario), STRIP_PX)),
+            *_shown(run, measured, campaign.requirement, campaign.world, scenario),
         ]
 
     def keep(self, suite: str, scenario: str, requirement: str, expected: str = "violation", reason: str = "") -> str:
         """Add a scenario to a suite: a known failure (`violation`) or one that the robot must master (`pass`)."""
         folder = self.workspace.path(suite)
         opened = rvsg.Suite.open(folder) if folder.exists() else rvsg.Suite.create(folder)
-        added = opened.add(
-            self.workspace.path(scenario), self._requirement(requirement), expected=expected, reason=reason or None
-        )
+        source, judged_by = self.workspace.path(scenario), self.workspace.requirement(requirement)
+        added = opened.add(source, judged_by, expected=expected, reason=reason or None)
         return f"{suite} has {len(added.cases)} cases."
 
     def run_suite(self, suite: str, stack: str | None = None, robot: str | None = None) -> list[str]:
         """Run a suite, also with another robot or navigation stack; a line for each case."""
         opened = rvsg.Suite.open(self.workspace.path(suite))
-        result = opened.run(stack=self.workspace.stack(stack), robot=self.workspace.either(robot, shipped_robots()))
+        result = opened.run(stack=self.workspace.stack(stack), robot=self.workspace.robot(robot) if robot else None)
         return [describe_case(case) for case in result.cases]
-
-    def _place(self, world: str) -> str:
-        return self.workspace.either(world, shipped_worlds()) or world
-
-    def _world(self, world: str) -> rvsg.World:
-        return rvsg.load_world(self._place(world))
-
-    def _requirement(self, name: str) -> str:
-        return self.workspace.either(name, list(shipped_requirements())) or name
 
 
 def _described(requirement: rvsg.Requirement) -> str:
@@ -285,17 +280,17 @@ def _described(requirement: rvsg.Requirement) -> str:
     )
 
 
-def describe_person(human: Human) -> str:
+def _in_words(human: Human) -> str:
     """Return who walks where, how fast and how."""
     tasks = "; ".join(f"{task.name} by {' '.join(task.path)}" for task in human.tasks)
     return f"{human.name} ({human.behaviour.value}, {human.attention.value}, {human.speed_m_s} m/s): {tasks}"
 
 
-def _rest(person: Person) -> dict[str, Any]:
-    return person.model_dump(exclude={"name", "waypoints"})
-
-
-def _png(picture: Any) -> Image:
+def _shown(
+    run: rvsg.Run, measured: Measurement, requirement: rvsg.Requirement, world: rvsg.World, scenario: rvsg.Scenario
+) -> list[str | Image]:
+    """Return the story of a run, and pictures of its decisive moments."""
     buffer = io.BytesIO()
-    picture.save(buffer, "PNG")
-    return Image(data=buffer.getvalue(), format="png")
+    strip(shot_of_run(run, measured, requirement, world, scenario), STRIP_PX).save(buffer, "PNG")
+    story = " ".join(each.text for each in story_of(run, world=world, scenario=scenario))
+    return [story, Image(data=buffer.getvalue(), format="png")]
