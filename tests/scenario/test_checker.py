@@ -6,7 +6,7 @@ import pytest
 from tests.scenario.small_world import GOOD, MISSION, WORLD, human, people, walk
 
 from rvsg.scenario.rules import near_place, read_ends
-from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Task
+from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Task, Track
 from rvsg.scenario.validity import check, warnings
 
 
@@ -43,6 +43,19 @@ def test_each_rule_of_one_person_is_found_and_named(rule: str, tasks: tuple[str 
     assert findings[0].human == "Ada"
     assert findings[0].reason
     assert findings[0].suggestion
+
+
+def test_a_track_that_ends_where_the_robot_differs_needs_the_recorded_robot() -> None:
+    followed = human(*GOOD).replace(track=Track(points=((0.0, 0.0), (1.0, 0.0)), until_m=0.5))
+    assert rules_of(people(followed)) == ["track-without-robot"]
+    driven = MISSION.model_copy(update={"driven": Track(points=((1.0, 3.0),))})
+    assert check(people(followed), driven, WORLD) == ()
+    assert Mission.model_validate_json(driven.model_dump_json()) == driven and driven.id != MISSION.id
+
+
+def test_who_appears_later_may_appear_where_somebody_starts() -> None:
+    late = human(*GOOD, name="Bo").replace(track=Track(start_s=5.0, points=((0.0, 0.0),)))
+    assert check(people(human(*GOOD), late), MISSION, WORLD) == ()
 
 
 def test_a_hop_through_a_gap_too_narrow_for_a_person_is_refused() -> None:

@@ -156,6 +156,29 @@ HUNAVSIM_RADIUS_M = 0.4
 """Radius of HuNavSim's people."""
 
 
+class Track(Record):
+    """Where a person or the robot was in a recording: places at even times, with straight lines between them.
+
+    A person is absent before `start_s` and moves along the track without regard to anybody, the robot included. At the
+    end the person `leaves`, or goes on with the tasks.
+    """
+
+    start_s: Annotated[float, Field(ge=0, le=36_000)] = 0.0
+    """When the first point holds, in seconds since the start of the run."""
+    period_s: Annotated[float, Field(gt=0, le=10)] = 0.2
+    points: Annotated[tuple[Point, ...], Field(min_length=1, max_length=20_000)]
+    """Metres, world frame."""
+    leaves: bool = True
+    until_m: Annotated[float, Field(gt=0), Field(exclude_if=lambda limit: limit is None)] | None = None
+    """The person turns to the tasks for good when the robot is farther than this from where it was recorded
+    (`Mission.driven`); None: never."""
+
+    @property
+    def end_s(self) -> float:
+        """When the last point holds."""
+        return self.start_s + (len(self.points) - 1) * self.period_s
+
+
 class Human(Record):
     """One person: a list of tasks and how they are walked.
 
@@ -190,6 +213,8 @@ class Human(Record):
     """What the person pushes."""
     attention: Annotated[Attention, Field(exclude_if=lambda value: value is Attention.ATTENTIVE)] = Attention.ATTENTIVE
     """How far ahead the person looks; people of the default profile only."""
+    track: Annotated[Track | None, Field(exclude_if=lambda track: track is None)] = None
+    """Where a recorded person was, whom the tasks describe; None: the tasks alone count."""
 
     @model_validator(mode="before")
     @classmethod
@@ -211,6 +236,8 @@ class Human(Record):
 
     def starts_at(self, grid: Grid) -> Point | None:
         """Return where the person starts; None if the first path is empty or names no place."""
+        if self.track is not None:
+            return self.track.points[0]
         if self.start is not None:
             return self.start
         path = self.tasks[0].path
@@ -255,6 +282,8 @@ class Mission(Record):
     """Objects that stand in the way and that the robot's map does not show, such as a pallet left in an aisle."""
     doors: dict[Name, State] = Field(default_factory=dict)
     """The states of doors by name; the others are as the world has them."""
+    driven: Track | None = None
+    """Where the robot of a recording was, which people who follow a recorded track compare this one with."""
 
     @classmethod
     def of(
@@ -265,6 +294,7 @@ class Mission(Record):
         robot: str | Robot = ROBOT,
         moved: tuple[SolidObject, ...] | None = None,
         doors: Mapping[str, State] | None = None,
+        driven: Track | None = None,
     ) -> Self:
         """Return the mission of driving a route in a world, with moved objects and door states, else the world's."""
         return cls(
@@ -275,6 +305,7 @@ class Mission(Record):
             parts=world.parts,
             moved=world.moved if moved is None else moved,
             doors=dict(world.door_states if doors is None else doors),
+            driven=driven,
         )
 
     def place(self, world: World) -> World:
@@ -285,7 +316,7 @@ class Mission(Record):
     def _without_what_is_absent(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out absent parts, objects and doors, so that a mission saved by an earlier version keeps its id."""
         written: dict[str, Any] = handler(self)
-        for name in ("parts", "moved", "doors"):
+        for name in ("parts", "moved", "doors", "driven"):
             if not written.get(name):
                 written.pop(name, None)
         return written
@@ -385,6 +416,7 @@ class HumanAgent(Record):
     outline: Annotated[Outline, Field(exclude_if=lambda outline: not outline)] = ()
     """Corners of what the person sits in or pushes, in the person's frame."""
     attention: Annotated[Attention, Field(exclude_if=lambda value: value is Attention.ATTENTIVE)] = Attention.ATTENTIVE
+    track: Annotated[Track | None, Field(exclude_if=lambda track: track is None)] = None
 
     @property
     def stays(self) -> bool:
@@ -448,7 +480,7 @@ def _agent(human: Human, grid: Grid, body_radius_m: float) -> HumanAgent:
     goals = tuple(human.points[name] if name in human.points else grid.position(name) for name in names)
     return HumanAgent(
         name=human.name,
-        start=human.start or goals[0],
+        start=human.track.points[0] if human.track is not None else human.start or goals[0],
         goals=goals,
         pauses_s=tuple(pauses),
         start_pause_s=at_start,
@@ -462,4 +494,5 @@ def _agent(human: Human, grid: Grid, body_radius_m: float) -> HumanAgent:
         start_delay_s=human.start_delay_s,
         outline=outline_of(human.kind, human.trolley, radius),
         attention=human.attention,
+        track=human.track,
     )

@@ -232,6 +232,11 @@ def _mission_findings(people: HumanConfiguration, mission: Mission, world: World
         better = "Give the world the scenario was made for, or adapt it with `rvsg scenario migrate`."
         yield Finding.of("wrong-world", change, better)
     yield from staged_findings(mission, world)
+    for human in people.humans:
+        if human.track is not None and human.track.until_m is not None and mission.driven is None:
+            reason = "The track is followed until the robot differs from a recording, and the mission holds none."
+            better = "Give the mission `driven`, or leave `until_m` out."
+            yield Finding.of("track-without-robot", reason, better, human=human.name)
     route, robot, start = mission.route, mission.robot, mission.route.start
     if not robot_space(world).is_free(start.x, start.y):
         reason = f"The robot's start ({start.x:g}, {start.y:g}) of {route.name} is not free in {world.name}."

@@ -348,5 +348,7 @@ def migrate(
     people = scenario.people
     humans = [human.model_copy(update={"tasks": tuple(map(renamed, human.tasks))}) for human in people.humans]
     old = scenario.mission
-    mission = Mission.of(world, route or old.route, robot=old.robot, moved=old.moved, doors=old.doors)
+    mission = Mission.of(
+        world, route or old.route, robot=old.robot, moved=old.moved, doors=old.doors, driven=old.driven
+    )
     return scenario.replace(mission=mission, people=people.model_copy(update={"humans": tuple(humans)})), tuple(changes)

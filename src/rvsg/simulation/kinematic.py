@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.errors import InputError
 from rvsg.core.seeds import stream
 from rvsg.robots.robot import Robot
 from rvsg.scenario.scenario import HumanAgent, Scenario, decode
@@ -53,6 +54,9 @@ class KinematicSimulator(Simulator):
         """Simulate one episode."""
         route = scenario.mission.route
         agents = decode(scenario.people, world.grid)
+        if tracked := [agent.name for agent in agents if agent.track is not None]:
+            named = ", ".join(tracked)
+            raise InputError(f"The simulator {self.name} knows no recorded tracks ({named}); use embedded.")
         time = np.arange(0.0, route.time_limit_s + PERIOD_S / 2, PERIOD_S)
         walks = [_walk(agent, time, stream(seed, f"human {agent.name}")) for agent in agents]
         human_x, human_y, human_yaw, human_speed = (

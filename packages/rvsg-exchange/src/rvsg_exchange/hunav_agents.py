@@ -232,6 +232,8 @@ def agents_yaml(
             notes.append(f"{agent.name}: HuNavSim has no pauses; the person walks on at once.")
         if agent.start_delay_s:
             notes.append(f"{agent.name}: HuNavSim has no start delay; the person starts at once.")
+        if agent.track is not None:
+            notes.append(f"{agent.name}: HuNavSim knows no recorded tracks; the person walks the goals of the tasks.")
         default = reaction_of(agent.behaviour, agent.speed_m_s)
         if dialect == "flat" and (agent.factors != ForceFactors() or agent.reaction != default):
             notes.append(f"{agent.name}: the flat dialect holds no force factors and reactions; it uses the defaults.")

@@ -376,6 +376,7 @@ def _refuse_bodies(scenario: Scenario, world: World) -> None:
         for human in scenario.people.humans
         if human.trolley is not None or human.kind is not PersonKind.ADULT
     ]
+    left_out += [f"{human.name} (a recorded track)" for human in scenario.people.humans if human.track is not None]
     left_out += [f"the door {door.name}" for door in world.moving_doors]
     left_out += [f"the moved object {each.name}" for each in scenario.mission.moved]
     if left_out:

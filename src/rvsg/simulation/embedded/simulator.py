@@ -19,7 +19,7 @@ from rvsg.core.records import Pose
 from rvsg.core.seeds import stream
 from rvsg.robots.polygons import rectangle
 from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
-from rvsg.scenario.scenario import HumanAgent, Scenario, decode
+from rvsg.scenario.scenario import HumanAgent, Scenario, Track, decode
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.behaviour_tree import navigation_events
@@ -30,6 +30,7 @@ from rvsg.simulation.embedded.localisation import Localisation
 from rvsg.simulation.embedded.moving_bodies import MovingBodies, placed
 from rvsg.simulation.embedded.people.contact import events_of
 from rvsg.simulation.embedded.people.crowd import initial
+from rvsg.simulation.embedded.people.recorded import RecordedPeople
 from rvsg.simulation.embedded.profiles import (
     PROFILES,
     SimulatorOptions,
@@ -179,7 +180,7 @@ class EmbeddedSimulator(Simulator):
         mission, agents = scenario.mission, decode(scenario.people, world.grid, body_radius_m(self._options))
         return simulate_agents(
             world, mission.route, agents, options=self._options, seed=seed, scenario_id=scenario.id,
-            robot=mission.robot_record, stack=self._stack, outside=outside,
+            robot=mission.robot_record, stack=self._stack, outside=outside, driven=mission.driven,
         )  # fmt: skip
 
 
@@ -203,11 +204,13 @@ def simulate_agents(
     robot: Robot | None = None,
     stack: StackChoice | None = None,
     outside: Outside | None = None,
+    driven: Track | None = None,
 ) -> Run:
     """Simulate one episode of a route among humans given in coordinates; `robot` is the TIAGo OMNI base by default.
 
     A robot that starts in an obstacle or off the map is an Outcome. `stack`: what drives, by default `default_stack`
     of the profile. `outside`: what else is computed by the caller, not by the compiled loop.
+    `driven`: where the robot of a recording was, whose people follow their tracks.
 
     Raises:
         InputError: a number is not finite, the time limit is not positive or the map is turned.
@@ -234,14 +237,17 @@ def simulate_agents(
         time_limit_s=route.time_limit_s * settings.clock,
     )  # fmt: skip
     moving = None
-    if world.moving_doors or any(agent.outline for agent in agents):
-        if options.human_defects:
-            raise InputError(
-                "the profile published-study knows neither automatic doors nor trolleys and wheelchairs; take the "
-                "default profile"
-            )
+    bodies = bool(world.moving_doors) or any(agent.outline for agent in agents)
+    tracks = any(agent.track for agent in agents)
+    if options.human_defects and (bodies or tracks):
+        raise InputError(
+            "the profile published-study knows no automatic doors, trolleys, wheelchairs and recorded tracks; take the "
+            "default profile"
+        )
+    if bodies:
         moving = MovingBodies(world.moving_doors, agents, scene, walls, crowd)
         scene, walls, crowd = moving.scene, moving.walls, moving.crowd
+    recorded = RecordedPeople(agents, driven, crowd) if tracks else None
     record = new_recording(route.time_limit_s, settings.clock, len(agents))
     blocked = start is None or is_blocked(around, scene, route.start, offset)
     if not options.human_defects:
@@ -270,8 +276,13 @@ def simulate_agents(
         if not isinstance(stack.driver, Nav2Dwb):
             driving = Driving(stack.driver, _task(stack.driver, robot, world, route, goals, own, seed))
             outside = driving.outside(outside)
-        step = None if moving is None else moving.step
-        Episode(scene, state, settings, crowd, phases, intervals, record, outside, step).run()
+        steps = [each.step for each in (recorded, moving) if each is not None]
+
+        def step(t: float, body: Floats) -> None:
+            for one in steps:
+                one(t, body)
+
+        Episode(scene, state, settings, crowd, phases, intervals, record, outside, step if steps else None).run()
         if moving is not None:
             moving.finish(float(record.track[int(record.counts[0]) - 1, 0]))
         outcome = _outcome(state)
@@ -282,6 +293,8 @@ def simulate_agents(
             outcome = outcome if driving.fault is None else Outcome.STACK_FAILED
     sideways = robot.limits.lateral_m_s > 0.0
     end = goals[-1] + (offset[0], offset[1], 0.0)
+    if recorded is not None and recorded.left_s:
+        details["left_tracks_s"] = recorded.left_s
     details["map_from_world"] = [float(number) for number in own.frame[:3]]
     return Run(
         scenario_id=scenario_id,
