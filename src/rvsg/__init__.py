@@ -28,6 +28,7 @@ _HOME = {
     "check": "rvsg.scenario.builder",
     "evaluate": "rvsg.campaign.run_set",
     "judge": "rvsg.campaign.run_set",
+    "load_recording": "rvsg.recording.tracks",
     "load_requirement": "rvsg.evaluation.verdict",
     "load_runs": "rvsg.campaign.run_set",
     "load_scenario": "rvsg.scenario.builder",

@@ -88,9 +88,9 @@ def test_the_map_the_page_and_the_numbers_are_written(suite: rvsg.Suite, tmp_pat
 
 
 def test_the_verb_prints_json_and_refuses_bad_input(terminal: Terminal, suite: rvsg.Suite) -> None:
-    (values,) = terminal.json("coverage", suite.folder, "--runs 0")
+    (values,) = terminal.json("suite coverage", suite.folder, "--runs 0")
     assert values["scenarios"] == 2
     with pytest.raises(InputError):
         write_coverage(Path("coverage.pdf"), coverage(suite, runs=0))
     terminal("coverage nowhere", code=2)
-    terminal("coverage", suite.folder, "--out x.gif", code=2)
+    terminal("suite coverage", suite.folder, "--out x.gif", code=2)

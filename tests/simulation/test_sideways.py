@@ -139,15 +139,17 @@ def test_a_run_keeps_its_lateral_speed_in_every_form() -> None:
 
 def test_a_bag_of_a_run_holds_the_lateral_speed(tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
+    from rvsg.recording.recorded_run import recorded_run
+    from rvsg.recording.tracks import load_recording
     from rvsg_exchange.bag import write_bag
-    from rvsg_exchange.recordings import bag_messages, open_bag, read_recording
+    from rvsg_exchange.recordings import bag_messages, open_bag
 
     run, path = drive(Crab()), tmp_path / "run.mcap"
     write_bag(run, empty_room(), path)
     with open_bag(path) as reader:
         odometry = [message for _, _, message in bag_messages(reader, path, ["/odom"])]
     assert [message.twist.twist.linear.y for message in odometry] == run.trajectory.lateral.tolist()
-    again = read_recording(path, world=empty_room()).run
+    again = recorded_run(load_recording(path, world=empty_room()))[0]
     assert np.allclose(again.trajectory.lateral, run.trajectory.lateral[: len(again.trajectory)], atol=1e-6)
 
 

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, overload
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.feedback import feedback_of
 from rvsg.campaign.runner import Evaluator, Runner
-from rvsg.core import plugins
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec, ignore
@@ -27,6 +26,8 @@ from rvsg.evaluation.verdict import (
     value_in_words,
     violated,
 )
+from rvsg.recording.recorded_run import recorded_run
+from rvsg.recording.tracks import load_recording
 from rvsg.scenario.brief import Feedback
 from rvsg.scenario.builder import check_valid
 from rvsg.scenario.requirement import Requirement
@@ -280,12 +281,12 @@ def load_recordings(
     if route is not None and place is None:
         raise InputError("--route needs the world it is in: add --world (in Python world=).")
     driven = place.route(route) if route is not None and place is not None else None
-    read = plugins.find_format("recording", "rosbag2", "bag")
     runs, notes = [], []
     for path in paths:
-        found = read(Path(path), world=place, route=driven, people_topic=people_topic, robot_topic=robot_topic)
-        runs.append(found.run)
-        notes += [f"{path}: {note}" for note in found.notes]
+        found = load_recording(path, world=place, people_topic=people_topic, robot_topic=robot_topic)
+        run, said = recorded_run(found, driven)
+        runs.append(run)
+        notes += [f"{path}: {note}" for note in said]
     return RunSet(tuple(runs), None, place), tuple(notes)
 
 

@@ -27,11 +27,11 @@ VERBS: dict[str, Verb] = {
     "robots": Verb("rvsg.cli.robots:robots_app", "List, check and draw robots", BUILD),
     "stacks": Verb("rvsg.cli.robots:stacks_app", "List navigation stacks, or compare several", BUILD),
     "scenario": Verb("rvsg.cli.scenario", "Propose, shrink, explore and migrate scenarios", BUILD),
+    "recording": Verb("rvsg.cli.recording", "Make scenarios and suites of recordings of a robot", BUILD),
     "suite": Verb("rvsg.cli.suite", "Test every version with the same scenarios", KEEP),
     "compare": Verb("rvsg.cli.suite:compare_app", "Compare search methods at an equal number of runs", KEEP),
     "knowledge": Verb("rvsg.cli.knowledge", "Collect and search what campaigns find", KEEP),
     "watch": Verb("rvsg.cli.watch", "Monitor a robot, and test what its runs suggest", KEEP),
-    "coverage": Verb("rvsg.cli.suite:coverage_app", "Show what suites and campaigns exercise", KEEP),
 }
 MOVED = {
     "propose": "scenario propose",
@@ -40,6 +40,7 @@ MOVED = {
     "explore": "scenario explore",
     "describe": "world describe",
     "compare-versions": "suite compare",
+    "coverage": "suite coverage",
     "trace": "replay SOURCE --trace",
     "metrics": "evaluate --metric all",
     "import-agents": "import agents",

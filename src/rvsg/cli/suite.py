@@ -1,4 +1,4 @@
-"""Suites and comparisons: `rvsg suite`, `coverage` and `compare`."""
+"""Suites and comparisons: `rvsg suite` and `compare`."""
 
 from __future__ import annotations
 
@@ -193,10 +193,7 @@ def compare_versions(
         raise typer.Exit(1)
 
 
-coverage_app = verb()
-
-
-@coverage_app.command()
+@app.command()
 @setting_options("simulator", "simulator_options")
 def coverage(
     settings: dict[str, Any],

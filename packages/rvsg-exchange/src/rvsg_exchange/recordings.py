@@ -1,11 +1,12 @@
-"""Recordings of a robot (rosbag2 as MCAP or SQLite) as runs, which are judged like simulated ones.
+"""The reader of recordings: rosbag2 (MCAP, SQLite), and by its ending files of tracks (`track_files`).
 
-What is used, in this order:
+What is used of a bag, in this order:
 
 * robot: a nav_msgs/Odometry topic, moved to the map by `/tf`; without one, `/tf` from the map to the base frame;
-* people: hunav_msgs/Agents, people_msgs/People, or a visualization_msgs/MarkerArray topic that you name;
-* acceleration: geometry_msgs/AccelStamped, else sensor_msgs/Imu, else the change of the measured speed;
-* goal and time limit: a route that you name, else `/rvsg/run` of a bag that RVSG wrote, else the last `/goal_pose`.
+* people: hunav_msgs/Agents, people_msgs/People, vision_msgs/Detection3DArray, else a visualization_msgs/MarkerArray or
+  geometry_msgs/PoseArray topic that you name, or frames of `/tf` by a pattern; else what moves in the laser scans;
+* acceleration: geometry_msgs/AccelStamped, else sensor_msgs/Imu;
+* goal: the run that RVSG wrote as `/rvsg/run`, else the last `/goal_pose`; map: `/map`.
 
 Every choice and everything missing is in the notes of the result. Messages are read one at a time and other topics are
 skipped, so the size of a recording is not limited by memory.
@@ -13,12 +14,12 @@ skipped, so the size of a recording is not limited by memory.
 
 from __future__ import annotations
 
+import fnmatch
 import math
 from array import array
 from collections import defaultdict, deque
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +28,14 @@ from numpy.typing import NDArray
 
 from rvsg.core.errors import FileError, UnknownName
 from rvsg.core.inputs import parse_json
-from rvsg.core.records import text_id
+from rvsg.core.records import Pose
+from rvsg.recording.recorded_run import speed_of
+from rvsg.recording.tracker import Scan, people_in_scans, track_places
+from rvsg.recording.tracks import Note, PersonTrack, Recording, Stream
 from rvsg.simulation.archive import RunHeader
-from rvsg.simulation.run import Outcome, Run, Trajectory
-from rvsg.world.world import Route, World
+from rvsg.world.world import OCCUPIED, UNKNOWN, OccupancyMap, World
 from rvsg_exchange.bag import log_of, rosbags_types
+from rvsg_exchange.track_files import ENDINGS, read_tracks
 
 Floats = NDArray[np.float64]
 Way = tuple[tuple[tuple[str, str], bool], ...]
@@ -39,17 +43,17 @@ Way = tuple[tuple[tuple[str, str], bool], ...]
 
 ODOMETRY, IMU, ACCELERATION = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped"
 AGENTS, PEOPLE, MARKERS = "hunav_msgs/msg/Agents", "people_msgs/msg/People", "visualization_msgs/msg/MarkerArray"
+DETECTIONS, POSES = "vision_msgs/msg/Detection3DArray", "geometry_msgs/msg/PoseArray"
 TRANSFORMS, GOAL, TEXT = "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/PoseStamped", "std_msgs/msg/String"
-SIDEWAYS_M_S = 0.02
-"""Less lateral speed than this in an odometry is noise: the base does not move sideways."""
+GRID, SCAN = "nav_msgs/msg/OccupancyGrid", "sensor_msgs/msg/LaserScan"
+COMMANDS = ("geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped")
+NO_BODIES = (0, 4, 5, 8, 9)
+"""Types of visualization_msgs/Marker that show no body: arrow, lines, points, text."""
 BACK_S = 1.0
 """Stamps that go back by more than this begin another run."""
 MAP = "map"
 BASE_FRAMES = ("base_footprint", "base_link")
-GOAL_TOLERANCE_M = 0.25
-GAP_S = 0.5
 RATE_HZ = 20.0
-PERSON_RADIUS_M, ROBOT_RADIUS_M = 0.4, 0.35
 
 
 @contextmanager
@@ -160,42 +164,66 @@ class Rows:
 
 
 class Contents:
-    """What of a recording matters, read in one pass."""
+    """What of a bag matters, read in one pass."""
 
-    def __init__(self, path: Path, people_topic: str | None, robot_topic: str | None) -> None:
+    def __init__(
+        self, path: Path, people_topic: str | None, robot_topic: str | None, people_frames: str | None = None
+    ) -> None:
         self.path = path
-        self.notes: list[str] = []
+        self.notes: list[Note] = []
+        self.streams: tuple[Stream, ...] = ()
         self.odometry: dict[str, Rows] = defaultdict(lambda: Rows(7))
         """By frame: time s, x m, y m, yaw rad, speed m/s, turning rad/s, speed to the left m/s."""
         self.transforms: dict[tuple[str, str], Rows] = defaultdict(lambda: Rows(4))
         """By parent and child frame: time s, x m, y m, yaw rad."""
         self.people: dict[str, Rows] = defaultdict(lambda: Rows(5))
         """By name: time s, x m, y m, yaw rad, speed m/s."""
+        self.places = Rows(4)
+        """Of people without names: time s, x m, y m, 0."""
         self.people_frames: dict[str, None] = {}
         self.radii: dict[str, float] = {}
         self.groups: dict[str, int | None] = {}
-        self.acceleration, self.imu = Rows(2), Rows(2)
+        self.acceleration, self.imu, self.commands = Rows(2), Rows(2), Rows(3)
         self.goal: tuple[float, float, float] | None = None
         self.goal_frame = ""
+        self.goal_s: float | None = None
+        self.occupancy: OccupancyMap | None = None
         self.facts: dict[str, Any] | None = None
+        self.scan_topics: tuple[str, ...] = ()
+        self._people_frames = people_frames
         with open_bag(path) as reader:
             self._read(reader, people_topic, robot_topic)
 
+    def note(self, kind: str, text: str, count: int = 1) -> None:
+        """Add a note."""
+        self.notes.append(Note(kind=kind, text=text, count=count))
+
     def _read(self, reader: Any, people_topic: str | None, robot_topic: str | None) -> None:
         kinds = {connection.topic: connection.msgtype for connection in reader.connections}
-        people = self._topic(kinds, people_topic, "people", "--people-topic", (AGENTS, PEOPLE), (MARKERS,))
+        people = None
+        if self._people_frames is None:
+            usual, also = (AGENTS, PEOPLE, DETECTIONS), (MARKERS, POSES, SCAN)
+            people = self._topic(kinds, people_topic, "people", "--people-topic", usual, also)
         odometry = self._topic(kinds, robot_topic, "odometry", "--robot-topic", (ODOMETRY,))
-        if people is None:
-            said = "The recording holds no people (hunav_msgs/Agents or people_msgs/People); none are judged."
-            markers = sorted(topic for topic, kind in kinds.items() if kind == MARKERS)
-            if markers:
-                said += f" If {' or '.join(markers)} shows people as markers, name it: --people-topic."
-            self.notes.append(said)
+        scans = sorted(topic for topic, kind in kinds.items() if kind == SCAN)
+        if people is None and self._people_frames is None:
+            said = (
+                "The recording holds no people (hunav_msgs/Agents, people_msgs/People, vision_msgs/Detection3DArray)."
+            )
+            shown = sorted(topic for topic, kind in kinds.items() if kind in (MARKERS, POSES))
+            if shown:
+                said += f" If {' or '.join(shown)} shows people, name it: --people-topic."
+            self.note("no-people", said)
+            self.scan_topics = tuple(scans)
+        elif kinds.get(people or "") == SCAN:
+            self.scan_topics, people = (str(people),), None
         if "/clock" not in kinds:
-            self.notes.append("The recording has no /clock; the stamps of its messages are used.")
-        named = {odometry: ODOMETRY, "/goal_pose": GOAL, "/rvsg/run": TEXT}
+            self.note("clock", "The recording has no /clock; the stamps of its messages are used.")
+        named = {odometry: ODOMETRY, "/goal_pose": GOAL, "/rvsg/run": TEXT, "/map": GRID}
+        named |= {"/cmd_vel": kinds["/cmd_vel"]} if kinds.get("/cmd_vel") in COMMANDS else {}
         wanted = {topic for topic, kind in kinds.items() if kind in (TRANSFORMS, IMU, ACCELERATION, named.get(topic))}
         wanted |= {people} & kinds.keys()
+        self._list(reader, wanted | set(self.scan_topics))
         latest: dict[str, float] = {}
         for connection, received, message in bag_messages(reader, self.path, wanted):
             topic, kind = connection.topic, connection.msgtype
@@ -207,6 +235,10 @@ class Contents:
                 continue
             if kind == TEXT:
                 self.facts = parse_json(message.data, self.path)
+                continue
+            if kind in COMMANDS:
+                twist = message.twist if kind == COMMANDS[1] else message
+                self.commands.add(received, twist.linear.x, twist.angular.z)
                 continue
             t = (0.0 if kind == MARKERS else _seconds(message.header)) or received
             if topic in (odometry, people):
@@ -226,9 +258,28 @@ class Contents:
                 self.acceleration.add(t, math.hypot(message.accel.linear.x, message.accel.linear.y))
             elif kind == IMU:
                 self.imu.add(t, math.hypot(message.linear_acceleration.x, message.linear_acceleration.y))
+            elif kind == GRID:
+                self.occupancy = _occupancy(message)
             elif kind == GOAL:
-                self.goal_frame = message.header.frame_id.lstrip("/")
+                self.goal_frame, self.goal_s = message.header.frame_id.lstrip("/"), t
                 self.goal = (message.pose.position.x, message.pose.position.y, _yaw(message.pose.orientation))
+
+    def _list(self, reader: Any, used: set[str | None]) -> None:
+        """List the topics of the bag for people."""
+        seconds = max(1e-9, (reader.end_time - reader.start_time) / 1e9)
+        counts: dict[tuple[str, str], int] = defaultdict(int)
+        for connection in reader.connections:
+            counts[(connection.topic, connection.msgtype)] += connection.msgcount
+        self.streams = tuple(
+            Stream(
+                name=topic,
+                kind=kind.replace("/msg/", "/"),
+                messages=count,
+                rate_hz=round(count / seconds, 2) if count > 1 else None,
+                used_for="read" if topic in used else "",
+            )
+            for (topic, kind), count in sorted(counts.items())
+        )
 
     def _topic(
         self,
@@ -262,6 +313,8 @@ class Contents:
     def _take_people(self, kind: str, t: float, message: Any) -> None:
         if kind == MARKERS:
             for marker in message.markers:
+                if marker.action != 0 or marker.type in NO_BODIES:
+                    continue
                 self.people_frames[marker.header.frame_id.lstrip("/")] = None
                 place, yaw = marker.pose.position, _yaw(marker.pose.orientation)
                 name = marker.text or f"{marker.ns or 'person'} {marker.id}"
@@ -272,13 +325,36 @@ class Contents:
             for person in message.people:
                 (x, y), (vx, vy) = ((each.x, each.y) for each in (person.position, person.velocity))
                 self.people[person.name].add(t, x, y, math.atan2(vy, vx), math.hypot(vx, vy))
-            return
-        for agent in message.agents:
-            place, yaw = agent.position.position, _yaw(agent.position.orientation)
-            self.people[agent.name].add(t, place.x, place.y, yaw, agent.linear_vel)
-            if agent.radius > 0:
-                self.radii[agent.name] = float(agent.radius)
-            self.groups[agent.name] = None if agent.group_id < 0 else agent.group_id
+        elif kind == POSES:
+            for pose in message.poses:
+                self.places.add(t, pose.position.x, pose.position.y, 0.0)
+        elif kind == DETECTIONS:
+            for each in message.detections:
+                at = each.bbox.center.position
+                name = str(each.id) if "id" in each.__dataclass_fields__ else ""
+                if name:
+                    self.people[f"Person {name}"].add(t, at.x, at.y, 0.0, math.nan)
+                else:
+                    self.places.add(t, at.x, at.y, 0.0)
+        else:
+            for agent in message.agents:
+                place, yaw = agent.position.position, _yaw(agent.position.orientation)
+                self.people[agent.name].add(t, place.x, place.y, yaw, agent.linear_vel)
+                if agent.radius > 0:
+                    self.radii[agent.name] = float(agent.radius)
+                self.groups[agent.name] = None if agent.group_id < 0 else agent.group_id
+
+
+def _occupancy(message: Any) -> OccupancyMap:
+    """Return an occupancy grid as a map; Nav2's usual thresholds say what is free and what is occupied."""
+    info = message.info
+    values = np.asarray(message.data, np.int16).reshape(info.height, info.width)
+    cells = np.full(values.shape, UNKNOWN, np.uint8)
+    cells[(values >= 0) & (values <= 25)] = 0
+    cells[values >= 65] = OCCUPIED
+    at = info.origin
+    origin = Pose(x=float(at.position.x), y=float(at.position.y), yaw=_yaw(at.orientation))
+    return OccupancyMap(cells=cells, resolution=round(float(info.resolution), 6), origin=origin)
 
 
 def _seconds(header: Any) -> float:
@@ -289,53 +365,70 @@ def _yaw(q: Any) -> float:
     return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Recording:
-    """A recorded run, and in words what it rests on and what the recording lacks."""
-
-    run: Run
-    notes: tuple[str, ...]
-
-
 def read_recording(
     path: Path,
     *,
     world: World | None = None,
-    route: Route | None = None,
     people_topic: str | None = None,
     robot_topic: str | None = None,
+    people_frames: str | None = None,
 ) -> Recording:
-    """Read a recording (a rosbag2 folder, or one `.mcap` or `.db3` file) as a Run.
-
-    Args:
-        world: its map offset turns map coordinates into world coordinates.
-        route: its goal and time limit decide whether the robot arrived.
-        people_topic: the topic with the people, where it is a MarkerArray or there are several.
-        robot_topic: the odometry topic, where there are several.
-
-    Raises:
-        FileError: the file is no recording, or holds no pose of a robot or no goal.
-        UnknownName: a topic that you name is not in the recording.
-    """
-    reading = _Reading(Contents(path, people_topic, robot_topic), world)
-    return Recording(run=reading.run(route), notes=tuple(reading.notes))
+    """Read a recording: a rosbag2 folder, an `.mcap` or `.db3` file, or a file of tracks; see `load_recording`."""
+    if path.suffix.lower() in ENDINGS:
+        return read_tracks(path, world=world)
+    return _Alignment(Contents(path, people_topic, robot_topic, people_frames), world, people_frames).recording()
 
 
-class _Reading:
-    """The run of a recording, in the world frame and at the times of the robot's poses."""
+class _Alignment:
+    """Everything of a bag in the world frame, on the clock of the robot."""
 
-    def __init__(self, contents: Contents, world: World | None) -> None:
-        self.path, self.contents, self.notes = contents.path, contents, contents.notes
+    def __init__(self, contents: Contents, world: World | None, people_frames: str | None) -> None:
+        self.path, self.contents = contents.path, contents
         self.frames = Frames({pair: rows.array() for pair, rows in contents.transforms.items()})
+        self.world, self.pattern = world, people_frames
         self.offset = np.array(world.map_offset if world is not None else (0.0, 0.0))
         self.there = MAP
         """The frame that counts as the map."""
         facts = contents.facts
         self.header = self._header(facts) if facts is not None else None
-        robot = self._robot()
-        self.shift = (float(facts["t0"]) if facts is not None else 0.0) - robot[0, 0]
-        robot[:, 0] += self.shift
-        self.robot, self.times = robot, robot[:, 0]
+        self.robot = self._robot()
+        self.shift = (float(facts["t0"]) if facts is not None else 0.0) - self.robot[0, 0]
+        self.robot[:, 0] += self.shift
+
+    def recording(self) -> Recording:
+        contents = self.contents
+        if len(contents.people_frames) > 1:
+            given = ", ".join(contents.people_frames)
+            raise FileError(self.path, f"people are given in several frames: {given}. Record one of them.")
+        people = self._people()
+        source = contents.acceleration if len(contents.acceleration) else contents.imu
+        imu, log = contents.imu.array()[:, 1], None
+        if contents.facts is not None:
+            try:
+                log = log_of(contents.facts, len(people))
+                imu = np.array(contents.facts.get("imu", imu), dtype=np.float64)
+            except (KeyError, TypeError, ValueError) as error:
+                raise self._damaged(error) from None
+        return Recording(
+            source=str(self.path),
+            people=people,
+            robot=self.robot,
+            acceleration=self._timed(source),
+            commands=self._timed(contents.commands),
+            goal=self._goal(),
+            goal_s=None if contents.goal_s is None else contents.goal_s + self.shift,
+            occupancy=contents.occupancy,
+            streams=contents.streams,
+            notes=tuple(contents.notes),
+            header=self.header,
+            log=log,
+            imu=imu,
+        )
+
+    def _timed(self, rows: Rows) -> Floats:
+        found = rows.array()
+        found[:, 0] += self.shift
+        return found
 
     def _header(self, facts: dict[str, Any]) -> RunHeader:
         """Return the run that RVSG wrote into a bag."""
@@ -347,58 +440,6 @@ class _Reading:
 
     def _damaged(self, error: Exception) -> FileError:
         return FileError(self.path, f"/rvsg/run is not what RVSG writes ({type(error).__name__}).")
-
-    def run(self, route: Route | None) -> Run:
-        contents, robot, header = self.contents, self.robot, self.header
-        if said := _gaps(self.times):
-            self.notes.append(f"The robot's pose has {said}.")
-        names = header.human_names if header is not None else tuple(sorted(contents.people))
-        if len(contents.people_frames) > 1:
-            given = ", ".join(contents.people_frames)
-            raise FileError(self.path, f"people are given in several frames: {given}. Record one of them.")
-        humans = [self._person(name) for name in names]
-        x, y, yaw, speed = np.stack(humans, axis=2) if humans else np.zeros((4, len(robot), 0))
-        trajectory = Trajectory(
-            t=self.times,
-            x=robot[:, 1],
-            y=robot[:, 2],
-            yaw=robot[:, 3],
-            v=robot[:, 4],
-            omega=robot[:, 5],
-            lateral=robot[:, 6] if np.abs(robot[:, 6]).max() > SIDEWAYS_M_S else np.empty(0),
-            acceleration=self._acceleration(),
-            human_x=x,
-            human_y=y,
-            human_yaw=yaw,
-            human_speed=speed,
-        )
-        imu = contents.imu.array()[:, 1]
-        if header is not None and contents.facts is not None:
-            try:
-                log = log_of(contents.facts, len(names)) or trajectory
-                imu = np.array(contents.facts.get("imu", imu), dtype=np.float64)
-            except (KeyError, TypeError, ValueError) as error:
-                raise self._damaged(error) from None
-            values = {name: getattr(header, name) for name in RunHeader.model_fields.keys() - {"same_log", "outcome"}}
-            return Run(**values, outcome=header.outcome, trajectory=trajectory, log=log, imu=imu)
-        self.notes.append(_bodies(names, contents.radii))
-        goal, limit = self._task(route)
-        return Run(
-            scenario_id=text_id("scenario", str(self.path.name)),
-            simulator="recording",
-            options={"recording": self.path.name},
-            seed=0,
-            outcome=self._outcome(goal, limit),
-            trajectory=trajectory,
-            log=trajectory,
-            imu=imu,
-            human_names=names,
-            robot_radius_m=ROBOT_RADIUS_M,
-            human_radius_m=tuple(contents.radii.get(name, PERSON_RADIUS_M) for name in names),
-            goal=goal,
-            time_limit_s=limit,
-            human_groups=tuple(contents.groups.get(name) for name in names),
-        )
 
     def _robot(self) -> Floats:
         """Return the robot in the world frame, (N, 7)."""
@@ -412,11 +453,12 @@ class _Reading:
             if moved is None:
                 self.there = found[0]
                 said = f'There is no transform from "{MAP}" to "{found[0]}"'
-                self.notes.append(f"{said}; odometry is used as map coordinates.")
+                self.contents.note("frame", f"{said}; odometry is used as map coordinates.")
             track = track if moved is None else moved
         else:
             track = self._base_by_transforms()
-            self.notes.append("The recording has no odometry; pose and speed come from the transforms.")
+            said = "The recording has no odometry; pose and speed come from the transforms."
+            self.contents.note("no-odometry", said)
         if len(track) < 2:
             raise FileError(self.path, f"the recording holds {len(track)} poses of the robot; at least two are needed.")
         period = float(np.median(np.diff(track[:, 0])))
@@ -425,60 +467,95 @@ class _Reading:
         track[:, 1:3] += self.offset
         return track
 
-    def _base_by_transforms(self) -> Floats:
-        """Return the robot's base in the map, (N, 7); its speed is the change of its pose."""
+    def _base(self) -> str:
+        """Return the frame of the robot's base."""
         children = dict.fromkeys(child for _, child in self.frames.edges)
         bases = [frame for frame in children if frame.rpartition("/")[2] in BASE_FRAMES]
-        ways = {base: way for base in bases if (way := self.frames.way(base, MAP))}
+        ways = [base for base in bases if self.frames.way(base, self.there)]
         if len({base.rpartition("/")[0] for base in ways}) > 1:
             said = f"there are several robots: {', '.join(ways)}. Name the odometry of one: --robot-topic."
             raise FileError(self.path, said)
         if not ways:
             said = "the pose of the robot is not known: the recording holds no nav_msgs/Odometry, and no transforms"
             raise FileError(self.path, f'{said} lead from "{MAP}" to {" or ".join(BASE_FRAMES)}.')
-        base, way = next(iter(ways.items()))
-        times = np.unique(max((self.frames.edges[pair][:, 0] for pair, _ in way), key=len))
-        moved = self.frames.moved(np.column_stack([times, np.zeros((len(times), 6))]), base, MAP)
-        assert moved is not None, "there is a way"
+        return ways[0]
+
+    def _base_by_transforms(self) -> Floats:
+        """Return the robot's base in the map, (N, 7); its speed is the change of its pose."""
+        moved = self._frame_track(self._base(), 7)
         if len(moved) > 1:
-            moved[:, 4] = _speed(moved)
-            moved[:, 5] = np.gradient(np.unwrap(moved[:, 3]), times)
+            moved[:, 4] = speed_of(moved)
+            moved[:, 5] = np.gradient(np.unwrap(moved[:, 3]), moved[:, 0])
         return moved
 
-    def _person(self, name: str) -> Floats:
-        """Return x, y, yaw and speed of a person at the robot's times, (4, N), world frame."""
-        times = self.times
-        track = self.contents.people[name].array(distinct=True)
-        if not len(track):
-            raise FileError(self.path, f"the recording holds no pose of {name}.")
-        track = self._in_map(track, next(iter(self.contents.people_frames)), "people")
-        track[:, 0] += self.shift
-        seen = track[:, 0]
-        if seen[0] > times[-1] or seen[-1] < times[0]:
-            raise FileError(
-                self.path,
-                f"the stamps of {name} are {seen[0] - times[0]:.0f} to {seen[-1] - times[0]:.0f} s after the robot's "
-                f"first pose, and the robot is recorded for {times[-1] - times[0]:.0f} s. Both must use one clock: "
-                "record with use_sim_time in all nodes, or in none.",
-            )
-        if seen[0] - times[0] > GAP_S or times[-1] - seen[-1] > GAP_S:
-            self.notes.append(
-                f"{name} is seen from {max(0.0, seen[0]):.1f} s to {seen[-1]:.1f} s only; before and after, the person "
-                "is taken to stand at the nearest place seen."
-            )
-        if said := _gaps(seen):
-            self.notes.append(f"{name} is not seen in {said}; there the person is taken to walk straight on.")
-        if np.isnan(track[:, 4]).any() and len(track) > 1:
-            track[:, 4] = _speed(track)
-        yaw = np.interp(times, seen, np.unwrap(track[:, 3]))
-        return np.stack(
-            [
-                np.interp(times, seen, track[:, 1]) + self.offset[0],
-                np.interp(times, seen, track[:, 2]) + self.offset[1],
-                np.arctan2(np.sin(yaw), np.cos(yaw)),
-                np.interp(times, seen, np.nan_to_num(track[:, 4])),
-            ]
+    def _frame_track(self, frame: str, width: int) -> Floats:
+        """Return where a frame is in the map, at the times of its most frequent transform."""
+        way = self.frames.way(frame, self.there)
+        if not way:
+            raise FileError(self.path, f'no transforms lead from "{frame}" to "{self.there}".')
+        times = np.unique(max((self.frames.edges[pair][:, 0] for pair, _ in way), key=len))
+        return self._in_map(np.column_stack([times, np.zeros((len(times), width - 1))]), frame, frame)
+
+    def _people(self) -> tuple[PersonTrack, ...]:
+        """Return the people: those with names, those of frames, those without names, else those in the scans."""
+        contents, tracks = self.contents, {}
+        frame = next(iter(contents.people_frames), MAP)
+        for name in self.header.human_names if self.header is not None and contents.people else sorted(contents.people):
+            track = contents.people[name].array(distinct=True)
+            if not len(track):
+                raise FileError(self.path, f"the recording holds no pose of {name}.")
+            tracks[name] = self._in_map(track, frame, "people")
+        if self.pattern is not None:
+            children = sorted({child for _, child in self.frames.edges})
+            frames = fnmatch.filter(children, self.pattern)
+            if not frames:
+                raise UnknownName("frame", self.pattern, children, hint="Frames of the recording.")
+            for name in frames:
+                tracks[name] = self._frame_track(name, 5)
+                tracks[name][:, 4] = math.nan
+        people = [
+            PersonTrack(name=name, rows=rows, radius_m=contents.radii.get(name), group=contents.groups.get(name))
+            for name, rows in tracks.items()
+        ]
+        if len(contents.places):
+            rows = self._in_map(contents.places.array(), frame, "people")
+            stamps, first = np.unique(rows[:, 0], return_index=True)
+            found = track_places(zip(stamps, np.split(rows[:, 1:3], first[1:]), strict=True))
+            people += found
+            contents.note("tracked", f"{len(found)} people without names were tracked by their places.", len(found))
+        if contents.scan_topics:
+            people += self._people_in_scans()
+        return tuple(PersonTrack(**{**vars(each), "rows": self._placed(each.rows)}) for each in people)
+
+    def _placed(self, rows: Floats) -> Floats:
+        return np.asarray(rows + np.array([self.shift, *self.offset, 0.0, 0.0]))
+
+    def _people_in_scans(self) -> tuple[PersonTrack, ...]:
+        """Return who moves in the laser scans, in a second pass; a note says what that cannot know."""
+        contents = self.contents
+        occupancy = self.world.occupancy if self.world is not None else contents.occupancy
+        listed = ", ".join(contents.scan_topics)
+        if occupancy is None:
+            contents.note("no-map", f"People in the scans of {listed} are found with a map only: give --world.")
+            return ()
+        found = people_in_scans(self._scans(), occupancy)
+        error = max((each.spread_m for each in found), default=0.0)
+        contents.note(
+            "scans",
+            f"{len(found)} people were found by what moves in {listed} (standard error {error:.2f} m). "
+            "People who stood still, and those the lidar never saw, are not among them.",
+            len(found),
         )
+        return found
+
+    def _scans(self) -> Iterator[Scan]:
+        with open_bag(self.path) as reader:
+            for _, received, message in bag_messages(reader, self.path, self.contents.scan_topics):
+                t, frame = _seconds(message.header) or received, message.header.frame_id.lstrip("/")
+                ranges = np.asarray(message.ranges, np.float64)
+                angles = message.angle_min + message.angle_increment * np.arange(len(ranges))
+                x, y, yaw = self._in_map(np.array([[t, 0.0, 0.0, 0.0]]), frame, "scans")[0, 1:4]
+                yield Scan(t, (float(x), float(y), float(yaw)), angles, ranges)
 
     def _in_map(self, track: Floats, frame: str, what: str) -> Floats:
         """Return a track in the frame that counts as the map; FileError where no transforms lead there."""
@@ -492,51 +569,9 @@ class _Reading:
         said = f'{what}: poses are in the frame "{frame}", and no transforms lead from there to "{self.there}".'
         raise FileError(self.path, f"{said} Record /tf and /tf_static, too.")
 
-    def _acceleration(self) -> Floats:
-        source = self.contents.acceleration if len(self.contents.acceleration) else self.contents.imu
-        if len(source):
-            found = source.array()
-            return np.asarray(np.interp(self.times, found[:, 0] + self.shift, found[:, 1]), dtype=np.float64)
-        self.notes.append("The recording has no acceleration; it is derived from the measured speed.")
-        return np.abs(np.gradient(self.robot[:, 4], self.times))
-
-    def _task(self, route: Route | None) -> tuple[tuple[float, float, float], float]:
-        """Return the goal in the world frame and the time limit."""
-        if route is not None:
-            return (route.goal.x, route.goal.y, route.goal.yaw), route.time_limit_s
+    def _goal(self) -> tuple[float, float, float] | None:
         if self.contents.goal is None:
-            said = "the recording holds no goal. Name the route the robot drove: --world and --route."
-            raise FileError(self.path, said)
+            return None
         row = np.array([[math.inf, *self.contents.goal]])
         _, x, y, yaw = self._in_map(row, self.contents.goal_frame, "/goal_pose")[0]
-        return (float(x + self.offset[0]), float(y + self.offset[1]), float(yaw)), float(self.times[-1]) + 1.0
-
-    def _outcome(self, goal: tuple[float, float, float], limit: float) -> Outcome:
-        t, x, y = self.robot[-1, :3]
-        distance = math.hypot(x - goal[0], y - goal[1])
-        if distance <= GOAL_TOLERANCE_M and t <= limit:
-            return Outcome.REACHED
-        self.notes.append(f"The recording ends {distance:.2f} m from the goal after {t:.1f} s.")
-        return Outcome.TIMED_OUT if t >= limit else Outcome.ABORTED
-
-
-def _speed(track: Floats) -> Floats:
-    t, x, y = track[:, 0], track[:, 1], track[:, 2]
-    return np.asarray(np.hypot(np.gradient(x, t), np.gradient(y, t)))
-
-
-def _bodies(names: tuple[str, ...], radii: dict[str, float]) -> str:
-    """Say which bodies gaps are measured between; a recording holds no outline of the robot."""
-    said = f"Gaps are measured from a disc with a radius of {ROBOT_RADIUS_M:g} m around the robot's pose"
-    unknown = [name for name in names if name not in radii]
-    if unknown:
-        who = "people" if len(unknown) == len(names) else ", ".join(unknown)
-        said += f", to discs with a radius of {PERSON_RADIUS_M:g} m around {who}"
-    return f"The recording does not hold the robot's outline. {said}."
-
-
-def _gaps(times: Floats) -> str:
-    """Say how many gaps there are and the longest; empty without any."""
-    gaps = [float(gap) for gap in np.diff(times) if gap > GAP_S]
-    many = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
-    return f"{many} of more than {GAP_S:g} s (longest {max(gaps):.1f} s)" if gaps else ""
+        return float(x + self.offset[0]), float(y + self.offset[1]), float(yaw)

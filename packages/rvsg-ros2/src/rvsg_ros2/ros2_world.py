@@ -19,13 +19,13 @@ from pydantic import Field
 from rvsg.core.errors import InputError, SimulationError
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import ignore
+from rvsg.recording.recorded_run import SIDEWAYS_M_S
 from rvsg.scenario.scenario import HUNAVSIM_RADIUS_M, HumanAgent, PersonKind, Scenario, decode
 from rvsg.simulation.run import Outcome, Run, Trajectory
 from rvsg.simulation.simulators import Simulator
 from rvsg.world.world import Route, World
 from rvsg_exchange.bag import definitions
 from rvsg_exchange.hunav_agents import Dialect, agents_yaml
-from rvsg_exchange.recordings import SIDEWAYS_M_S
 from rvsg_ros2.dds import SUCCEEDED, ActionClient, Bus, Subscription
 from rvsg_ros2.options import Ros2Options, checked
 from rvsg_ros2.run_record import Pose2D, composed
