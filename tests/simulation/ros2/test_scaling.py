@@ -9,8 +9,11 @@ import pytest
 import yaml
 from tests.coded import coded
 
-from rvsg.core.errors import FileError
+from rvsg.core.errors import FileError, InputError
+from rvsg.core.plugins import ignore
 from rvsg_ros2.nav2_file import scale, scale_nav2_params
+from rvsg_ros2.options import read_options
+from rvsg_ros2.session import Session
 
 TEXT = """
 bt_navigator:
@@ -92,6 +95,17 @@ def test_the_rates_of_the_tree_are_scaled_but_not_its_variables(values: dict[str
     assert 'hz="4"' in tree
     assert 'hz="{rate}"' in tree
     assert sum("default_nav_through_poses_bt_xml" in note for note in made.notes) == 1  # not installed here
+
+
+def test_a_tree_that_is_not_found_stops_a_fast_run_before_anything_starts(
+    values: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
+    file = tmp_path / "params.yaml"
+    file.write_text(yaml.safe_dump(values))
+    fast = read_options({"params": str(file), "launch": "bash -c 'source setup.bash; nav2 {params}'", "speed": 4.0})
+    with pytest.raises(InputError, match="through_poses_w_replanning_and_recovery", check=coded("ros2-tree")):
+        Session(fast, 4.0, ignore)
 
 
 def test_from_lyrical_on_only_the_tree_counts_wall_time(values: dict[str, Any]) -> None:

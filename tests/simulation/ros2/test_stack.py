@@ -71,10 +71,9 @@ NOT_ACTIVE = "Not active after 15 s: planner_server is inactive."
         pytest.param(GONE, {"answer_limit_s": 1.0}, "controller_server:", 1.0, marks=pytest.mark.exhaustive),
         ({"inactive": ["planner_server"]}, {"start_limit_s": 15.0}, NOT_ACTIVE, 0.0),
         ({**GONE, "abort_at_s": 1.3}, {"answer_limit_s": 2.0}, "controller_server", 0.0),
-        ({"twice": ["bt_navigator"]}, {"start_limit_s": 5.0}, "bt_navigator is there 2 times", 0.0),
         ({"abort_at_s": -0.5}, {}, "without a velocity command", 0.0),
     ],
-    ids=["rejected", "hangs", "gone", "not active", "gone before the navigator gives up", "twice", "ends at once"],
+    ids=["rejected", "hangs", "gone", "not active", "gone before the navigator gives up", "ends at once"],
 )
 def test_what_fails_is_named(peer: dict[str, Any], options: dict[str, Any], fault: str, from_s: float) -> None:
     (run,) = drive(peer, options=options)["runs"]
@@ -122,6 +121,27 @@ def test_what_keeps_the_first_run_from_starting_is_an_error(peer: Any, options: 
     assert re.search(said, told["error"], re.DOTALL)
     assert "bt_navigator" not in told["error"]  # it is active
     assert told["runs"] == []
+
+
+def test_a_second_system_in_the_domain_is_named_before_the_first_run() -> None:
+    told = drive({"twice": ["controller_server", "bt_navigator"]})
+    assert "Two navigation systems are in DDS domain" in told["messages"][0]
+    assert "bt_navigator is there 2 times, controller_server is there 2 times. End one" in told["error"]
+    assert told["runs"] == []
+
+
+@pytest.mark.parametrize(
+    ("peer", "fault"),
+    [
+        ({"die_at_s": 1.0}, r"crashed: python.* \(\d+\) ended\."),
+        ({"hang_at_s": 1.0}, "hanging: all processes of the launch command run"),
+    ],
+    ids=["crash", "hang"],
+)
+def test_a_crash_of_a_launched_node_is_told_apart_from_a_hang(peer: dict[str, Any], fault: str) -> None:
+    (run,) = drive(peer, options={"launch": "sh -c '{peer}; sleep 300'", "answer_limit_s": 1.0})["runs"]
+    assert run["outcome"] == "STACK_FAILED"
+    assert re.search(fault, run["stack"]["fault"])
 
 
 def test_a_launched_system_is_restarted_after_a_crash_and_leaves_no_process() -> None:

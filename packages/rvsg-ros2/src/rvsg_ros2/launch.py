@@ -38,6 +38,15 @@ def marked(mark: str) -> list[int]:
     return [pid for pid in found if pid != os.getpid()]
 
 
+def programs(mark: str) -> dict[int, str]:
+    """Return the names of the programs of all processes with the mark, by process id."""
+    found = {}
+    for pid in marked(mark):
+        with contextlib.suppress(OSError):
+            found[pid] = (Path("/proc") / str(pid) / "comm").read_text().strip()
+    return found
+
+
 def _is_zombie(folder: Path) -> bool:
     return (folder / "stat").read_text().rpartition(")")[2].split()[0] == "Z"
 
@@ -106,6 +115,7 @@ class Launched:
                 code="ros2-launch",
             )
         self.mark = uuid.uuid4().hex
+        self._ready: dict[int, str] = {}
         self._folder = Path(tempfile.mkdtemp(prefix="rvsg-ros2-"))
         self.log = self._folder / "launch.log"
         with self.log.open("wb") as output:
@@ -119,6 +129,17 @@ class Launched:
     def ended(self) -> int | None:
         """The exit code of the command, None while it runs."""
         return self._keeper.poll()
+
+    def note_processes(self) -> None:
+        """Remember which processes run now, where the system is ready."""
+        self._ready = programs(self.mark)
+
+    def why_silent(self) -> str:
+        """Return why a node does not answer: a process of the ready system is gone, or all run and one hangs."""
+        gone = [f"{name} ({pid})" for pid, name in self._ready.items() if pid not in programs(self.mark)]
+        if not gone:
+            return "hanging: all processes of the launch command run"
+        return f"crashed: {', '.join(gone)} ended. The last lines of the launch command:\n{self.tail()}"
 
     def tail(self) -> str:
         """Return the last lines that the command wrote."""

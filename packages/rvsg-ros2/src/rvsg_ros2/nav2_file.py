@@ -208,6 +208,8 @@ class Scaled:
     notes: list[str] = field(default_factory=list)
     trees: dict[str, str] = field(default_factory=dict)
     """Texts of scaled behaviour trees, by the parameter that names the file."""
+    missing_trees: list[str] = field(default_factory=list)
+    """Behaviour trees whose file was not found; their RateControllers keep wall time."""
     control_hz: float = CONTROL_HZ
     """The rate at which velocity commands come, in simulated time."""
 
@@ -363,6 +365,7 @@ def _scale_trees(made: Scaled, speed: float) -> None:
             given = str(section.get(parameter) or "")
             path = Path(given) if given and "$(" not in given else _installed(Path(given).name if given else default)
             if path is None or not path.is_file():
+                made.missing_trees.append(given or default)
                 made.notes.append(
                     f"bt_navigator.{parameter}: the tree {given or default} was not found, so its RateController keeps "
                     "wall time. Source your ROS 2, or give the path of the file."

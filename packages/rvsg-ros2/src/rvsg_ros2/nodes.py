@@ -54,9 +54,13 @@ class Lifecycle:
                 said.append(f"{name} {'does not answer' if name in self.found() else 'was not found'}")
             elif state != ACTIVE:
                 said.append(f"{name} is {STATES.get(state, 'in transition')}")
+        return said + self.doubled()
+
+    def doubled(self) -> list[str]:
+        """Return which names more than one node has: `bt_navigator is there 2 times`."""
         graph = self._bus.graph()
         there = {name: len(graph.servers(f"{name}/get_state")) for name in sorted(self.found())}
-        return said + [f"{name} is there {count} times" for name, count in there.items() if count > 1]
+        return [f"{name} is there {count} times" for name, count in there.items() if count > 1]
 
     def found(self) -> set[str]:
         """Return the names of all lifecycle nodes that are there now."""

@@ -28,6 +28,8 @@ from rvsg_ros2.nav2_file import BY_THE_CLOCK, CONTROL_HZ, Scaled, scale_nav2_par
 from rvsg_ros2.nodes import Lifecycle, NodeParameters, ask_nodes
 from rvsg_ros2.options import Ros2Options, lidar_frame, scan_topic
 
+FORGET_S = 12.0
+"""Wall time after which a killed process is gone from the DDS domain: the lease of its participant is 10 s."""
 TRANSFORMS_FIRST_S = 1.0
 """Wall time in which transforms go out before the clock does. A costmap that was started without a clock waits for its
 transform until 60 s after time 0: where the clock comes first, that time is over at once."""
@@ -252,6 +254,18 @@ class Session:
 
     def _start(self) -> None:
         """Take the first free domain and start the system in it."""
+        command = str(self.options.launch).replace("{speed}", f"{self.speed:g}")
+        if self.options.params is not None:
+            self.scaled = scale_nav2_params(self.options.params, self.speed, self._expected_release())
+            if self.speed > 1.0 and self.scaled.missing_trees:
+                raise InputError(
+                    f"speed {self.speed:g}: the behaviour tree {self.scaled.missing_trees[0]} was not found, so it "
+                    f"would plan at 1/{self.speed:g} of its rate. Source your ROS 2 before you start RVSG, give the "
+                    f"path of the file in {self.options.params}, or set speed to 1.",
+                    code="ros2-tree",
+                )
+            self._folder = tempfile.TemporaryDirectory(prefix="rvsg-nav2-")
+            command = command.replace("{params}", str(self.scaled.write(Path(self._folder.name))))
         for domain in range(self.domain, min(self.domain + _TRIED_DOMAINS, 233)):
             turn = Turn(domain)
             try:
@@ -262,11 +276,6 @@ class Session:
             break
         else:
             raise SimulationError(f"No DDS domain from {self.domain} on is free. End other runs, or set domain.")
-        command = str(self.options.launch).replace("{speed}", f"{self.speed:g}")
-        if self.options.params is not None:
-            self._folder = tempfile.TemporaryDirectory(prefix="rvsg-nav2-")
-            self.scaled = scale_nav2_params(self.options.params, self.speed, self._expected_release())
-            command = command.replace("{params}", str(self.scaled.write(Path(self._folder.name))))
         self.tell(f"starting {command} in domain {self.domain}")
         self.launched = Launched(command, ros_environment(self.domain))
 
@@ -295,7 +304,24 @@ class Session:
                     f"{self.options.start_limit_s:g} s. {self._why_not_there(pump)}"
                 )
             pump()
+        self.wait_until_alone(pump)
         self.bus.set_release(release_of(graph, self.options))
+
+    def wait_until_alone(self, pump: Callable[[], None]) -> None:
+        """Wait until no two nodes have one name: DDS forgets a process that was killed after some seconds.
+
+        Raises:
+            SimulationError: another system is there, and stays.
+        """
+        until = 0.0
+        while doubled := self.lifecycle.doubled():
+            said = f"Two navigation systems are in DDS domain {self.domain}: {', '.join(doubled)}."
+            if not until:
+                until = time.monotonic() + FORGET_S
+                self.tell(f"{said} Waiting {FORGET_S:g} s, in case one has just ended")
+            if time.monotonic() > until:
+                raise SimulationError(f"{said} End one of them, or set ROS_DOMAIN_ID or the option domain.")
+            pump()
 
     def _why_not_there(self, pump: Callable[[], None]) -> str:
         """Return what keeps the navigation from offering its action, as far as its nodes tell."""

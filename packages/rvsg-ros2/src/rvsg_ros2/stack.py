@@ -125,6 +125,8 @@ class Running:
             pump()
         self._commands: Subscription = self.session.commands()
         self.record.listen(self.session, self.options)
+        if self.session.launched is not None:
+            self.session.launched.note_processes()
         self._send_goal(pump)
 
     def _wait_until_active(self, pump: Callable[[], None], until: float) -> None:
@@ -133,6 +135,7 @@ class Running:
         sent, begun = 0.0, time.monotonic()
         while True:
             lifecycle.poll()
+            self.session.wait_until_alone(pump)
             waiting = lifecycle.waiting_for()
             is_ready = bool(lifecycle.states) and not waiting
             self._provide(is_ready or time.monotonic() - begun > APPEAR_S)
@@ -292,8 +295,8 @@ class Running:
         silent = self.session.lifecycle.silent(self.options.answer_limit_s)
         if silent:
             self.record.failed = True
-            listed = ", ".join(silent)
-            raise SimulationError(f"{listed}: no answer within {self.options.answer_limit_s:g} s, crashed or hanging")
+            how = self.session.launched.why_silent() if self.session.launched is not None else "crashed or hanging"
+            raise SimulationError(f"{', '.join(silent)}: no answer within {self.options.answer_limit_s:g} s, {how}")
         self._heard = self._due = time.monotonic()
 
     def finish(self) -> dict[str, Any]:
