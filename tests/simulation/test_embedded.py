@@ -244,8 +244,9 @@ class TestOutside:
             (behaving(), Outcome.REACHED, 0),
             (behaving(waits_for_costmaps=True), Outcome.REACHED, 1),
             (None, Outcome.ABORTED, 0),
+            (StackChoice.of("nav2-dwb", {"costmaps": {"global_update_hz": 100.0}}), Outcome.REACHED, 0),
         ],
-        ids=["published", "humble", "jazzy"],
+        ids=["published", "humble", "jazzy", "jazzy-costmap-before-controller"],
     )
     def test_what_follows_a_plan_on_the_way_that_fails_once(
         self, warehouse: World, stack: StackChoice | None, outcome: Outcome, recoveries: int

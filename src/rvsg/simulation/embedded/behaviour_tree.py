@@ -104,6 +104,8 @@ def navigation_events(state: State) -> tuple[Replan | Recovery, ...]:
     return tuple(found)
 
 
+AGAIN = 2
+"""Of NEED_PLAN: the plan has failed on the way, and the controller has an empty path until there is another one."""
 REPLAN_PERIOD_S = 1.01
 """1 s after the last success, and the 10 ms tick of the behaviour tree in which planning happens."""
 PASSED_GOAL_M = 0.7
@@ -415,7 +417,8 @@ def stop_following(state: State, t: float) -> None:
 def navigate(scene: Scene, state: State, settings: Settings, t: float) -> bool:
     """Do what the behaviour tree does at time t, every 10 ms; return whether the local planner is to act.
 
-    A map that is to be cleared is cleared before the next call; who needs it waits for that, as in Nav2.
+    A map that is to be cleared is cleared before the next call; who needs it waits for that, as in Nav2. Where the
+    controller refuses an empty path before that, the second attempt to plan is cancelled: navigation has failed.
     """
     nav = state.nav
     if nav[st.MODE] == st.DONE:
@@ -424,18 +427,23 @@ def navigate(scene: Scene, state: State, settings: Settings, t: float) -> bool:
         act(state, settings, t)
         return False
     if has_passed(state):
-        nav[st.NEED_PLAN] = 1
+        nav[st.NEED_PLAN] = max(1, nav[st.NEED_PLAN])
     if nav[st.NEED_PLAN] != 0 or t - state.times[st.PLAN_T] >= REPLAN_PERIOD_S * settings.clock - 1e-9:
         if nav[st.CLEAR_GLOBAL] != 0:
-            if state.stack.waits_for_maps:
+            if nav[st.NEED_PLAN] == AGAIN:
+                if t >= state.times[st.CONTROL_T] - 1e-9:
+                    command(state, 0.0, 0.0, 0.0, False, t)
+                    nav[st.MODE] = st.DONE
+                    nav[st.RESULT] = st.ABORTED
+            elif state.stack.waits_for_maps:
                 begin_following(state, t)  # the controller gets its goal with the plan
             return False
         if plan_route(scene, state, t):
             nav[st.PLAN_RETRIED] = 0
         elif nav[st.NEED_PLAN] == 0 and state.stack.gives_up_without_plan:
-            command(state, 0.0, 0.0, 0.0, False, t)
-            nav[st.MODE] = st.DONE
-            nav[st.RESULT] = st.ABORTED
+            nav[st.NEED_PLAN] = AGAIN
+            nav[st.PLAN_RETRIED] = 1
+            nav[st.CLEAR_GLOBAL] = 1
             return False
         elif nav[st.PLAN_RETRIED] == 0 and not (state.stack.waits_for_maps and nav[st.NEED_PLAN] == 0):
             # On the way Nav2 empties the plan, and the controller refuses an empty one twice before the global map is
