@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
+from rvsg.cli.robots import robots as robots_command
 from rvsg.core.documents import DocumentError, read_yaml
 from rvsg.core.errors import FileError, UnknownName
 from rvsg.core.records import Pose
@@ -197,3 +198,22 @@ def test_a_lidar_beside_the_body_is_doubtful(tmp_path: Path) -> None:
     front = max(x for x, _ in robot.outline)
     moved = robot.replace(lidars=(robot.lidars[0].replace(x=front + 0.18, y=0.0),))
     assert "0.18 m outside of the body" in moved.doubts[0]
+
+
+def test_a_footprint_that_holds_less_than_the_body_as_it_turns_is_doubtful() -> None:
+    robot = load_robot("turtlebot3_waffle")
+    bare = robot.replace(footprint=robot.body, body=None)  # the axle lies 0.08 m behind the front: stuck at pillars
+    assert "0.09 m from obstacles, but half of the body is 0.15 m wide" in bare.doubts[0]
+    checked = bare.replace(navigation=bare.navigation.replace(dwb=bare.navigation.dwb.replace(check_footprint=True)))
+    assert not checked.doubts
+
+
+def test_the_page_and_the_command_tell_the_same_of_each_robot(capsys: pytest.CaptureFixture[str]) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "how-to" / "test-another-robot.md").read_text()
+    robots_command()
+    said = capsys.readouterr().out
+    for name, robot in shipped_robots().items():
+        size, speed = f"{robot.length_m:.2f} x {robot.width_m:.2f} m", f"{robot.driving_speed_m_s:g} m/s"
+        (row,) = [line for line in page.splitlines() if line.startswith(f"| `{name}`")]
+        assert f"| {size} |" in row and f"| {speed} |" in row
+        assert f"{size}, {robot.drive.kind}, {speed}" in said

@@ -43,11 +43,12 @@ def robots(
         return
     for each in chosen:
         limits, lidars = each.limits, ", ".join(f"{q.name} {q.rays} rays to {q.max_range_m:g} m" for q in each.lidars)
+        base = "" if limits.speed_m_s == each.driving_speed_m_s else f" (base: {limits.speed_m_s:g} m/s)"
         compared = "calibrated against published runs" if each.calibrated else "not calibrated"
         print(
             f"{each.name:20} {each.title}\n"
-            f"{'':20} {each.length_m:.2f} x {each.width_m:.2f} m, {each.drive.kind}, {limits.speed_m_s:g} m/s, "
-            f"{limits.acceleration_m_s2:g} m/s2; {compared}\n"
+            f"{'':20} {each.length_m:.2f} x {each.width_m:.2f} m, {each.drive.kind}, "
+            f"{each.driving_speed_m_s:g} m/s{base}, {limits.acceleration_m_s2:g} m/s2; {compared}\n"
             f"{'':20} lidars: {lidars}; safety zones: {len(each.safety_zones)}; bumper: "
             f"{'yes' if each.bumper else 'no'}\n"
             f"{'':20} Source: {each.source}"

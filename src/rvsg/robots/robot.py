@@ -106,8 +106,9 @@ class Behaviours(Record):
     """Whether planner and controller wait for the next regular update of a costmap that was cleared, as in Nav2; else
     it is updated at once. With it, the robot also does not go on with a plan where the next one cannot be made."""
     gives_up_without_plan: Annotated[bool, Field(exclude_if=lambda gives_up: not gives_up)] = False
-    """Whether the navigation fails where the next plan on the way cannot be made (Nav2 Jazzy and later, whose default
-    tree has no recovery for the error of an empty path); else that is tried again, or the recovery begins (Humble)."""
+    """Whether the navigation fails where the next plan on the way cannot be made, unless the global costmap is updated
+    before the controller's next period (Nav2 Jazzy and later, whose default tree has no recovery for the error of an
+    empty path); else that is tried again, or the recovery begins (Humble)."""
 
 
 class MonitorPolygon(Record):
@@ -305,11 +306,19 @@ class Robot(Record):
     def doubts(self) -> tuple[str, ...]:
         """What is possible but looks like a mistake, in sentences."""
         away = [(q, distance(self.outline, q.x, q.y)) for q in self.lidars if not inside(self.outline, q.x, q.y)]
-        return tuple(
+        found = [
             f"{self.name}: the lidar {lidar.name} lies {off:.2f} m outside of the body. Check its x and y, in metres."
             for lidar, off in away
             if off > BESIDE_M
-        )
+        ]
+        near = distance(self.footprint, 0.0, 0.0) + self.padding_m
+        if near < 0.5 * self.width_m and not self.navigation.dwb.check_footprint:
+            found.append(
+                f"{self.name}: DWB keeps the base frame {near:.2f} m from obstacles, but half of the body is "
+                f"{0.5 * self.width_m:.2f} m wide, so the robot gets stuck at corners. Set "
+                "navigation.dwb.check_footprint: true, or a footprint that holds the body as it turns."
+            )
+        return tuple(found)
 
     @model_validator(mode="after")
     def _sound(self) -> Self:
