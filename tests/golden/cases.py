@@ -21,7 +21,7 @@ import numpy as np
 from tests.recordings import FOLDERS
 
 import rvsg
-from rvsg.robots.robot import load_robot
+from rvsg.robots.robot import Robot, load_robot
 
 HERE = Path(__file__).parent
 NAV2_FILE = str(HERE.parents[1] / "examples" / "stacks" / "nav2_params.yaml")
@@ -115,9 +115,10 @@ def scenario_of(world_name: str, route: str, robot: str, people: int, seed: int)
     world = rvsg.load_world(world_name)
     chance = np.random.default_rng(seed)
     names = sorted(world.grid.valid)
-    driven = load_robot(robot)
+    driven: str | Robot = robot
     if robot == "turtlebot3_waffle":  # recorded before its footprint was the radius of its Nav2 file
-        driven = driven.replace(footprint=driven.outline, body=None)
+        waffle = load_robot(robot)
+        driven = waffle.replace(footprint=waffle.outline, body=None)
     try:
         scenario = rvsg.scenario(world, route, robot=driven)
     except rvsg.InvalidScenario:
