@@ -10,6 +10,7 @@ after every change of any array. Here LLVM is told that fields never change. Thi
 from __future__ import annotations
 
 import hashlib
+import struct
 from typing import Any, cast
 
 import numba
@@ -51,33 +52,46 @@ class Reference:
 
     __slots__ = ("address", "kept", "kind")
 
-    def __init__(self, kind: ReferenceType, words: list[Any], kept: Any) -> None:
-        memory = np.zeros(len(words), np.int64)
-        reals = memory.view(np.float64)
-        for k, word in enumerate(words):
-            (reals if isinstance(word, float | np.floating) else memory)[k] = word
+    def __init__(self, kind: ReferenceType, words: bytes, kept: Any) -> None:
+        memory = np.frombuffer(words, np.int64)
         self.kind = kind
         self.address = memory.ctypes.data
         self.kept = memory, kept
+
+
+_KNOWN: dict[tuple[Any, ...], tuple[ReferenceType, struct.Struct]] = {}
+"""The type of a reference and the form of its words by what decides them: to ask numba takes 10 ms for each run."""
 
 
 def refer(values: Any, **others: Any) -> Any:
     """Return a named tuple by reference, sharing its arrays; `others` are the references that are fields of it."""
     given = values._replace(**others) if others else values
     words: list[Any] = []
-    _add_words(given, words)
-    kinds = tuple(types.unliteral(cast(Any, numba.typeof)(value)) for value in given)
-    return Reference(ReferenceType(type(values), kinds), words, (values, others))
+    form: list[Any] = [type(values)]
+    _add_words(given, words, form)
+    key = tuple(form)
+    if key not in _KNOWN:
+        kinds = tuple(types.unliteral(cast(Any, numba.typeof)(value)) for value in given)
+        signs = "".join("d" if isinstance(word, float | np.floating) else "q" for word in words)
+        _KNOWN[key] = ReferenceType(type(values), kinds), struct.Struct(signs)
+    kind, packed = _KNOWN[key]
+    return Reference(kind, packed.pack(*words), (values, others))
 
 
-def _add_words(value: Any, words: list[Any]) -> None:
+def _add_words(value: Any, words: list[Any], form: list[Any]) -> None:
     if isinstance(value, np.ndarray):
+        form.append((value.dtype, value.ndim, value.flags.num))
         words += (value.__array_interface__["data"][0], *value.shape, *value.strides)
     elif isinstance(value, tuple):
+        form += (type(value), len(value))
         for each in value:
-            _add_words(each, words)
+            _add_words(each, words, form)
+    elif isinstance(value, Reference):
+        form.append(value.kind)
+        words.append(value.address)
     else:
-        words.append(value.address if isinstance(value, Reference) else value)
+        form.append(type(value))
+        words.append(value)
 
 
 @typeof_impl.register(Reference)

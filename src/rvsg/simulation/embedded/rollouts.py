@@ -34,14 +34,13 @@ def sample_table(p: Stack) -> Floats:
     rates = [-most + 2.0 * most * k / (p.dwb_w_samples - 1) for k in range(p.dwb_w_samples)]
     if 0.0 not in rates:
         rates.insert(p.dwb_w_samples // 2, 0.0)
-    rows = []
-    for k in range(p.dwb_v_samples):
-        v = low + (high - low) * k / (p.dwb_v_samples - 1)
-        for w in rates:
-            steps = max(1, math.ceil(max(abs(v) * time_s / p.dwb_linear, abs(w) * time_s / p.dwb_angular)))
-            if v != 0.0 or w != 0.0:
-                rows.append((v, w, steps, time_s / steps, 0.0))
-    return np.array(rows, np.float64)
+    speeds = low + (high - low) * np.arange(p.dwb_v_samples) / (p.dwb_v_samples - 1)
+    v, w = np.repeat(speeds, len(rates)), np.tile(rates, p.dwb_v_samples)
+    moves = (v != 0.0) | (w != 0.0)
+    v, w = v[moves], w[moves]
+    longest = np.maximum(np.abs(v) * time_s / p.dwb_linear, np.abs(w) * time_s / p.dwb_angular)
+    steps = np.maximum(1.0, np.ceil(longest))
+    return np.column_stack([v, w, steps, time_s / steps, np.zeros(len(v))])
 
 
 @kernel
