@@ -130,7 +130,7 @@ def test_two_runs_compared_say_when_they_part(show: Show) -> None:
     tab.evaluate("id => replay.compare(id)", other)
     assert state(tab)["other"] == other
     assert re.search(r"The two runs (part at \d+\.\d s|are alike)", tab.locator(".rp-about").inner_text())
-    assert tab.locator(".rp-robot").count() == 2
+    assert tab.locator(".rp-drawn .rp-robot").count() == 2
 
 
 @pytest.mark.parametrize(("name", "script"), [("contacts", True), ("contacts", False), ("overview", True)])
@@ -171,7 +171,9 @@ def test_no_two_involved_people_share_a_colour(show: Show) -> None:
     colours = [person["colour"] for person in groups[0]["people"] if person["colour"]]
     assert len(groups[0]["people"]) == 30 and len(colours) > 8
     assert len(set(colours)) == len(colours)
-    shown = tab.locator(".rp-person:not(.rp-uninvolved)").evaluate_all("all => all.map(a => getComputedStyle(a).color)")
+    shown = tab.locator(".rp-drawn .rp-person:not(.rp-uninvolved)").evaluate_all(
+        "all => all.map(a => getComputedStyle(a).color)"
+    )
     assert len(set(shown)) == len(shown) == len(colours)
 
 
@@ -310,3 +312,44 @@ def test_a_trace_is_opened_from_its_file_and_another_file_is_refused(show: Show,
         tab.wait_for_function("() => document.querySelector('.rp-note').textContent !== ''")
         tab.evaluate("document.querySelector('.rp-note').textContent = ''")
     assert tab.evaluate("traces.runs().length") == 1
+
+
+NAMES = """() => { const map = document.getElementById("map").getBoundingClientRect();
+  return [...document.querySelectorAll("#map text")].filter(each => each.checkVisibility()).map(each => {
+    const box = each.getBoundingClientRect(), air = 0.15 * box.height;
+    return { text: each.textContent, box: [box.left, box.top + air, box.right, box.bottom - air],
+      cut: box.left < map.left || box.right > map.right || box.top < map.top || box.bottom > map.bottom };
+  }); }"""
+
+
+@pytest.mark.parametrize("name", ["contacts", pytest.param("crowd", marks=pytest.mark.exhaustive)])
+def test_no_name_on_the_map_is_cut_or_covers_another_one(show: Show, name: str) -> None:
+    tab = show(name)
+    for share in (0.2, 0.5, 0.8):
+        tab.evaluate("share => replay.seek(share * replay.state().end)", share)
+        names = tab.evaluate(NAMES)
+        assert len(names) > 2 and [each["text"] for each in names if each["cut"]] == []
+        over = [
+            (one["text"], two["text"])
+            for k, one in enumerate(names)
+            for two in names[:k]
+            if one["box"][0] < two["box"][2] and two["box"][0] < one["box"][2]
+            if one["box"][1] < two["box"][3] and two["box"][1] < one["box"][3]
+        ]
+        assert over == []
+
+
+def test_the_film_strip_goes_to_the_moment_that_is_clicked(show: Show) -> None:
+    tab = show("contacts")
+    film = tab.locator(".rp-film")
+    box = film.bounding_box()
+    assert box is not None and film.locator("svg .rp-robot").count() >= 3
+    tab.mouse.click(box["x"] + 0.75 * box["width"], box["y"] + 5)
+    assert state(tab)["t"] == pytest.approx(0.75 * state(tab)["end"], abs=0.3)
+
+
+def test_the_manager_reads_two_printed_pages_before_the_tables(show: Show) -> None:
+    tab = show("contacts", width=718)
+    tab.emulate_media(media="print")
+    assert tab.evaluate("document.getElementById('all').getBoundingClientRect().top + scrollY") <= 2 * 1047
+    assert not tab.locator(".rp-play").is_visible() and not tab.locator(".rp-zoom").is_visible()

@@ -76,7 +76,7 @@ def test_what_is_not_finished_or_has_not_begun_is_told() -> None:
     the_plan, attempts, ledger = default_campaign()
     parts = [(name, made, answer(the_plan, made, ledger)) for name, made in (("a", attempts[:2]), ("b", []))]
     text = page(*((name, the_plan, summarise(the_plan, made), told) for name, made, told in parts), missing=3)
-    assert ">not confirmed<" in text and ">no result<" in text and "3 more not begun" in text
+    assert ">nothing found<" in text and ">no result<" in text and "3 more not begun" in text
     assert "0 of 2 campaigns not violated" in text
 
 

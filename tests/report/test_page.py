@@ -28,7 +28,7 @@ from rvsg.report.answer import Answer, answer_of
 from rvsg.report.page import _curse, render_page, write_runs_page
 from rvsg.report.renderer import unbroken
 from rvsg.report.run_facts import EDGES
-from rvsg.report.summary import Ranked, junit_xml, summarise
+from rvsg.report.summary import Ranked, Summary, junit_of, summarise
 from rvsg.report.terminal import describe_finding
 from rvsg.scenario.brief import Brief
 from rvsg.simulation.kinematic import KinematicSimulator
@@ -128,7 +128,7 @@ def test_words_of_a_model_stay_words() -> None:
     the_plan, attempts = campaign(ledger, NastyGenerator())
     text = page(the_plan, attempts, ledger)
     assert Reader.of(text).tags.count("script") == 2 and "img" not in Reader.of(text).tags
-    assert len(ET.fromstring(junit_xml(the_plan, summarise(the_plan, attempts)))[0]) == the_plan.scenarios
+    assert len(_junit(the_plan, summarise(the_plan, attempts))) == the_plan.scenarios
     assert data_of(text)["groups"][0]["people"][0]["name"].startswith("</script>")
 
 
@@ -158,7 +158,7 @@ def test_page_terminal_json_and_junit_say_in_the_same_words_how_sure_the_verdict
     assert found.model_dump(mode="json")["how_sure"] == said == found.verdict.reason
     assert said in " ".join(describe_finding(found, the_plan.requirement))
     assert unbroken(said) in html.unescape(page(the_plan, attempts, ledger))
-    case = _scenario_case(ET.fromstring(junit_xml(the_plan, summary))[0], summary.ranking[0])
+    case = _scenario_case(_junit(the_plan, summary), summary.ranking[0])
     assert said in "".join((*case.itertext(), *(each.attrib.get("message", "") for each in case)))
 
 
@@ -210,8 +210,13 @@ def test_the_replay_holds_every_run_of_every_configuration() -> None:
     assert values == sorted(values)  # R1 is worse when smaller
 
 
+def _junit(the_plan: Plan, summary: Summary) -> ET.Element:
+    names = dict.fromkeys([entry.number for entry in (*summary.ranking, *summary.further)], "Crossing")
+    return ET.fromstring(junit_of([(the_plan, summary, names)]))[0]
+
+
 def _scenario_case(suite: ET.Element, entry: Ranked) -> ET.Element:
-    return next(case for case in suite if case.attrib["name"] == f"scenario {entry.scenario + 1}")
+    return next(case for case in suite if case.attrib["name"] == f"{entry.number} Crossing")
 
 
 def _properties(case: ET.Element) -> dict[str, str]:
@@ -223,7 +228,7 @@ def test_in_junit_a_violation_of_which_fail_or_flaky_is_open_is_a_failure_that_s
     unsure = {"status": Status.INCONCLUSIVE, "violations": 8, "runs": 8}
     changed = [a.replace(verdict=a.verdict.replace(**unsure)) for a in attempts if a.verdict]
     summary = summarise(the_plan, changed)
-    suite = ET.fromstring(junit_xml(the_plan, summary))[0]
+    suite = _junit(the_plan, summary)
     assert summary.violated and suite.attrib["failures"] == "1"
     confirmed, *candidates = summary.ranking
     assert "violated; FAIL or FLAKY is still open" in _scenario_case(suite, confirmed)[-1].attrib["message"]
@@ -241,7 +246,7 @@ def test_in_junit_the_confirmation_decides_and_what_is_not_sure_is_skipped_with_
         if a.verdict
     ]
     summary = summarise(the_plan, changed)
-    suite = ET.fromstring(junit_xml(the_plan, summary))[0]
+    suite = _junit(the_plan, summary)
     assert len(suite) == int(suite.attrib["tests"]) == the_plan.scenarios
     assert [len(suite.findall(f".//{tag}")) for tag in ("failure", "skipped")] == [
         int(suite.attrib[key]) for key in ("failures", "skipped")
@@ -254,7 +259,7 @@ def test_in_junit_the_confirmation_decides_and_what_is_not_sure_is_skipped_with_
         assert case[-1].tag == (expected if entry.state == "confirmed" else "skipped")
         assert how_sure(entry.verdict) in case[-1].attrib.get("message", "") + (case[-1].text or "")
     alone = summarise(the_plan, [a for a in changed if a.purpose == "search"])
-    unconfirmed = ET.fromstring(junit_xml(the_plan, alone))[0]
+    unconfirmed = _junit(the_plan, alone)
     assert int(unconfirmed.attrib["failures"]) == len(unconfirmed) == the_plan.scenarios
 
 
@@ -279,7 +284,7 @@ def test_a_confirmed_scenario_shows_its_confirmation_verdict_on_the_page_in_term
     told_of = [(row.status, row.violated, row.tone, row.share, row.contact) for row in rows]
     assert told_of[0] == ("PASS", "no", "warn", "0/15", "5/5"), "contact comes first, and is not green"
     assert {row.status for row in rows[1:]} == {"candidate"}
-    case = _scenario_case(ET.fromstring(junit_xml(the_plan, summary))[0], last)
+    case = _scenario_case(_junit(the_plan, summary), last)
     assert case[-1].tag == "system-out" and _properties(case)["contacts"] == "5 of 5 runs"
     assert _properties(case)["arrived"] == "5 of 5 runs"
     text = page(the_plan, changed, ledger)

@@ -412,7 +412,8 @@ def overview(folder: Path, campaigns: Sequence[Campaign]) -> tuple[Path, Matrix 
 
 def write_junit(path: Path, campaigns: Sequence[Campaign]) -> None:
     """Write the verdicts of campaigns as JUnit XML, a test suite for each."""
-    write_whole(path, junit_of([(campaign.plan, campaign.summary()) for campaign in campaigns]))
+    named = ((c.plan, c.summary(), {row.number: row.name for row in c.answer.rows}) for c in campaigns)
+    write_whole(path, junit_of(named))
 
 
 def write_study_tables(stores: Sequence[Path], out: Path) -> list[str]:

@@ -78,9 +78,8 @@ def run_one(from_file: dict[str, Any], given: dict[str, Any]) -> Campaign:
     """Run or resume a campaign and write its report."""
     from rvsg.app.campaign import Campaign
     from rvsg.app.folder import store_of
-    from rvsg.core.files import write_whole
+    from rvsg.app.matrix import write_junit
     from rvsg.core.outputs import check_writable
-    from rvsg.report.summary import junit_xml
 
     asked = effective(None, from_file, given)
     if asked.junit:
@@ -90,7 +89,7 @@ def run_one(from_file: dict[str, Any], given: dict[str, Any]) -> Campaign:
     _run(campaign, resumed=resumed)
     campaign.report()
     if campaign.config.junit:
-        write_whole(Path(campaign.config.junit), junit_xml(campaign.plan, campaign.summary()))
+        write_junit(Path(campaign.config.junit), [campaign])
     _show_lost(campaign.attempts())
     return campaign
 

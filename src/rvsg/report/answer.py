@@ -144,7 +144,8 @@ class Answer(Record):
     """What a campaign says."""
 
     status: str
-    """The strongest verdict of a confirmation, as `Row.status`; else `not confirmed`, `no limit` or `no result`."""
+    """The strongest verdict of a confirmation, as `Row.status`; else `not confirmed`, `nothing found`, `no limit` or
+    `no result`."""
     violated: Violated
     often: Often
     tone: Tone
@@ -417,7 +418,7 @@ def answer_of(
         tone=tone_of(strongest, touched) if strongest is not None else "warn" if touched else "quiet",
         title=f"{requirement.name}: {requirement.title}",
         setup=_setup(plan.mission, plan.mission.world, stack),
-        headline=_headline(plan, summary, rows, strongest),
+        headline=_headline(plan, summary, rows, strongest, attempts),
         counts=_counts(rows),
         figures=_figures(rows[0], requirement) if rows else (),
         alone=drove_alone(plan, alone) if alone is not None else None,
@@ -483,16 +484,21 @@ def _status(summary: Summary, strongest: Verdict | None, requirement: Requiremen
     if requirement.threshold is None:
         return "no limit", "no limit", "not settled"
     if strongest is None:
-        return "not confirmed", "open", "not settled"
+        found = any(entry.state == "candidate" for entry in summary.ranking)
+        return "not confirmed" if found else "nothing found", "open", "not settled"
     return status_of(strongest), is_violated(strongest), how_often(strongest)
 
 
-def _headline(plan: Plan, summary: Summary, rows: Sequence[Row], strongest: Verdict | None) -> str:
+def _headline(
+    plan: Plan, summary: Summary, rows: Sequence[Row], strongest: Verdict | None, attempts: Sequence[Attempt]
+) -> str:
     """Return the most severe failure in a sentence, or what was found instead."""
     requirement, account = plan.requirement, summary.accounting
     if not summary.ranking:
         tried = counted(account.search_attempts, "configuration")
-        return f"No valid scenario was simulated in {tried}, so nothing is known of the robot."
+        problems = Counter(problem.reason for attempt in attempts for problem in attempt.proposal.problems)
+        why = "".join(f" Most often: {reason}" for reason, _ in problems.most_common(1))
+        return f"No valid scenario was simulated in {tried}, so nothing is known of the robot.{why}"
     if requirement.threshold is None:
         worst = summary.ranking[0]
         said = value_in_words(worst.verdict, requirement.unit)
@@ -500,9 +506,10 @@ def _headline(plan: Plan, summary: Summary, rows: Sequence[Row], strongest: Verd
     if strongest is None:
         runs = counted(account.search_runs, "run")
         done = "" if summary.complete else f"The campaign is not finished ({runs} so far). "
-        found = sum(row.state == "candidate" for row in rows)
-        many = f"{counted(found, 'candidate')}, none confirmed" if found else "no run of the search violates it"
-        return f"{done}{requirement.name}: {many}."
+        if found := sum(row.state == "candidate" for row in rows):
+            many = f"{counted(found, 'candidate')}, none confirmed; the first"
+            return f"{done}{many}: {rows[0].name}, {rows[0].share} runs violate {requirement.name}."
+        return f"{done}Nothing found: no run of the search violates {requirement.name} ({runs})."
     first = rows[0]
     if first.contacts and first.violated != "yes":
         return f"{first.name}. They touch in {first.contact} runs; {requirement.name} is violated in {first.share}."

@@ -11,7 +11,6 @@ from __future__ import annotations
 import base64
 import colorsys
 import json
-import math
 import zlib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -42,18 +41,17 @@ FIRST = ("#c4570a", "#0b8270", "#a23bb8", "#8a6d00", "#c2255c", "#3f7d20", "#6a5
 """Enough for most scenarios, chosen by hand: none is near the blue of the robot."""
 ROBOT_HUES = (200.0, 250.0)
 """Hues (degrees) that the robot's blue keeps for itself."""
+GOLDEN = 0.618034
+"""Step around the hues that are left, as a share: no two of many come close."""
 
 
 def distinct_colours(count: int) -> list[str]:
-    """Return `count` different colours as `#rrggbb`: hues around the circle, each dark and bright."""
-    if count <= len(FIRST):
-        return list(FIRST[:count])
+    """Return `count` different colours as `#rrggbb`; fewer are the first of more."""
+    found = list(FIRST[:count])
     free = 360.0 - (ROBOT_HUES[1] - ROBOT_HUES[0])
-    hues = math.ceil(count / 2)
-    found = []
-    for place in range(count):
-        hue = (ROBOT_HUES[1] + (place % hues + 0.5 * (place // hues)) * free / hues) % 360.0
-        channels = colorsys.hls_to_rgb(hue / 360.0, 0.36 if place < hues else 0.5, 0.75)
+    for place in range(count - len(FIRST)):
+        hue = (ROBOT_HUES[1] + place * GOLDEN % 1.0 * free) % 360.0
+        channels = colorsys.hls_to_rgb(hue / 360.0, (0.25, 0.35, 0.45)[place % 3], 0.75)
         found.append("#" + "".join(f"{round(255 * value):02x}" for value in channels))
     return found
 
@@ -134,8 +132,7 @@ def people_colours(runs: Sequence[Run]) -> dict[str, str | None]:
         if run.human_names and len(run.trajectory):
             closest = sampled(run).gap.min(axis=0)
             near |= {name for name, gap in zip(run.human_names, closest, strict=True) if gap <= INVOLVED_M}
-    involved = [name for name in names if name in near]
-    return dict.fromkeys(names) | dict(zip(involved, distinct_colours(len(involved)), strict=True))
+    return {n: css if n in near else None for n, css in zip(names, distinct_colours(len(names)), strict=True)}
 
 
 def _group(group: ReplayGroup, robot: Robot | None, unit: str) -> dict[str, Any]:

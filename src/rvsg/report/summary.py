@@ -177,18 +177,17 @@ def _ranked(candidate: Attempt, confirmation: Attempt | None, searched: Sequence
     )
 
 
-def junit_xml(plan: Plan, summary: Summary) -> str:
-    """Return a test case for each scenario, and one for each further configuration that is confirmed.
+Named = tuple[Plan, Summary, Mapping[str, str]]
+"""A campaign with the names of its configurations, by their numbers, as its answer gives them."""
+
+
+def junit_of(campaigns: Iterable[Named]) -> str:
+    """Return a test suite for each campaign, with a case for each scenario and each further confirmed configuration.
 
     Where there is a confirmation, confirmations decide: a candidate is skipped with that reason, because the search
     selected it for being extreme. A verdict that needs more runs or has no limit is skipped with the reason.
     """
-    return junit_of([(plan, summary)])
-
-
-def junit_of(campaigns: Iterable[tuple[Plan, Summary]]) -> str:
-    """Return the XML of several campaigns, a test suite for each."""
-    return _document(_suite(plan, summary) for plan, summary in campaigns)
+    return _document(_suite(*each) for each in campaigns)
 
 
 def _document(made: Iterable[ET.Element]) -> str:
@@ -202,15 +201,12 @@ def _document(made: Iterable[ET.Element]) -> str:
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(suites, encoding="unicode")}\n'
 
 
-def _suite(plan: Plan, summary: Summary) -> ET.Element:
+def _suite(plan: Plan, summary: Summary, names: Mapping[str, str]) -> ET.Element:
     name = clean(f"rvsg {plan.mission.world} {plan.mission.route.name} {plan.requirement.name}")
-    suite = ET.Element("testsuite", name=name)
-    alone = summary.confirmed is None
-    for entry in sorted(summary.ranking, key=lambda entry: entry.scenario):
-        suite.append(_case(name, f"scenario {entry.scenario + 1}", entry, plan, decides=alone))
-    for entry in summary.further:
-        case = f"scenario {entry.scenario + 1}, configuration {entry.configuration + 1}"
-        suite.append(_case(name, case, entry, plan, decides=alone))
+    suite, alone = ET.Element("testsuite", name=name), summary.confirmed is None
+    every = (*summary.ranking, *summary.further)
+    for entry in sorted(every, key=lambda entry: (entry.scenario, entry.configuration)):
+        suite.append(_case(name, f"{entry.number} {names[entry.number]}", entry, plan, decides=alone))
     return suite
 
 
@@ -218,6 +214,7 @@ def _properties(entry: Ranked) -> dict[str, str]:
     """Return the state of a scenario, and what its runs show beside the requirement."""
     seen = entry.seen
     found = {"state": entry.state, "attempt": str(entry.attempt)}
+    found["violated"] = f"{entry.verdict.violations}/{entry.verdict.runs}"
     if seen.contacts.of:
         found["contacts"] = f"{seen.contacts.runs} of {counted(seen.contacts.of, 'run')}"
     if seen.arrived.of:

@@ -36,7 +36,7 @@
 (function (root) {
   "use strict";
   const SVG = "http://www.w3.org/2000/svg";
-  const FAR_STEP = 5, PART_M = 0.25, SHORT_M = 0.03, SMALLEST_PX = 11.5, LARGEST_PX = 17;
+  const MANY = 4, FRAMES = 7, FAR_STEP = 5, PART_M = 0.25, SHORT_M = 0.03, SMALLEST_PX = 11.5, LARGEST_PX = 17;
   const SPEEDS = [0.25, 0.5, 1, 2, 5, 10];
   const LANES = [["gap", "gap"], ["contact", "contact"], ["standing", "standing"], ["recovery", "recovery"], ["violated", "violated"]];
 
@@ -211,6 +211,7 @@
     return read && read.localName === "svg" ? document.importNode(read, true) : svg(null, "svg", { viewBox: "-10 -10 20 20" });
   }
 
+  let mounted = 0;
   function mount(element, data, options) {
     options = Object.assign({ map: null, address: false, keys: element }, options);
     const gone = new AbortController(), signal = gone.signal;
@@ -247,6 +248,9 @@
     if (options.stage) map.classList.add("rp-wide");
     mapBox.appendChild(map);
     const whole = map.getAttribute("viewBox").split(/[ ,]+/).map(Number);
+    const ground = svg(map, "g", { id: "rp-ground-" + ++mounted });  /* the film strip shows it again */
+    Array.from(map.children).forEach(function (node) { if (!["text", "style", "title"].includes(node.localName) && node !== ground && !node.matches(".area-names")) ground.appendChild(node); });
+    map.insertBefore(ground, map.querySelector(":scope > text, :scope > .area-names"));
     const grid = svg(map, "g", { class: "rp-grid-points" }), layered = svg(map, "g", { class: "rp-layers" }), drawn = svg(map, "g", { class: "rp-drawn" });
     const lanes = html(left, "div", { class: "rp-lanes" });
     const controls = html(left, "div", { class: "rp-controls" });
@@ -268,13 +272,15 @@
       box.addEventListener("change", function () { show[each[0]] = box.checked; frame(); draw(); });
       switches[each[0]] = box;
     });
+    const film = html(left, "div", { class: "rp-film", "aria-hidden": "true" });
+    const zooms = html(mapBox, "div", { class: "rp-zoom" });
     [["\u2212", "Zoom out", 1.25], ["+", "Zoom in", 0.8]].forEach(function (each) {
-      html(toggles, "button", { type: "button", "aria-label": each[1] }, each[0]).addEventListener("click", function () { zoom(each[2], 0.5, 0.5); });
+      html(zooms, "button", { type: "button", "aria-label": each[1] }, each[0]).addEventListener("click", function () { zoom(each[2], 0.5, 0.5); });
     });
-    html(toggles, "button", { type: "button" }, "Fit").addEventListener("click", function () { look(null); });
+    html(zooms, "button", { type: "button" }, "Fit").addEventListener("click", function () { look(null); });
     const layerSwitches = html(left, "div", { class: "rp-controls rp-layer-switches", role: "group", "aria-label": "Layers" });
     const tools = html(options.stage ? element : left, "div", { class: "rp-controls rp-tools" });
-    const now = html(right, "p", { class: "rp-now" });
+    const now = html(options.stage ? left : right, "p", { class: "rp-now" });
     const moments = html(right, "div", { class: "rp-moments" });
     const charts = html(right, "div", { class: "rp-charts" });
     const tasks = html(right, "div", { class: "rp-tasks" });
@@ -296,19 +302,20 @@
       return { node: node, spans: spans, x: x, y: y, size: +node.getAttribute("font-size") || 0.4, longest: longest, turned: node.hasAttribute("transform") };
     });
     let areas = [];  /* where the names of areas stand */
-    /** Keep every name readable: at least 11.5 px, and hidden rather than over another name. */
+    /** Keep every name readable: at least 11.5 px, and hidden rather than cut or over another name. */
     function fit() {
-      const k = scale(), taken = areas = [];
+      const k = scale(), taken = areas = [], seen = map.getAttribute("viewBox").split(/[ ,]+/).map(Number);
       names.forEach(function (name) {
         const size = Math.min(Math.max(name.size, SMALLEST_PX / k), LARGEST_PX / k);
         name.node.style.fontSize = size + "px";
         name.spans.forEach(function (span, i) { span.setAttribute("y", name.y + (i - (name.spans.length - 1) / 2) * size * 1.14); });
-        let w = name.longest * size * 0.58, h = name.spans.length * size * 1.2;
+        let w = name.longest * size * 0.65, h = name.spans.length * size * 1.2;
         if (name.turned) [w, h] = [h, w];
-        const x = w < whole[2] ? clamp(name.x, whole[0] + w / 2, whole[0] + whole[2] - w / 2) : name.x;
+        const x = w < seen[2] && !name.turned ? clamp(name.x, seen[0] + w / 2, seen[0] + seen[2] - w / 2) : name.x;
         if (!name.turned) name.spans.forEach(function (span) { span.setAttribute("x", x); });
         const box = [x - w / 2, name.y - h / 2, x + w / 2, name.y + h / 2];
-        const free = apart(box, taken);
+        const inside = Math.abs(x - name.x) <= w / 2 && box[1] >= seen[1] && box[3] <= seen[1] + seen[3] && (!name.turned || box[0] >= seen[0] && box[2] <= seen[0] + seen[2]);
+        const free = inside && apart(box, taken);
         name.node.style.display = free ? "" : "none";
         if (free) taken.push(box);
       });
@@ -388,8 +395,8 @@
     }
 
     let parts = {};
-    function actor(kind, person) {
-      const node = svg(drawn, "g", { class: kind });
+    function actor(kind, person, parent) {
+      const node = svg(parent || drawn, "g", { class: kind });
       if (person) {
         node.style.color = person.colour || "var(--rp-far, #8a94a0)";
         if (person.outline) svg(node, "polygon", { points: person.outline.map(function (p) { return p.join(","); }).join(" ") });
@@ -425,6 +432,7 @@
         if (colour) { line.style.color = colour; if (past) past.style.color = colour; }
         return past;
       };
+      map.classList.toggle("rp-many", state.group.people.filter(function (person) { return person.colour; }).length > MANY);
       found.robotPast = trail(series, null, "rp-of-robot");
       state.group.people.forEach(function (person, h) {
         if (!series.people[h]) { found.people.push(null); return; }
@@ -433,7 +441,7 @@
       if (!ghost) found.near = svg(drawn, "line", { class: "rp-near" });
       found.people.forEach(function (each) { if (each) each.node = actor("rp-person" + (each.person.colour ? "" : " rp-uninvolved") + suffix, each.person); });
       found.robot = actor("rp-robot" + suffix, null);
-      if (!ghost) found.people.forEach(function (each) { if (each && each.person.colour) { each.leader = svg(drawn, "line", { class: "rp-leader" }); each.name = svg(drawn, "text", { class: "rp-name" }, each.person.name); each.name.style.color = each.person.colour; } });
+      if (!ghost) found.people.forEach(function (each) { if (each && each.person.colour) { each.leader = svg(drawn, "line", { class: "rp-leader" }); each.name = svg(drawn, "text", { class: "rp-name" }, each.person.name); } });
       return found;
     }
     let leaves = [], ends = [];
@@ -473,15 +481,15 @@
       return who;
     }
     const WAYS = [[0, -1], [0, 1], [1, 0], [-1, 0], [1, -1], [-1, -1], [1, 1], [-1, 1]];
-    /** Put the names of people, and "start" and "goal", where they cover neither each other nor a body; `far` ones get a line. */
+    /** Put the names of people, the nearest first, and "start" and "goal" where they cover neither each other nor a body, else hide them; `far` ones get a line. */
     function label(actors, robot, unit) {
       const shown = map.getAttribute("viewBox").split(/[ ,]+/).map(Number), size = 12.5 / unit, air = 3 / unit, taken = [];
       const boxed = function (x, y, rx, ry) { return [x - rx, y - ry, x + rx, y + ry]; };
       const free = function (box) {
         return box[0] >= shown[0] && box[1] >= shown[1] && box[2] <= shown[0] + shown[2] && box[3] <= shown[1] + shown[3] && apart(box, taken);
       };
-      const put = function (each, at, radius) {
-        const rx = each.name.textContent.length * size * 0.29, ry = size * 0.6, tries = [];
+      const put = function (each, at, radius, first) {
+        const rx = each.name.textContent.length * size * 0.31, ry = size * 0.6, tries = [];
         [radius + air, 2.5 * radius + 4 * air, 4 * radius + 10 * air].forEach(function (away, ring) {
           WAYS.forEach(function (way, k) {
             const x = at[0] + way[0] * (away + rx), y = at[1] + way[1] * (away + ry);
@@ -490,18 +498,24 @@
         });
         const before = tries[each.placed || 0];  /* a name stays where it is as long as it can */
         const clear = function (one) { return free(one.box) && apart(one.box, areas); };
-        const found = clear(before) && !before.far ? before : tries.find(clear) || tries.find(function (one) { return free(one.box); }) || tries[0];
+        const inside = at[0] >= shown[0] && at[1] >= shown[1] && at[0] <= shown[0] + shown[2] && at[1] <= shown[1] + shown[3];
+        const found = inside && (clear(before) && !before.far ? before : tries.find(clear) || (first && tries.find(function (one) { return free(one.box); })));
+        each.name.style.display = found ? "" : "none";
+        if (!found) { each.leader.style.display = "none"; return; }
         each.placed = found.key;
         taken.push(found.box);
         each.name.setAttribute("x", found.x); each.name.setAttribute("y", found.y + size * 0.35);
         each.leader.style.display = found.far ? "" : "none";
-        each.leader.setAttribute("x1", at[0]); each.leader.setAttribute("y1", at[1]); each.leader.setAttribute("x2", found.x); each.leader.setAttribute("y2", found.y);
+        each.leader.setAttribute("x1", at[0]); each.leader.setAttribute("y1", at[1]); 
+        const back = Math.min(rx / Math.abs(found.x - at[0]), ry / Math.abs(found.y - at[1]), 1);  /* as far as the name */
+        each.leader.setAttribute("x2", found.x + (at[0] - found.x) * back); each.leader.setAttribute("y2", found.y + (at[1] - found.y) * back);
       };
       const reach = state.group.robot.outline.reduce(function (most, q) { return Math.max(most, Math.hypot(q[0], q[1])); }, state.group.robot.radius);
       const named = actors.people.filter(function (each) { return each && each.name; });
       taken.push(boxed(robot[0], robot[1], reach, reach));
       named.forEach(function (each) { taken.push(boxed(each.at[0], each.at[1], each.person.radius, each.person.radius)); });
-      named.forEach(function (each) { put(each, each.at, each.person.radius); });
+      const away = function (each) { return Math.hypot(each.at[0] - robot[0], each.at[1] - robot[1]); };
+      named.sort(function (a, b) { return away(a) - away(b); }).forEach(function (each, k) { put(each, each.at, each.person.radius, k === 0); });
       ends.forEach(function (each) { put(each, each.at, 0.2); });
     }
     function place(actors, series, t) {
@@ -518,6 +532,7 @@
       if (actors.near) {
         const h = nearest(series, t);
         actors.near.style.display = h < 0 ? "none" : "";
+        actors.people.forEach(function (each, k) { if (each && each.past) each.past.classList.toggle("rp-nearest", k === h); });
         if (h >= 0) {
           const p = P(at(series.people[h].x, series, t), at(series.people[h].y, series, t));
           actors.near.setAttribute("x1", robot[0]); actors.near.setAttribute("y1", robot[1]);
@@ -540,6 +555,25 @@
         updates.push([chart(html(charts, "div", {}), { label: "gap to the nearest person, m", lines: both(function (s) { return { t: times(s), value: Array.from(s.gap) }; }), floor: 0, shade: 0, cut: 5, unit: "m" }, span, goTo), function (t) { return at(state.series.gap, state.series, t); }]);
       updates.push([chart(html(charts, "div", {}), { label: "speed of the robot, m/s", lines: both(function (s) { return { t: times(s), value: Array.from(s.v) }; }), floor: 0, unit: "m/s", last: true }, span, goTo), function (t) { return at(state.series.v, state.series, t); }]);
     }
+    /** Small pictures of the robot and its surroundings at equal times; click or drag to go there. */
+    let filmCursor = null;
+    function redrawFilm() {
+      film.textContent = "";
+      const series = state.series, width = film.clientWidth || 560, count = Math.min(FRAMES, Math.max(3, Math.floor(width / 80))), span = series.end - series.t0;
+      for (let k = 0; k < count; k++) {
+        const t = series.t0 + span * (k + 0.5) / count, p = P(at(series.x, series, t), at(series.y, series, t));
+        const box = svg(film, "svg", { viewBox: [p[0] - 3, p[1] - 2, 6, 4].join(" ") });
+        svg(box, "use", { href: "#" + ground.id });
+        state.group.people.forEach(function (person, h) {
+          if (series.people[h]) put(actor("rp-person", person, box), series, series.people[h], t);
+        });
+        put(actor("rp-robot", null, box), series, series, t);
+        html(film, "span", { style: "left:" + 100 * (k + 0.5) / count + "%" }, t.toFixed(0) + " s");
+      }
+      filmCursor = html(film, "i", {});
+      filmCursor.place = function (t) { filmCursor.style.left = 100 * (span ? (t - series.t0) / span : 0) + "%"; };
+    }
+    scrub(film, function (x) { if (state.series) { pause(); goTo(state.series.t0 + x / film.clientWidth * (state.series.end - state.series.t0)); } });
     let laneCursor = null;
     function redrawLanes() {
       lanes.textContent = "";
@@ -605,18 +639,21 @@
       const width = strip.clientWidth || 600, size = group.runs.length > 12 ? 14 : 24, stacks = {};
       let rows = 1;
       group.runs.map(function (run, k) { return [run, k]; }).sort(function (a, b) { return (a[0].objective || 0) - (b[0].objective || 0); }).forEach(function (each) {
-        const run = each[0];
-        const x = run.objective === null ? 1 : (run.objective - low) / (high - low);
+        const run = each[0], none = run.objective === null;
+        if (none && strip.querySelector(".rp-none")) return;  /* runs without a value: one mark */
+        const x = none ? 1 : (run.objective - low) / (high - low);
         const left0 = Math.round(x * (width - size - 8)) + 4;
         let level = 0;
         while ((stacks[level] === undefined ? -Infinity : stacks[level]) > left0) level++;
         stacks[level] = left0 + size - 3; rows = Math.max(rows, level + 1);
-        const dot = html(strip, "button", { type: "button", role: "radio", class: "rp-dot" + (run.violated ? " rp-bad" : "") + (state.marked.includes(run.id) ? " rp-marked" : ""), "data-run": run.id,
+        const dot = html(strip, "button", { type: "button", role: "radio", class: "rp-dot" + (none ? " rp-none" : "") + (run.violated ? " rp-bad" : "") + (state.marked.includes(run.id) ? " rp-marked" : ""), "data-run": run.id,
           "aria-checked": run === state.run ? "true" : "false", tabindex: run === state.run ? 0 : -1,
           "aria-label": title(run), title: title(run) });
         dot.style.left = left0 + "px"; dot.dataset.level = level;
         dot.addEventListener("click", function () { pause(); select(run.id); });
       });
+      const without = group.runs.filter(function (run) { return run.objective === null; }).length, mark = strip.querySelector(".rp-none");
+      if (without > 1) mark.title = without + " runs without a value; the first: " + mark.title;
       const rise = Math.min(size - 6, 28 / Math.max(1, rows - 1));  /* at most 72 px in all */
       strip.classList.toggle("rp-dense", size < 24);
       strip.querySelectorAll(".rp-dot").forEach(function (dot) { dot.style.bottom = dot.dataset.level * rise + 16 + "px"; });
@@ -671,7 +708,7 @@
       drawLayers();
       map.classList.toggle("rp-no-trails", !show.trails);
       updates.forEach(function (each) { each[0](state.t, each[1](state.t)); });
-      if (laneCursor) laneCursor.place(Math.min(state.t, state.series.end));
+      [laneCursor, filmCursor].forEach(function (cursor) { if (cursor) cursor.place(Math.min(state.t, state.series.end)); });
       slider.value = state.t;
       slider.setAttribute("aria-valuetext", state.t.toFixed(1) + " seconds");
       say();
@@ -749,7 +786,7 @@
       const at0 = state.marked.indexOf(state.run.id);
       chosen.style.display = state.marked.length > 1 ? "" : "none";
       chosenText.textContent = state.marked.length + " runs are selected" + (at0 < 0 ? "" : "; this is number " + (at0 + 1)) + ".";
-      redrawStrip(); redraw(); redrawLanes(); redrawCharts(); frame(); draw();
+      redrawStrip(); redraw(); redrawLanes(); redrawFilm(); redrawCharts(); frame(); draw();
       element.dispatchEvent(new CustomEvent("replaychange", { detail: api.state() }));
     }
     function fromAddress() {
@@ -811,7 +848,7 @@
       const sizes = new root.ResizeObserver(function () {
         if (!state.series || element.clientWidth === width) return;
         width = element.clientWidth;
-        redrawStrip(); redrawLanes(); redrawCharts(); frame(); draw();
+        redrawStrip(); redrawLanes(); redrawFilm(); redrawCharts(); frame(); draw();
       });
       sizes.observe(element);
       signal.addEventListener("abort", function () { sizes.disconnect(); });
