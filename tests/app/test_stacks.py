@@ -22,6 +22,7 @@ from rvsg.simulation.embedded.trace import trace
 from rvsg.stacks import Ended, Observation, StackChoice, Task, WholeStack
 
 EXAMPLE = str(Path(__file__).parents[2] / "examples" / "stacks" / "follow_the_plan.py") + ":FollowThePlan"
+NAMED = "follow_the_plan.py:FollowThePlan"
 SMALL = {"scenarios": 1, "refinements": 0, "repeats": 1, "confirmations": 0}
 
 
@@ -51,6 +52,13 @@ def test_a_file_or_a_folder_never_runs_code_that_the_user_does_not_name(tmp_path
     assert matrix is not None
     with pytest.raises(InputError):
         matrix.create()
+
+
+def test_the_answer_names_the_file_of_the_stack_under_test(tmp_path: Path) -> None:
+    file = Path(EXAMPLE).with_name("nav2_params.yaml")
+    for name, (stack, said) in enumerate({str(file): "nav2-dwb (nav2_params.yaml)", EXAMPLE: NAMED}.items()):
+        campaign = rvsg.Campaign.create(tmp_path / str(name), stack=stack, **SMALL)
+        assert campaign.answer.setup == ("warehouse", "route_1", "tiago_omni", said)
 
 
 def test_a_stack_file_beside_the_campaign_file_is_found(tmp_path: Path) -> None:

@@ -42,6 +42,8 @@ def test_the_overview_is_whole_and_leads_to_the_reports_beside_it_alone() -> Non
     assert "//" not in text and "script" not in reader.tags
     assert "2 campaigns in warehouse" in text and "rvsg run --seed 7" in text
     assert page(reported()) == page(reported()), "equal campaigns give equal overviews"
+    *rest, told = reported()
+    assert "stack nav2-rpp (mine.yaml)" in page((*rest, told.replace(setup=(*told.setup, "nav2-rpp (mine.yaml)"))))
 
     assert not {"script", "img"} & set(Reader.of(page(reported(generator=NastyGenerator()))).tags)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+import re
 from pathlib import Path
 from typing import Any
 
@@ -189,7 +190,8 @@ def test_every_stack_that_ships_passes_the_exam(name: str) -> None:
 
 
 def test_the_example_passes_the_exam() -> None:
-    check_stack(f"{EXAMPLE}:FollowThePlan")
+    said = check_stack(f"{EXAMPLE}:FollowThePlan")
+    assert re.search(r":FollowThePlan \S+ passes: it crosses an empty room in \d+\.\d s with \d+ calls", said)
 
 
 def test_stop_and_go_waits_before_a_person_and_nav2_drives_around() -> None:

@@ -167,8 +167,9 @@ class StoredCampaign:
     def _beside(self, ledger: Ledger, known: Summary) -> dict[str, Any]:
         """Return what the answer tells besides the attempts."""
         commands = next_commands(self.config, known) if self.resumable else {}
-        alone, stack = stored_alone(ledger, self.plan), stack_name(self.record.simulator)
-        return {"alone": alone, "stack": stack, "commands": commands}
+        name, given = stack_name(self.record.simulator), Path(self.config.stack or "").name
+        stack = f"{name} ({given})" if given and given != Path(name).name else name
+        return {"alone": stored_alone(ledger, self.plan), "stack": stack, "commands": commands}
 
     def runs(self) -> Iterator[Run]:
         """Return every run of the campaign, one at a time, in the order of the attempts."""

@@ -95,6 +95,7 @@ def render_overview(
         "overview.html",
         title=f"{counted(len(reported), 'campaign')} in {' and '.join(_worlds(reported))}",
         robot="; ".join(dict.fromkeys(robot_words(mission) for mission in missions)),
+        stack="; ".join(dict.fromkeys(stack for *_, told in reported for stack in told.setup[3:])),
         missing=missing,
         headline=_headline(reported),
         tiles=_tiles(reported),
