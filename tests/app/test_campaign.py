@@ -194,6 +194,30 @@ def test_a_report_of_a_world_whose_routes_changed_is_refused(tmp_path: Path, mon
         rvsg.Campaign.open(tmp_path / "one").report(world=tmp_path / "mine")
 
 
+def test_a_campaign_whose_world_has_changed_is_shown_with_what_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(SHIPPED / "warehouse", tmp_path / "mine")
+    head = tmp_path / "mine" / "world.yaml"
+    head.write_text(head.read_text(encoding="utf-8").replace("name: warehouse", "name: mine"), encoding="utf-8")
+    campaign = create(tmp_path / "one", world=str(tmp_path / "mine"))
+    list(campaign.run(jobs=1))
+    before = campaign.answer
+    shutil.rmtree(tmp_path / "one" / "inputs", ignore_errors=True)
+    objects = tmp_path / "mine" / "objects.yaml"
+    crate = "objects:\n  - {name: crate, box: {center: [0.5, 9.0, 0.4], size: [0.6, 0.6, 0.8]}}\n"
+    objects.write_text(objects.read_text(encoding="utf-8").replace("objects:\n", crate, 1), encoding="utf-8")
+    monkeypatch.setattr(world_lookup, "_worlds", {})
+    now = rvsg.Campaign.open(tmp_path / "one")
+    shown = now.answer
+    assert before.changes == "" and "The world has changed since" in shown.changes
+    facts = [(row.number, row.status, row.share, row.contact) for row in before.rows]
+    assert facts == [(row.number, row.status, row.share, row.contact) for row in shown.rows]
+    assert "The world has changed since" in now.report().read_text(encoding="utf-8")
+    with pytest.raises(InputError, check=coded("world-changed")):
+        now.world  # noqa: B018 - nothing is simulated in it
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("world", shipped_worlds())
 @pytest.mark.parametrize("robot", shipped_robots())

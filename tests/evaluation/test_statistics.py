@@ -10,6 +10,7 @@ from rvsg.evaluation.statistics import (
     censored_median,
     clopper_pearson,
     compare,
+    failing_band,
     fit_surface,
     holm,
     magnitude_of,
@@ -214,12 +215,22 @@ def test_the_parameter_that_matters_is_told_from_the_one_that_does_not() -> None
     shares = rng.random((200, 2))
     badness = 3.0 * shares[:, 0] + 0.3 * rng.standard_normal(200)
     surface = fit_surface(shares, list(badness > 1.5))
-    first, second = sensitivities(surface, ["speed", "delay"], shares, list(badness), seed=0)
+    bad = list(badness > 1.5)
+    first, second = sensitivities(surface, ["speed", "delay"], shares, list(badness), bad, seed=0)
+    assert first.band and second.band and first.band.told and not second.band.told
     assert first.share > 0.9 and second.share < 0.1
     assert first.at_high - first.at_low > 0.8
     assert first.p is not None and second.p is not None and first.p < 1e-10 and second.p > 0.05
-    assert sensitivities(surface, ["speed", "delay"], shares, list(badness), seed=0) == (first, second)
+    assert sensitivities(surface, ["speed", "delay"], shares, list(badness), bad, seed=0) == (first, second)
     shares = RNG(7).random((12, 1))
     surface = fit_surface(shares, [True] * 12)
-    (only,) = sensitivities(surface, ["speed"], shares, [None] * 12, seed=0)
-    assert (only.correlation, only.p) == (None, None), "too few values"
+    (only,) = sensitivities(surface, ["speed"], shares, [None] * 12, [True] * 12, seed=0)
+    assert (only.correlation, only.p, only.band) == (None, None, None), "too few values"
+
+
+def test_a_failing_middle_of_a_range_is_found_that_no_trend_shows_and_chance_is_not():
+    shares = RNG(3).random(60)
+    band = failing_band(shares, list((shares > 0.4) & (shares < 0.6)), seed=0)
+    assert band and band.told and 0.35 < band.low < band.high < 0.65 and band.outside[0] == 0
+    found = [failing_band(shares, list(RNG(k).random(60) < 0.3), seed=k) for k in range(60)]
+    assert sum(each is not None and each.told for each in found) <= 7, "about 5 % by chance"

@@ -250,7 +250,7 @@ def report_all(folder: Path, campaigns: Sequence[Campaign], command: str, *, mis
 def _pins(campaign: Campaign, reported: Reported) -> list[Pin]:
     link, plan, _, answer = reported
     with campaign.reading() as ledger:
-        return pins_of(link, plan, answer, campaign.world, ledger.run)
+        return pins_of(link, plan, answer, campaign.shown_world, ledger.run)
 
 
 def folders_in(folder: Path) -> list[Path]:

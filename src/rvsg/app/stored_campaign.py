@@ -32,7 +32,7 @@ from rvsg.report.summary import Summary, summarise
 from rvsg.scenario.builder import scenario_json
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
-from rvsg.scenario.world_lookup import world_of
+from rvsg.scenario.world_lookup import load_world, world_of
 from rvsg.simulation.run import Run
 from rvsg.simulation.simulators import by_content, described, stack_name, with_stack
 from rvsg.world.routes import fitted
@@ -72,9 +72,33 @@ class StoredCampaign:
     @property
     def world(self) -> World:
         """The world of its mission; InputError if that world has changed since."""
-        typed, begun_in = self.record.config["world"], self.record.provenance.begun_in
-        found = paths_of({"world": typed}, begun_in, self.folder).get(typed, typed)
-        return world_of(self.plan.mission, near=(Path(found),))
+        return world_of(self.plan.mission, near=(Path(self._world_found),))
+
+    @property
+    def shown_world(self) -> World:
+        """The world to show it in: that of its mission, or as it is today if it has changed (`changes`)."""
+        try:
+            return self.world
+        except InputError as error:
+            if error.code != "world-changed":
+                raise
+            return load_world(self._world_found)
+
+    @property
+    def changes(self) -> str:
+        """What its pages say where the world has changed since; empty where it has not."""
+        try:
+            check_same_route(self.plan.mission, self.world)
+        except InputError as error:
+            if error.code != "world-changed":
+                raise
+            return f"The world has changed since: verdicts are as stored, maps and places are today's. {error}"
+        return ""
+
+    @property
+    def _world_found(self) -> str:
+        typed, begun_in = str(self.record.config["world"]), self.record.provenance.begun_in
+        return paths_of({"world": typed}, begun_in, self.folder).get(typed, typed)
 
     @property
     def simulator(self) -> Spec:
@@ -118,7 +142,9 @@ class StoredCampaign:
         """Every confirmation with what it means, the worst first."""
         with self.reading() as ledger:
             attempts = list(ledger.attempts(self.name))
-            return findings(self.plan, attempts, run_of=ledger.run, world=self.world, procedure=self.record.judging)
+            return findings(
+                self.plan, attempts, run_of=ledger.run, world=self.shown_world, procedure=self.record.judging
+            )
 
     @property
     def distinct_failures(self) -> tuple[DistinctFailure, ...]:
@@ -130,7 +156,7 @@ class StoredCampaign:
         """The worst configuration of the search for every kind of encounter, the worst first."""
         with self.reading() as ledger:
             attempts = list(ledger.attempts(self.name))
-            return failure_map(attempts, self.requirement, run_of=ledger.run, world=self.world)
+            return failure_map(attempts, self.requirement, run_of=ledger.run, world=self.shown_world)
 
     @property
     def front(self) -> Front | None:
@@ -158,10 +184,10 @@ class StoredCampaign:
         """What the campaign says, in finished text; every page and the terminal show it."""
         with self.reading() as ledger:
             attempts, run_of = list(ledger.attempts(self.name)), cache(ledger.run)
-            found = findings(self.plan, attempts, run_of=run_of, world=self.world, procedure=self.record.judging)
+            found = findings(self.plan, attempts, run_of=run_of, world=self.shown_world, procedure=self.record.judging)
             known = summarise(self.plan, attempts)
             return answer_of(
-                self.plan, attempts, known, found, world=self.world, run_of=run_of, **self._beside(ledger, known)
+                self.plan, attempts, known, found, world=self.shown_world, run_of=run_of, **self._beside(ledger, known)
             )
 
     def _beside(self, ledger: Ledger, known: Summary) -> dict[str, Any]:
@@ -169,7 +195,8 @@ class StoredCampaign:
         commands = next_commands(self.config, known) if self.resumable else {}
         name, given = stack_name(self.record.simulator), Path(self.config.stack or "").name
         stack = f"{name} ({given})" if given and given != Path(name).name else name
-        return {"alone": stored_alone(ledger, self.plan), "stack": stack, "commands": commands}
+        alone = stored_alone(ledger, self.plan)
+        return {"alone": alone, "stack": stack, "commands": commands, "changes": self.changes}
 
     def runs(self) -> Iterator[Run]:
         """Return every run of the campaign, one at a time, in the order of the attempts."""
@@ -230,11 +257,12 @@ class StoredCampaign:
             overview: link to the overview of the folder that holds this one, which is linked anyway where it exists.
 
         Raises:
-            InputError: the world or its route has changed since the campaign was run.
+            InputError: `world` is another one, or its route has changed since the campaign was run.
         """
         page = Path(path) if path is not None else self.page()
-        place = self.world if world is None else world_of(self.plan.mission, world)
-        check_same_route(self.plan.mission, place)
+        place = self.shown_world if world is None else world_of(self.plan.mission, world)
+        if world is not None:
+            check_same_route(self.plan.mission, place)
         with self.reading() as ledger:
             attempts = list(ledger.attempts(self.name))
             above = self.folder.parent

@@ -329,9 +329,10 @@ def _explored(
     sensitive: tuple[Sensitivity, ...] = ()
     if len(judged) >= FEWEST:
         shares = shares_of(family.ranges, judged)
-        surface = fit_surface(shares, [bool(point.violated) for point in judged])
+        bad = [bool(point.violated) for point in judged]
+        surface = fit_surface(shares, bad)
         badness = [None if p.objective is None else requirement.badness(p.objective) for p in judged]
-        sensitive = sensitivities(surface, [each.name for each in family.ranges], shares, badness, seed=seed)
+        sensitive = sensitivities(surface, [each.name for each in family.ranges], shares, badness, bad, seed=seed)
     return Exploration(
         scenario=family.middle,
         ranges=family.ranges,

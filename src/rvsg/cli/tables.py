@@ -47,6 +47,8 @@ def show_answer(answer: Answer, *, page: str, again: str) -> None:
     """
     say(Text.assemble((answer.status, STYLES[answer.tone]), "  ", answer.title, "  ", ("  ".join(answer.setup), "dim")))
     _line("", answer.headline)
+    if answer.changes:
+        _line("!", answer.changes, "warn")
     if answer.alone is not None:
         _line("alone", answer.alone.warning or answer.alone.text, "warn" if answer.alone.warning else None)
     if answer.rows:

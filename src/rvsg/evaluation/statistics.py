@@ -306,6 +306,72 @@ class Surface(Record):
         return _logistic(middle - spread), _logistic(middle + spread)
 
 
+class Band(Record):
+    """The part of a parameter's range in which runs violate most, and how surely it is told from the rest."""
+
+    low: float
+    """A share of the range, as `high`."""
+    high: float
+    inside: tuple[int, int]
+    """Violating runs, and all runs."""
+    outside: tuple[int, int]
+    p: float
+    """Of violations that do not depend on the parameter; corrected by Holm over the parameters."""
+
+    @property
+    def told(self) -> bool:
+        """Whether it is told apart at 5 %."""
+        return self.p < 0.05
+
+
+BINS, DRAWS = 24, 999
+"""A band begins and ends at one of so many quantiles; it is compared with so many random orders of the runs."""
+
+
+def failing_band(shares: Floats, violated: Sequence[bool], *, seed: int) -> Band | None:
+    """Return the band of a parameter (N shares) with most violations for its runs; None where all or none violate.
+
+    A scan statistic: the likelihood ratio of one rate inside and another outside, over all bands. It finds a failing
+    middle that a rank correlation and a flat surface do not show.
+    """
+    y = np.asarray(violated, dtype=np.int64)
+    if not 0 < y.sum() < len(y):
+        return None
+    bins = np.array_split(np.argsort(shares, kind="stable"), min(BINS, len(y)))
+    sizes = np.array([len(each) for each in bins])
+    ends = [(i, j) for i in range(len(bins)) for j in range(i + 1, len(bins) + 1) if j - i < len(bins)]
+    first, last = np.array(ends).T
+    runs = np.concatenate([[0], sizes.cumsum()])[last] - np.concatenate([[0], sizes.cumsum()])[first]
+
+    def scores(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], Floats]:
+        reached = np.concatenate([np.zeros((len(counts), 1), np.int64), counts.cumsum(axis=1)], axis=1)
+        hits = reached[:, last] - reached[:, first]
+        inside, outside = hits / runs, (y.sum() - hits) / (len(y) - runs)
+        ratio = _entropy(inside) * runs + _entropy(outside) * (len(y) - runs)
+        return hits, np.where(inside > outside, ratio, -math.inf)
+
+    hits, found = scores(np.array([[y[each].sum() for each in bins]]))
+    rng = np.random.default_rng(seed)
+    drawn = rng.multivariate_hypergeometric(sizes, int(y.sum()), size=DRAWS, method="marginals")
+    k = int(found[0].argmax())
+    as_good = int((scores(drawn)[1].max(axis=1) >= found[0, k] - 1e-9).sum())
+    band = np.concatenate(bins[first[k] : last[k]])
+    return Band(
+        low=float(shares[band].min()),
+        high=float(shares[band].max()),
+        inside=(int(hits[0, k]), int(runs[k])),
+        outside=(int(y.sum() - hits[0, k]), int(len(y) - runs[k])),
+        p=(1 + as_good) / (1 + DRAWS),
+    )
+
+
+def _entropy(share: Floats) -> Floats:
+    """Return the mean log likelihood of a share of violations where that share violates."""
+    from scipy.special import xlogy
+
+    return np.asarray(xlogy(share, share) + xlogy(1.0 - share, 1.0 - share))
+
+
 class Sensitivity(Record):
     """What one parameter does to the violation probability and to the objective."""
 
@@ -320,6 +386,8 @@ class Sensitivity(Record):
     """Spearman's rank correlation of the parameter with the badness of the objective; positive: larger is worse."""
     p: float | None
     """Of no correlation, corrected by Holm over the parameters."""
+    band: Band | None = None
+    """Where in the range runs violate most; None where all or none do."""
 
 
 def fit_surface(shares: Floats, violated: Sequence[bool]) -> Surface:
@@ -343,7 +411,13 @@ def fit_surface(shares: Floats, violated: Sequence[bool]) -> Surface:
 
 
 def sensitivities(
-    surface: Surface, names: Sequence[str], shares: Floats, badness: Sequence[float | None], *, seed: int
+    surface: Surface,
+    names: Sequence[str],
+    shares: Floats,
+    badness: Sequence[float | None],
+    violated: Sequence[bool],
+    *,
+    seed: int,
 ) -> tuple[Sensitivity, ...]:
     """Return what each parameter does.
 
@@ -363,10 +437,12 @@ def sensitivities(
         found = stats.spearmanr(column, values)
         correlations.append((float(found.statistic), float(found.pvalue)))
     corrected = holm({name: pair[1] for name, pair in zip(names, correlations, strict=True) if pair})
+    bands = [failing_band(column, violated, seed=seed) for column in shares.T]
+    band_p = holm({name: band.p for name, band in zip(names, bands, strict=True) if band})
     indices = _total_indices(surface, len(names), seed)
     grid = stats.qmc.LatinHypercube(len(names), rng=np.random.default_rng(seed)).random(512)
     result = []
-    for k, (name, pair) in enumerate(zip(names, correlations, strict=True)):
+    for k, (name, pair, band) in enumerate(zip(names, correlations, bands, strict=True)):
         low, high = grid.copy(), grid.copy()
         low[:, k], high[:, k] = 0.0, 1.0
         result.append(
@@ -377,6 +453,7 @@ def sensitivities(
                 at_high=float(surface.probability(high).mean()),
                 correlation=pair[0] if pair else None,
                 p=corrected.get(name),
+                band=band and band.replace(p=band_p[name]),
             )
         )
     return tuple(result)

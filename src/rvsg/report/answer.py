@@ -159,6 +159,8 @@ class Answer(Record):
     counts: str
     """How many configurations violate the requirement, and how often."""
     figures: tuple[Figure, ...]
+    changes: str = ""
+    """What has changed since, so that maps and places are not as they were."""
     alone: DroveAlone | None
     """The robot without people; None where an older version ran the campaign."""
     elsewhere: Elsewhere | None
@@ -386,6 +388,7 @@ def answer_of(
     alone: Attempt | None = None,
     stack: str = "",
     commands: Mapping[str, str] | None = None,
+    changes: str = "",
 ) -> Answer:
     """Return the answer of a campaign, finished or not.
 
@@ -395,6 +398,7 @@ def answer_of(
         alone: The runs of the robot without people.
         stack: The stack under test.
         commands: Commands of next steps by name: `contact`, `confirm`, `keep`, `planner`, `more`, `resume`.
+        changes: What has changed since it ran.
     """
     requirement, by_index = plan.requirement, {attempt.index: attempt for attempt in attempts}
     latest = {attempt.confirms: attempt for attempt in confirmations(attempts)}
@@ -421,6 +425,7 @@ def answer_of(
         headline=_headline(plan, summary, rows, strongest, attempts),
         counts=_counts(rows),
         figures=_figures(rows[0], requirement) if rows else (),
+        changes=changes,
         alone=drove_alone(plan, alone) if alone is not None else None,
         elsewhere=elsewhere,
         next=_next_steps(plan, summary, rows, elsewhere, strongest, commands or {}),

@@ -24,6 +24,7 @@ from rvsg.report.renderer import component, render, script_safe
 from rvsg.report.replay_data import ReplayGroup, replay_payload
 from rvsg.report.run_facts import RunFacts
 from rvsg.report.stills import Turn, floor_svg, plan_markup
+from rvsg.report.words import dependence, trend
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.variation import Range
@@ -270,7 +271,8 @@ def response_svg(found: Exploration, *, alone: bool = False) -> Markup:
 def response_page(found: Exploration) -> str:
     """Return an exploration as an HTML page that loads nothing."""
     low, high = found.interval
-    ordered = sorted(found.sensitivities, key=lambda each: -each.share)
+    ordered = sorted(found.sensitivities, key=lambda each: (each.band.p if each.band else 1.0, -each.share))
+    ranges = {each.name: each for each in found.ranges}
     degree = None if found.surface is None else found.surface.degree
     values = {
         "found": found,
@@ -278,7 +280,9 @@ def response_page(found: Exploration) -> str:
         "probability": f"{found.violations / found.runs:.0%}",
         "interval": f"{low:.0%} to {high:.0%}",
         "limit": number(found.requirement.threshold or 0.0, found.requirement.unit),
-        "rows": [(next(r for r in found.ranges if r.name == each.name), each) for each in ordered],
+        "rows": [
+            (ranges[each.name], each, dependence(each, ranges[each.name], flat=True), trend(each)) for each in ordered
+        ],
         "degree": degree,
         "invalid": sum(bool(point.problems) for point in found.points),
     }

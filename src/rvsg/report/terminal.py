@@ -22,6 +22,7 @@ from rvsg.evaluation.verdict import (
 )
 from rvsg.generation.generator import Call, Proposal
 from rvsg.generation.vlm.model import Spending
+from rvsg.report.words import dependence, trend
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.validity import warnings
 from rvsg.simulation.run import Run
@@ -151,13 +152,11 @@ def describe_exploration(found: Exploration) -> str:
         lines.append(f"{invalid} of {len(found.points)} points are no valid scenario and were not run.")
     if found.surface is None:
         return "\n".join([*lines, f"A surface needs at least {FEWEST} runs."])
-    if found.surface.degree == 0:
-        lines.append("How often the requirement is violated shows no dependence on the ranges.")
-    for each in sorted(found.sensitivities, key=lambda s: -s.share):
-        told = f"  {each.name}: {100 * each.at_low:.0f} % at the low end, {100 * each.at_high:.0f} % at the high end"
-        if each.p is not None and each.correlation is not None:
-            told += f"; rank correlation with the objective {each.correlation:+.2f} (p {each.p:.2g})"
-        lines.append(told)
+    ranges = {each.name: each for each in found.ranges}
+    for each in sorted(found.sensitivities, key=lambda s: (s.band.p if s.band else 1.0, -s.share)):
+        lines.append(f"  {each.name}: {dependence(each, ranges[each.name], flat=found.surface.degree == 0)}")
+        if said := trend(each):
+            lines.append(f"    {found.requirement.name}: {said}")
     return "\n".join(lines)
 
 

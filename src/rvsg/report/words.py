@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from rvsg.evaluation.metrics.measurement import find_metric
+from rvsg.evaluation.statistics import Sensitivity
 from rvsg.evaluation.story import Sentence
-from rvsg.evaluation.verdict import counted
+from rvsg.evaluation.verdict import counted, number
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
+from rvsg.scenario.variation import Range
 from rvsg.simulation.run import Run
 
 
@@ -34,6 +36,28 @@ def direction(requirement: Requirement) -> str:
 def shown_at(t_s: float) -> str:
     """Return the tenth of a second at which the replay shows what happens at a time: the first that is not before."""
     return f"{math.ceil(10 * t_s - 1e-6) / 10:.1f}"
+
+
+def dependence(each: Sensitivity, of: Range, *, flat: bool) -> str:
+    """Return how the violations depend on a range, as far as the runs tell it from chance.
+
+    Args:
+        flat: whether the fitted surface is flat.
+    """
+    if each.band is None:
+        return "the same everywhere"
+    (bad, runs), (others, rest), p = each.band.inside, each.band.outside, f"p {each.band.p:.2g}"
+    said = f"{bad}/{runs} violate from {of.at(each.band.low):.2f} to {of.at(each.band.high):.2f}"
+    said += f", {others}/{rest} elsewhere ({p}{'' if each.band.told else ', not told apart'})"
+    ends = f"{100 * each.at_low:.0f} % at the low end, {100 * each.at_high:.0f} % at the high end"
+    return said if flat else f"{said}; fitted: {ends}"
+
+
+def trend(each: Sensitivity) -> str:
+    """Return the trend of the objective over a range; empty where it is not known or not told apart."""
+    if each.correlation is None or each.p is None or each.p >= 0.05:
+        return ""
+    return f"larger is {'worse' if each.correlation > 0 else 'better'} ({each.correlation:+.2f}, p {each.p:.2g})"
 
 
 def untimed(sentence: Sentence) -> str:

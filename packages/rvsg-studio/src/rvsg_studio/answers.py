@@ -302,13 +302,12 @@ def still(workspace: Workspace, given: dict[str, Any]) -> Response:
         raise InputError("The request has no time 't'.") from None
     with campaign.reading() as ledger:
         runs = {each: ledger.run(each) for each in ids}
-    plan, robot = floor_plan(campaign.world, tooltips=False), campaign.plan.mission.robot_record
+    world, robot = campaign.shown_world, campaign.plan.mission.robot_record
+    plan = floor_plan(world, tooltips=False)
     outline, colours = footprint_of(runs[run_id], robot), people_colours([*runs.values()])
     drawn = Look(turn=Turn.of(plan.matrix), view_box=plan.view_box, outline=outline, colours=colours)
     head, rest = frame(runs[run_id], moment_s, drawn, "").split(">", 1)
-    floor = (
-        f'<style>{look()}{area_colours(campaign.world, plan)}</style><defs><g id="rvsg-floor">{plan.shapes}</g></defs>'
-    )
+    floor = f'<style>{look()}{area_colours(world, plan)}</style><defs><g id="rvsg-floor">{plan.shapes}</g></defs>'
     picture = f'{head} xmlns="http://www.w3.org/2000/svg" font-family="sans-serif">{floor}{rest}'
     return Response(picture, media_type="image/svg+xml", headers={"cache-control": "private, max-age=86400"})
 

@@ -186,7 +186,7 @@ def related(attempts: Sequence[Attempt], index: int) -> list[Attempt]:
 
 def replay_of_attempts(campaign: Campaign, attempts: Iterable[Attempt]) -> dict[str, Any]:
     """Return the data of the replay component for stored attempts of a campaign, in this order."""
-    world = campaign.world
+    world = campaign.shown_world
     with campaign.reading() as ledger:
         facts = facts_of(attempts, campaign.requirement, world, ledger.run)
     return _data(facts, campaign.plan.mission, campaign.requirement, world)

@@ -220,6 +220,8 @@ class Live:
             with tag("p"):
                 chip(self.answer.status, self.answer.tone)
                 tag("strong", f" {self.answer.headline}")
+            if self.answer.changes:
+                tag("p", self.answer.changes, cls="strip warn")
             if alone is not None:
                 tag("p", f"Alone: {alone.warning or alone.text}", cls=f"strip{' warn' if alone.warning else ''}")
             if elsewhere is not None:

@@ -62,6 +62,8 @@ class Shown:
     row: Row
     note: Note
     confirmed: bool
+    changes: str
+    """What has changed since the campaign ran."""
 
     @property
     def scenario(self) -> rvsg.Scenario:
@@ -119,7 +121,7 @@ def read(workspace: Workspace, folder: str, name: str, index: int) -> Shown:
     row = next((r for r in answer.rows if index == (r.attempt if r.confirmation is None else r.confirmation)), None)
     if row is None:  # another configuration of its scenario is more severe
         with campaign.reading() as ledger:
-            row = answer_of_runs(campaign.plan, attempt, world=campaign.world, run_of=ledger.run).rows[0]
+            row = answer_of_runs(campaign.plan, attempt, world=campaign.shown_world, run_of=ledger.run).rows[0]
     return Shown(
         campaign=campaign,
         folder=folder,
@@ -127,6 +129,7 @@ def read(workspace: Workspace, folder: str, name: str, index: int) -> Shown:
         row=row,
         note=notes_of(workspace.path(folder)).findings.get(attempt.proposal.scenario.id, Note()),
         confirmed=any(a.confirms == index and a.purpose == "confirmation" for a in attempts),
+        changes=answer.changes,
     )
 
 
@@ -135,6 +138,8 @@ def lay_out(made: Page, shown: Shown, failures: Sequence[Failure]) -> None:
     with tag("div", cls="st-actions st-head"):
         _facts(shown, failures)
         _actions(made, shown)
+    if shown.changes:
+        tag("p", shown.changes, cls="strip warn")
     with tag("div", cls="st-panes"):
         with tag("section", cls="st-runs", aria_label="Runs", tabindex="0"):
             tag("div", id="runs")
