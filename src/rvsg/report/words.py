@@ -10,7 +10,7 @@ from typing import Any
 from rvsg.evaluation.metrics.measurement import find_metric
 from rvsg.evaluation.statistics import Sensitivity
 from rvsg.evaluation.story import Sentence
-from rvsg.evaluation.verdict import counted, number
+from rvsg.evaluation.verdict import counted
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.scenario.variation import Range
