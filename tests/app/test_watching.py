@@ -97,8 +97,13 @@ def test_a_campaign_is_watched(suite: rvsg.Suite, tmp_path: Path) -> None:
     settings = {"simulator": FAST, "scenarios": 1, "refinements": 0, "repeats": 2, "confirmations": 0}
     campaign = rvsg.Campaign.create(tmp_path / "c", generator="random", route="route_1", **settings)
     list(campaign.run(jobs=1))
-    journal = watch(suite, tmp_path / "c", tmp_path / "w", rules=RuleSet(near=0.0), **ONCE)
+    twice = tmp_path / "both"  # two campaigns of the same runs
+    for name in "ab":
+        shutil.copytree(tmp_path / "c", twice / name)
+    journal = watch(suite, twice, tmp_path / "w", rules=RuleSet(near=0.0), **ONCE)
     assert journal.seen == {run.id for run in campaign.runs()}
+    assert "2 new runs" in next(note.text for note in journal.notes if note.part == "monitor")
+    assert next(note.symptom.version for note in journal.notes if note.symptom is not None) == FAST
 
 
 def test_time_is_bounded(suite: rvsg.Suite, field: Path, tmp_path: Path) -> None:
@@ -117,6 +122,8 @@ def test_the_verb(terminal: Terminal, suite: rvsg.Suite, field: Path) -> None:
     given = [*watched, "--monitor", str(field), "--out", "w", "--simulator", FAST]
     terminal(given, "--cycles 1")
     assert Path("w/watch.log").read_text().count("\n") == len(Journal(Path("w/watch.jsonl")).notes)
+    Path("empty").mkdir()
+    assert "empty holds no campaign" in terminal([*watched, "--monitor", "empty", "--out", "e"], "--cycles 1")
     terminal(watched, code=2)
     terminal(given, "--for soon", code=2)
     terminal(given, "--rules none.yaml", code=2)

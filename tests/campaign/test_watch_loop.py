@@ -191,6 +191,13 @@ def test_a_plan_that_breaks_a_rule_is_refused_with_the_rule_on_record(
     assert [note.outcome for note in made.journal.notes if note.part == "legitimate"] == ["refused"]
 
 
+def test_the_rules_for_new_people_do_not_refuse_a_case_of_the_suite(tmp_path: Path, crossing: Scenario) -> None:
+    rules = DeclaredRules(RuleSet(start_gap_m=50.0), rvsg.load_world("warehouse"), frozenset)
+    (plan,) = Scripted(crossing).plan(violated("a"), 0)
+    assert rules.decide(plan, spent=0)[0] == "refused"
+    assert rules.decide(plan.replace(is_case=True), spent=0) == ("accepted", ("all rules hold",))
+
+
 def test_a_plan_waits_for_a_person_and_is_asked_once(tmp_path: Path, crossing: Scenario) -> None:
     parts = Scripted(crossing, ["a"])
     made = loop(tmp_path, parts, RuleSet(approval="new"))

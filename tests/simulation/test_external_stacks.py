@@ -198,10 +198,11 @@ int main() { Probe probe; return rvsg::serve(probe); }
 """
 
 FAULTS = {
-    "crash": ("raise ValueError('no map')", ""),
-    "exit": ("os._exit(3)", ""),
+    "crash": ("raise ValueError('no map')", "ended (exit code 1: "),
+    "exit": ("os._exit(3)", "ended (exit code 3)"),
+    "signal": ("os.abort()", "ended (signal SIGABRT"),
     "middle": ("os.write(4, b'')\nos._exit(0) if seen.t < 1 else None\nreturn None", ""),
-    "hang": ("time.sleep(1000)", ""),
+    "hang": ("time.sleep(1000)", "it did not answer within 10 s"),
     "status": ("return rvsg_client.REACHED", ""),
     "flood": ("os.write(OUT, b'x' * 60000)", "standard output"),
 }

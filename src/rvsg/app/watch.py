@@ -33,7 +33,7 @@ from rvsg.core.documents import read_document
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.plugins import Spec, ignore
 from rvsg.generation.generator import Generator
-from rvsg.simulation.simulators import Simulator
+from rvsg.simulation.simulators import Simulator, by_content, stack_in_words
 from rvsg.store.knowledge_base import open_knowledge
 from rvsg.world.world import World
 
@@ -47,6 +47,7 @@ class CampaignMonitor:
 
     def new(self, seen: frozenset[str]) -> Iterator[Watched]:
         """Yield the runs that are not among those seen."""
+        known = set(seen)  # attempts share runs
         for folder in _campaign_folders(self.folder):
             try:
                 campaigns = campaigns_in(folder, optional=True)
@@ -54,11 +55,13 @@ class CampaignMonitor:
                 self._new.append(f"{folder.name} cannot be read yet: {error}")
                 continue
             for campaign in campaigns:
-                version, route = str(campaign.record.simulator), campaign.plan.mission.route.name
+                simulator, route = campaign.record.simulator, campaign.plan.mission.route.name
+                version = stack_in_words(by_content(simulator, simulator.options))
                 with reading(campaign.source) as ledger:
                     attempts = [a for a in ledger.attempts(campaign.name) if a.purpose in ("search", "confirmation")]
                     for run_id in (m.run_id for attempt in attempts for m in attempt.measurements):
-                        if run_id not in seen:
+                        if run_id not in known:
+                            known.add(run_id)
                             yield Watched(source=run_id, route=route, version=version, run=ledger.run(run_id))
 
     def troubles(self) -> Sequence[str]:
@@ -118,7 +121,7 @@ def watch(
         InputError: there is nothing to watch, the suite is empty or of several worlds, or another watch works in `out`.
     """
     if monitor is None:
-        raise InputError("What is to be watched? Give --monitor DIR, a folder of recordings or of campaigns.")
+        raise InputError("Nothing to watch. Give --monitor DIR, a folder of recordings or of campaigns.")
     opened = suite if isinstance(suite, Suite) else Suite.open(suite)
     cases = LiveSuite(opened, lambda: subject.version)
     chosen, writer = _rules(opened, rules), make_generator(generator)

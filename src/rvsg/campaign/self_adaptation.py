@@ -181,7 +181,10 @@ class DeclaredRules:
 
     def decide(self, planned: Planned, *, spent: int) -> Decision:
         """Decide on a plan by validity, plausibility, safety of the people, budget and approval, in this order."""
-        broken = [*self._implausible(planned), *self._unsafe(planned)]
+        found = validity.check(planned.scenario.people, planned.scenario.mission, self.world)
+        broken = [f"validity: {finding}" for finding in found]
+        if not planned.is_case:  # the people of a case were accepted when it was added
+            broken += [*self._implausible(planned), *self._unsafe(planned)]
         if planned.runs > self.rules.max_runs_per_plan:
             most = self.rules.max_runs_per_plan
             broken.append(f"budget: {planned.runs} runs, at most {most} for one plan")
@@ -211,8 +214,6 @@ class DeclaredRules:
         return "waits", ("write_back: a person has to approve it",)
 
     def _implausible(self, planned: Planned) -> Iterator[str]:
-        for finding in validity.check(planned.scenario.people, planned.scenario.mission, self.world):
-            yield f"validity: {finding}"
         low, high = self.rules.speed_m_s
         people = planned.scenario.people.humans
         if len(people) > self.rules.max_people:

@@ -58,6 +58,7 @@ def watch(
     from rvsg.app import watch
     from rvsg.campaign.self_adaptation import in_words
     from rvsg.core.errors import Interrupted
+    from rvsg.evaluation.verdict import counted
 
     if approve is not None:
         watch.approve(out, approve, on_message=say)
@@ -85,4 +86,7 @@ def watch(
     except KeyboardInterrupt:
         command = as_started(f"rvsg watch {suite} --monitor {monitor} --out {out}")
         raise Interrupted(f"Interrupted; finished work is kept. Resume with: {command}") from None
-    say(f"{journal.cycle} cycles, {journal.spent} runs; the log is {journal.words}")
+    if not journal.seen:
+        say(f"{monitor} holds no campaign and no recording (.mcap, .db3, rosbag2) that can be read.")
+    done, spent = counted(journal.cycle, "cycle"), counted(journal.spent, "run")
+    say(f"{done}, {spent}; the log is {journal.words}")

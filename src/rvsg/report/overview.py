@@ -286,11 +286,12 @@ def coverage_page(coverages: Sequence[tuple[Coverage, World]]) -> str:
 def coverage_text(coverage: Coverage) -> str:
     """Return the coverage of a world as lines for a terminal."""
     width = max((len(each.route) for each in coverage.routes), default=0)
-    lines = [f"{coverage.world}: {coverage.scenarios} scenarios, {coverage.runs} runs read for encounters", ""]
+    held, read = counted(coverage.scenarios, "scenario"), counted(coverage.runs, "run")
+    lines = [f"{coverage.world}: {held}, {read} read for encounters", ""]
     for each in coverage.routes:
         judged = ", ".join(f"{name} {count}" for name, count in each.requirements.items() if count)
         met = ", ".join(f"{name} {count}" for name, count in each.encounters.items() if count)
-        lines.append(f"  {each.route:{width}}  {each.scenarios:3} scenarios  {judged or 'no requirement'}")
+        lines.append(f"  {each.route:{width}}  {counted(each.scenarios, 'scenario'):>13}  {judged or 'no requirement'}")
         if met:
             lines.append(f"  {'':{width}}  runs with: {met}")
     lines += ["", "Untested:" if coverage.untested else "Everything listed is tested."]
