@@ -7,9 +7,10 @@ from typing import Annotated, Any
 
 import typer
 
+from rvsg.app.settings import effective
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
-from rvsg.cli.options import AsJson
+from rvsg.cli.options import AsJson, Jobs, Requirement, setting_options
 
 app = verb(no_args_is_help=True, help="Make scenarios and suites of recordings of a real robot.")
 
@@ -17,6 +18,10 @@ File = Annotated[Path, typer.Argument(help="A rosbag2, or tracks as .csv, .parqu
 World = Annotated[str | None, typer.Option(help="The world of the recording: a shipped world or a world folder.")]
 PeopleTopic = Annotated[str | None, typer.Option(help="The topic with the people, or the laser scans to find them in.")]
 PeopleFrames = Annotated[str | None, typer.Option(metavar="PATTERN", help="Transform frames of people: 'person_*'.")]
+Robot = Annotated[str | None, typer.Option(help="A shipped robot (`rvsg robots`) or a robot file.")]
+People = Annotated[
+    str, typer.Option(help="as-recorded, intent, or blended: recorded until the robot differs, then with intent.")
+]
 RobotTopic = Annotated[str | None, typer.Option(help="The odometry topic.")]
 
 
@@ -67,6 +72,73 @@ def inspect(
         say(f"After cleaning, seconds of the drive: {said}.")
     for note in notes:
         say(f"- {note}")
+
+
+@app.command()
+@setting_options("simulator", "simulator_options", "stack", "stack_options")
+def scenario(
+    settings: dict[str, Any],
+    file: File,
+    world: World = None,
+    route: Annotated[str | None, typer.Option(help="The route that the robot drove. [its poses and its goal]")] = None,
+    robot: Robot = None,
+    people: People = "blended",
+    limit: Annotated[float, typer.Option(min=0.05, help="How far the robot may differ for blended people, m.")] = 0.5,
+    requirement: Requirement = "R1",
+    runs: Annotated[int, typer.Option(min=1, help="Runs that are compared with the recording.")] = 5,
+    people_topic: PeopleTopic = None,
+    people_frames: PeopleFrames = None,
+    robot_topic: RobotTopic = None,
+    jobs: Jobs = 1,
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Write the scenario here.")] = Path("scenario.json"),
+    html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a page with both drives.")] = None,
+    json: AsJson = False,
+) -> None:
+    """Make a scenario of a recording, run it, and say whether it repeats what happened.
+
+    Without --world, the map of the recording becomes a world beside the scenario. Names of people are left out. The
+    scenario is one like any other: simulate it, shrink it, explore ranges around it, keep it in a suite.
+    """
+    from rvsg.app.recordings import rebuild, world_of_recording
+    from rvsg.core.outputs import check_writable, write_text
+    from rvsg.recording.tracks import load_recording
+    from rvsg.scenario.builder import scenario_json
+    from rvsg.scenario.world_lookup import as_world
+
+    for path in (out, html):
+        if path is not None:
+            check_writable(path)
+    chosen = effective(None, {}, settings)
+    place = as_world(world) if world is not None else None
+    topics = {"people_topic": people_topic, "robot_topic": robot_topic, "people_frames": people_frames}
+    recording = load_recording(file, world=place, **topics)
+    place = world_of_recording(recording, place, out.with_suffix("").with_name(f"{out.stem}-world"))
+    made = rebuild(
+        recording,
+        place,
+        requirement,
+        runs=runs,
+        route=route,
+        jobs=jobs,
+        simulator=chosen.simulator_spec,
+        stack=chosen.stack_spec(),
+        on_message=say,
+        people=people,
+        limit_m=limit,
+        robot=robot,
+    )
+    write_text(out, scenario_json(made.made.scenario))
+    if html is not None:
+        write_text(html, made.page())
+    if json:
+        print_json(made.to_dict())
+    for note in made.notes:
+        say(f"- {note}")
+    for each in made.fidelities:
+        said = " ".join(each.differences) or "repeats the recording."
+        say(f"seed {each.seed}: {said}")
+    say(made.verdict)
+    say(f"Scenario: {out}" + (f"; page: {html}" if html is not None else ""))
 
 
 def _person(person: Any) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from rvsg.core import plugins
 from rvsg.core.errors import FileError
 from rvsg.core.records import Record
+from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.archive import RunHeader
 from rvsg.simulation.run import Trajectory
 from rvsg.world.world import OccupancyMap, World
@@ -36,6 +38,8 @@ LINK_S, LINK_M = 2.0, 0.7
 """A track that begins this soon after another has ended, and this near to where that one leads, goes on with it."""
 LEAST_S = 1.0
 """People who are seen for less than this are left out."""
+STARTS_M, STARTS_S = 0.15, 1.0
+"""A robot that is this far (m, rad) from where it stands has driven for up to a second, or will for one."""
 PERIOD_S = 0.2
 """Cleaned tracks have a place every so often."""
 VISIBLE_M = 0.01
@@ -119,14 +123,20 @@ class Recording:
     log: Trajectory | None = None
     imu: Floats = field(default_factory=lambda: np.empty(0))
 
+    def scenario(self, world: World, **options: Any) -> Scenario:
+        """Return the scenario of this recording; see `rvsg.recording.intent.recorded_scenario` for the options."""
+        from rvsg.recording.intent import recorded_scenario
+
+        return recorded_scenario(self, world, **options).scenario
+
     @property
     def begin_s(self) -> float:
         """When the drive begins: with its goal, or when the robot moves. Without a robot: with the first person."""
         if not len(self.robot):
             return min((person.begin_s for person in self.people), default=0.0)
         t, first = self.robot[:, 0], float(self.robot[0, 0])
-        moved = np.flatnonzero(np.hypot(*(self.robot[:, 1:3] - self.robot[0, 1:3]).T) > 0.05)
-        starts = max(first, float(t[moved[0]]) - 0.5) if len(moved) else first
+        moved = np.flatnonzero(np.hypot(*(self.robot[:, 1:3] - np.median(self.robot[:5, 1:3], axis=0)).T) > STARTS_M)
+        starts = max(first, float(t[moved[0]]) - STARTS_S) if len(moved) else first
         if self.goal_s is not None and self.goal_s <= starts:
             return max(first, self.goal_s)
         return starts
@@ -136,8 +146,10 @@ class Recording:
         """When the robot comes to rest, or without a robot, when the last person is seen."""
         if not len(self.robot):
             return max((person.end_s for person in self.people), default=0.0)
-        away = np.flatnonzero(np.hypot(*(self.robot[:, 1:3] - self.robot[-1, 1:3]).T) > 0.05)
-        return float(self.robot[min(len(self.robot) - 1, away[-1] + 1), 0] if len(away) else self.robot[-1, 0])
+        rest = self.robot[-1]
+        turned = np.abs(np.angle(np.exp(1j * (self.robot[:, 3] - rest[3]))))
+        away = np.flatnonzero((np.hypot(*(self.robot[:, 1:3] - rest[1:3]).T) > STARTS_M) | (turned > STARTS_M))
+        return min(float(rest[0]), float(self.robot[away[-1], 0]) + STARTS_S) if len(away) else float(rest[0])
 
 
 def load_recording(

@@ -18,6 +18,7 @@ from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.core.outputs import check_writable
 from rvsg.evaluation.verdict import counted, number, percent
+from rvsg.recording.fidelity import Fidelity
 from rvsg.report.charts import COLOURS, Scale, ticks
 from rvsg.report.page_contents import manner
 from rvsg.report.renderer import component, render, script_safe
@@ -226,18 +227,58 @@ def _map(world: World, found: Comparison, cases: set[str]) -> dict[str, object]:
 
 def change_replay(each: ReplayedChange, names: Sequence[str]) -> dict[str, object]:
     """Return both runs of a change as data of the replay component: over one floor plan and on one clock."""
+    return pair_replay(each.runs, names, each.scenario, each.requirement, each.world)
+
+
+def pair_replay(
+    runs: tuple[RunFacts, RunFacts], names: Sequence[str], scenario: Scenario, requirement: Requirement, world: World
+) -> dict[str, object]:
+    """Return two runs of one scenario as data of the replay component: over one floor plan and on one clock."""
     group = ReplayGroup(
         id="pair",
-        label=f"seed {each.seed}, {names[0]} and {names[1]}",
+        label=f"seed {runs[1].run.seed}, {names[0]} and {names[1]}",
         purpose="versions",
-        manners={human.name: manner(human) for human in each.scenario.people.humans},
-        runs=each.runs,
+        manners={human.name: manner(human) for human in scenario.people.humans},
+        runs=runs,
         notes=tuple(names),
     )
-    mission, world = each.scenario.mission, each.world
     matrix = floor_plan(world, tooltips=False).matrix
-    replay = replay_payload([group], mission=mission, requirement=each.requirement, world=world, matrix=matrix)
+    replay = replay_payload([group], mission=scenario.mission, requirement=requirement, world=world, matrix=matrix)
     return replay | {"floor": floor_svg(world)}
+
+
+RECORDED = ("recorded", "simulated")
+
+
+def recording_page(
+    title: str,
+    runs: tuple[RunFacts, RunFacts],
+    fidelities: Sequence[Fidelity],
+    *,
+    scenario: Scenario,
+    requirement: Requirement,
+    world: World,
+    verdict: str,
+    notes: Sequence[str],
+) -> str:
+    """Return a recording beside a run of its scenario as an HTML page that loads nothing: both on one clock.
+
+    Args:
+        runs: the recording and the simulated run that is nearest to it, of the first of `fidelities`.
+    """
+    return render(
+        "recording.html",
+        title=title,
+        verdict=verdict,
+        requirement=requirement,
+        fidelities=fidelities,
+        notes=notes,
+        names=RECORDED,
+        stories=list(zip(RECORDED, [[said.text for said in each.story] for each in runs], strict=True)),
+        data=script_safe(pair_replay(runs, RECORDED, scenario, requirement, world)),
+        ids=script_safe([each.run.id for each in runs]),
+        component=Markup(component()),  # noqa: S704  (our own files)
+    )
 
 
 Floats = NDArray[np.float64]

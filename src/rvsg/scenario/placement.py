@@ -101,12 +101,14 @@ def start_gap_m(radius_m: float, at: Point, mission: Mission) -> float:
 
 
 def spawn_findings(people: HumanConfiguration, mission: Mission, world: World) -> Iterator[Finding]:
-    """Yield who starts in an obstacle, on the robot, or on somebody who is listed earlier; who comes later does not."""
+    """Yield who starts in an obstacle, on the robot, or on somebody who is listed earlier."""
     placed: list[tuple[Human, Point]] = []
     for human in people.humans:
-        if human.track is not None and human.track.start_s > 0.0:
-            continue
         at = human.starts_at(world.grid)
+        if human.track is not None and (
+            human.track.start_s > 0.0 or start_gap_m(human.body_radius_m, human.track.points[0], mission) >= 0.0
+        ):
+            continue  # who comes later; and no other rule is for where people were recorded
         path = human.tasks[0].path
         if at is None or (human.start is None and path[0] not in world.grid.valid | human.points.keys()):
             continue

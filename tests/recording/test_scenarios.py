@@ -1,0 +1,160 @@
+"""Scenarios made of recordings, and how they compare with what happened."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rvsg
+from rvsg.app.recordings import rebuild, world_of_recording
+from rvsg.core.errors import FileError
+from rvsg.recording.fidelity import compare, estimates
+from rvsg.recording.intent import People, recorded_scenario
+from rvsg.recording.tracks import PersonTrack, Recording, load_recording
+from rvsg.robots.robot import load_robot
+from rvsg.scenario.validity import check
+from rvsg.simulation.run import Run
+from rvsg.world.world import World
+
+pytest.importorskip("rosbags", reason="the extra `bag` is not installed")
+T = np.arange(0.0, 20.0, 0.1)
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    return rvsg.load_world("warehouse")
+
+
+@pytest.fixture(scope="module")
+def run(world: World) -> Run:
+    scenario = rvsg.propose(world, "route_1", "R1", humans=2, seed=3).scenario
+    assert scenario is not None
+    return rvsg.simulate(scenario, [1], world=world)[0]
+
+
+@pytest.fixture(scope="module")
+def bag(run: Run, world: World, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    from rvsg_exchange.bag import write_bag
+
+    path = tmp_path_factory.mktemp("bag") / "run.mcap"
+    write_bag(run, world, path)
+    return path
+
+
+def walker(*points: tuple[float, float, float], name: str = "Ann") -> PersonTrack:
+    """Return somebody who is at (t, x, y) and walks straight between."""
+    t, x, y = np.array(points).T
+    times = np.arange(t[0], t[-1] + 1e-6, 0.1)
+    columns = [times, np.interp(times, t, x), np.interp(times, t, y), np.zeros(len(times)), np.full(len(times), np.nan)]
+    return PersonTrack(name=name, rows=np.column_stack(columns))
+
+
+def recording(world: World, *people: PersonTrack) -> Recording:
+    start = world.route("route_1").start
+    y = start.y - np.minimum(0.5 * T, 4.0)
+    robot = np.column_stack([T, np.full(len(T), start.x), y, np.full(len(T), -np.pi / 2), np.zeros((len(T), 3))])
+    return Recording(source="bag", people=people, robot=robot, goal=(start.x, float(y[-1]), -np.pi / 2))
+
+
+@pytest.mark.parametrize("people", list(People))
+def test_a_scenario_of_an_own_run_is_valid_and_findable(bag: Path, world: World, people: People) -> None:
+    scenario = load_recording(bag, world=world).scenario(world, people=people, route=world.route("route_1"))
+    assert check(scenario.people, scenario.mission, world) == ()
+    assert [human.name for human in scenario.people.humans] == ["Person 1", "Person 2"]
+    tracked = [human.track is not None and len(human.track.points) > 1 for human in scenario.people.humans]
+    assert all(tracked) == any(tracked) == (people is not People.INTENT)
+    assert (scenario.mission.driven is not None) == (people is People.BLENDED)
+    assert rvsg.Scenario.from_json(scenario.to_json()) == scenario
+
+
+def test_recorded_people_repeat_a_run_and_the_page_shows_both(bag: Path, run: Run, world: World) -> None:
+    found = rebuild(bag, world, runs=2, route="route_1", people="as-recorded")
+    assert found.repeats and all(each.repeats for each in found.fidelities)
+    for each in found.fidelities:
+        assert each.gap_m is not None and each.gap_m[0] == pytest.approx(each.gap_m[1], abs=0.1)
+        assert each.time_s[0] == pytest.approx(each.time_s[1], rel=0.05) and each.path_m < 0.5
+    assert found.estimates == ()
+    page = found.page()
+    assert "recorded" in page and found.verdict.split(":")[0] in page and "Human 1" not in page
+
+
+def test_other_people_do_not_repeat_it(bag: Path, world: World) -> None:
+    made = recorded_scenario(load_recording(bag, world=world), world, route=world.route("route_1"))
+    mission = made.scenario.mission
+    backwards = mission.route.model_copy(update={"goal": mission.route.start.replace(x=mission.route.start.x - 3.0)})
+    other = made.scenario.replace(mission=mission.replace(route=backwards))
+    (run,) = rvsg.simulate(other, [0], world=world)
+    found = compare(made.recording, run, world)
+    assert not found.repeats and len(found.differences) >= 2 and found.path_m > 0.5
+    left = run.details["left_tracks_s"]
+    assert isinstance(left, dict) and set(left) == {"Person 1", "Person 2"}, "blended people notice"
+
+
+def test_pauses_speed_and_goals_of_a_track_are_recovered(world: World) -> None:
+    start = world.route("route_1").start
+    x, y = start.x, start.y
+    ann = walker((0, x + 1, y - 4), (4, x + 1, y - 1), (7, x + 1, y - 1), (10, x + 1, y + 2))
+    made = recorded_scenario(recording(world, ann), world, people="intent")
+    (human,) = made.scenario.people.humans
+    (task,) = human.tasks
+    (pause,) = task.pauses
+    assert pause.duration_s == pytest.approx(3.0, abs=0.8)
+    at = human.position(pause.at, world.grid)
+    assert at is not None and np.hypot(at[0] - (x + 1), at[1] - (y - 1)) < 0.5
+    assert human.speed_m_s * 0.893 == pytest.approx(0.85, abs=0.2) and not human.cyclic
+
+
+def test_who_comes_later_is_absent_until_then(world: World) -> None:
+    start = world.route("route_1").start
+    ann = walker((4, start.x + 1, start.y - 2), (8, start.x + 1, start.y + 2))
+    for people in People:
+        made = recorded_scenario(recording(world, ann), world, people=people)
+        track = made.scenario.people.humans[0].track
+        assert track is not None and track.start_s == pytest.approx(4.0, abs=1.2)
+        (run,) = rvsg.simulate(made.scenario, [0], world=world)
+        k = int(np.searchsorted(run.trajectory.t, track.start_s - 0.3))
+        assert run.trajectory.human_x[k, 0] < -20.0
+
+
+def test_of_500_people_the_nearest_hundred_are_kept_with_a_note(world: World) -> None:
+    start = world.route("route_1").start
+    many = [walker((0, start.x + 1, start.y + 0.003 * k), (15, start.x, start.y + 2), name=f"P{k}") for k in range(500)]
+    found = recording(world, *many)
+    made = recorded_scenario(found, world, people="as-recorded")
+    assert len(made.scenario.people.humans) == 100
+    assert next(note.count for note in made.notes if note.kind == "many") == 400
+
+
+def test_what_is_missing_is_one_message(world: World, bag: Path, tmp_path: Path) -> None:
+    ann = walker((0, 1, 1), (15, 3, 1))
+    with pytest.raises(FileError):
+        recorded_scenario(Recording(source="bag", people=(ann,)), world)
+    with pytest.raises(FileError):
+        recorded_scenario(recording(world), world)
+    with pytest.raises(FileError):
+        world_of_recording(recording(world, ann), None, tmp_path / "w")
+    outside = recording(world, ann)
+    outside.robot[:, 1] += 500.0
+    with pytest.raises(FileError):
+        recorded_scenario(outside, world)
+
+
+def test_the_map_of_a_recording_becomes_a_world(bag: Path, tmp_path: Path) -> None:
+    found = load_recording(bag)
+    made = world_of_recording(found, None, tmp_path / "site")
+    assert made.grid.valid and (tmp_path / "site" / "world.yaml").is_file()
+    assert found.scenario(made).mission.world == "site"
+
+
+def test_a_faster_robot_and_a_slow_answer_are_estimated(bag: Path, run: Run, world: World) -> None:
+    made = recorded_scenario(load_recording(bag, world=world), world, route=world.route("route_1"))
+    robot = load_robot("tiago_omni")
+    quick = made.recording.robot.copy()
+    quick[:, 0] *= 0.7
+    commands = np.column_stack([quick[:, 0] - 0.3, quick[:, 4], quick[:, 5]])
+    faster = Recording(source="bag", people=made.recording.people, robot=quick, commands=commands)
+    found = {each.parameter: each.recorded for each in estimates(faster, run, robot)}
+    assert found["limits.speed_m_s"] == pytest.approx(robot.limits.speed_m_s / 0.7, rel=0.1)
+    assert found["latency_s"] == pytest.approx(0.3, abs=0.05)
