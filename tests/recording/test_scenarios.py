@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rvsg
-from rvsg.app.recordings import rebuild, world_of_recording
+from rvsg.app.reconstruction import rebuild, world_of_recording
 from rvsg.core.errors import FileError
 from rvsg.recording.fidelity import compare, estimates
 from rvsg.recording.intent import People, recorded_scenario

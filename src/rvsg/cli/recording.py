@@ -99,7 +99,7 @@ def scenario(
     Without --world, the map of the recording becomes a world beside the scenario. Names of people are left out. The
     scenario is one like any other: simulate it, shrink it, explore ranges around it, keep it in a suite.
     """
-    from rvsg.app.recordings import rebuild, world_of_recording
+    from rvsg.app.reconstruction import rebuild, world_of_recording
     from rvsg.core.outputs import check_writable, write_text
     from rvsg.recording.tracks import load_recording
     from rvsg.scenario.builder import scenario_json
