@@ -40,6 +40,7 @@ global_costmap:
   global_costmap:
     ros__parameters:
       update_frequency: 2.0
+      resolution: 0.05
       plugins: [static]
       static: {plugin: "nav2_costmap_2d::StaticLayer", map_subscribe_transient_local: true}
       filters: [keepout]
@@ -201,6 +202,12 @@ def test_a_value_that_is_simulated_in_any_case_counts_as_honoured_and_oscillatio
     assert StackChoice.of(path).driver.adapt(TIAGO).navigation.dwb.oscillation_reset_m == 0.1
     path.write_text(path.read_text().replace("false", "true"))
     assert "not supported" in [entry.state for entry in read_nav2_params(path).entries]
+
+
+def test_the_resolution_of_a_global_costmap_is_that_of_the_map_as_in_nav2(tmp_path: Path) -> None:
+    state = {entry.key: entry.state for entry in read_nav2_params(written(tmp_path, HUMBLE + COSTMAPS)).entries}
+    assert state["local_costmap.local_costmap.resolution"] == "honoured"
+    assert state["global_costmap.global_costmap.resolution"] == "no effect"
 
 
 def test_what_makes_mppi_crawl_is_told_first_and_open_loop_is_honoured(tmp_path: Path) -> None:

@@ -393,8 +393,6 @@ class _Reader:
                 self.used[(*world.place, key)] = ""
             elif key in world.values:
                 self.refused[(*world.place, key)] = "the footprint of the local costmap holds for both"
-        if "resolution" in world.values:
-            self.refused[(*world.place, "resolution")] = "the global costmap has the resolution of the map"
 
     def _layers(self, section: Section, prefix: str) -> None:
         maps = self.options["costmaps"]
@@ -405,6 +403,8 @@ class _Reader:
             if kind == "InflationLayer":
                 names = {f"{prefix}_inflation_m": "inflation_radius", f"{prefix}_cost_scaling": "cost_scaling_factor"}
                 layer.copy_to(maps, **names)
+            elif kind == "StaticLayer":
+                self.idle[(*section.place, "resolution")] = "a static layer takes the resolution of the map"
             elif kind in ("ObstacleLayer", "VoxelLayer"):
                 self._sources(layer, prefix)
         listed = {str(name) for key in ("plugins", "filters") for name in section.values.get(key) or ()}
