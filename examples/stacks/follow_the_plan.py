@@ -7,7 +7,8 @@ import math
 
 import numpy as np
 
-from rvsg.stacks import LocalObservation, LocalPlanner, Task
+from rvsg.robots.robot import Robot
+from rvsg.stacks import LocalObservation, LocalPlanner, Parameter, Task
 
 
 class FollowThePlan(LocalPlanner):
@@ -15,6 +16,13 @@ class FollowThePlan(LocalPlanner):
 
     def __init__(self, speed: float = 0.5, look_ahead: float = 0.6) -> None:
         self.speed, self.look_ahead = speed, look_ahead
+
+    def tunable_parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Return what `rvsg tune` may change."""
+        return (
+            Parameter(name="speed", low=0.2, high=robot.limits.speed_m_s, unit="m/s", source="up to the robot's limit"),
+            Parameter(name="look_ahead", low=0.3, high=1.5, unit="m", source="a robot's length to five"),
+        )
 
     def reset(self, task: Task) -> None:
         """Keep what the robot can do."""

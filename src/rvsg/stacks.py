@@ -3,6 +3,7 @@
 See docs/how-to/test-your-own-stack.md. `rvsg.testing.check_stack` examines one.
 """
 
+from rvsg.simulation.stacks.parameters import Parameter
 from rvsg.simulation.stacks.protocol import (
     Command,
     Costmap,
@@ -28,6 +29,7 @@ __all__ = [
     "LocalPlanner",
     "NavigationStack",
     "Observation",
+    "Parameter",
     "Scan",
     "Stack",
     "StackChoice",

@@ -121,7 +121,7 @@ def test_reading_a_stored_campaign_runs_no_code(evil: str, tmp_path: Path, capsy
     assert main(["export", str(out), "--out", str(runs)]) in (0, 2)
     _forget()
     (tmp_path / "ran").unlink()
-    for verb in ("report", "suite coverage", "knowledge list", "compare"):
+    for verb in ("report", "suite coverage", "knowledge list"):
         main([*verb.split(), str(out)])
         assert not (tmp_path / "ran").exists(), verb
     assert (out / "report.html").exists()

@@ -82,7 +82,7 @@ class Suite(SuiteFolder):
             return result.replace(picture=picture.as_posix())
 
         other: Robot | str | None = None
-        for given, alike in groupby(chosen, lambda case: _subject(case, simulator, stack)):
+        for given, alike in groupby(chosen, lambda case: subject(case, simulator, stack)):
             cases = [self.tested(case.name) for case in alike]
             asked = given if isinstance(given, Spec) and _is_data(stack) else None
             with permission.only(simulator, stack), simulator_of(given, stack, on_message=on_message) as made:
@@ -107,7 +107,7 @@ class Suite(SuiteFolder):
         )
 
 
-def _subject(case: Case, simulator: str | Spec | Simulator | None, stack: StackLike | None) -> Spec | Simulator:
+def subject(case: Case, simulator: str | Spec | Simulator | None, stack: StackLike | None) -> Spec | Simulator:
     """Return what runs a case: what is given, with what it leaves open as the case was found with it."""
     kept = case.simulator or Spec("embedded")
     if simulator is not None and not isinstance(simulator, str | Spec):

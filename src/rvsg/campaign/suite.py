@@ -378,7 +378,7 @@ def compare_attempts(campaigns: Sequence[tuple[Plan, str, Sequence[Attempt]]]) -
                 suite=plan.name,
                 version=plan.name,
                 simulator=simulator,
-                cases=tuple(_case_result(attempts[key], plan.requirement) for key in common),
+                cases=tuple(case_result(attempts[key], plan.requirement) for key in common),
             )
             for (plan, simulator, _), attempts in zip(campaigns, measured, strict=True)
         ]
@@ -397,7 +397,8 @@ def _measured(attempts: Sequence[Attempt]) -> dict[str, Attempt]:
     return found
 
 
-def _case_result(attempt: Attempt, requirement: Requirement) -> CaseResult:
+def case_result(attempt: Attempt, requirement: Requirement) -> CaseResult:
+    """Return an attempt with runs as the result of a case."""
     scenario, verdict = attempt.proposal.scenario, attempt.verdict
     assert scenario is not None and verdict is not None
     flags = [None if m.objective is None else requirement.violated_by(m.objective) for m in attempt.measurements]
@@ -410,5 +411,7 @@ def _case_result(attempt: Attempt, requirement: Requirement) -> CaseResult:
         verdict=verdict,
         seeds=tuple(m.seed for m in attempt.measurements),
         violations=tuple(flags),
+        contacts=sum((m.values.get("contacts") or 0.0) > 0.0 for m in attempt.measurements),
+        seconds=sum(m.values.get("trg") or 0.0 for m in attempt.measurements),
         attempt=attempt.index,
     )

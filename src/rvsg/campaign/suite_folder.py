@@ -45,12 +45,26 @@ EXPECTED = ("violation", "pass")
 """What a case may be kept for: a known failure, or a scenario the robot must master."""
 
 
+class TuningNote(Record):
+    """A tuning against the suite: its cases are not new to that stack any more."""
+
+    stack: str
+    date: str
+    by: str
+    """The version of RVSG."""
+    folder: str
+    result: str = ""
+    """What the check on held-out cases says."""
+
+
 class SuiteHead(Record):
     """What `suite.yaml` holds."""
 
     title: str = "Scenarios that stay"
     judging: Procedure = DEFAULT
     """The error rates of the verdicts, and the runs a case is given at most."""
+    tunings: tuple[TuningNote, ...] = ()
+    """Stacks that were tuned against the suite, once for each folder."""
 
 
 class CaseFile(Record):
@@ -140,7 +154,7 @@ class SuiteFolder:
             scenario, place = load_scenario_in(source, world)
             simulator = simulator or found_with(source)
         check_valid(scenario, place)
-        definition = load_requirement(_requirement(requirement, self.folder))
+        definition = load_requirement(requirement_source(requirement, self.folder))
         asked = {"requirement": requirement, "expected": expected, "definition": definition}
         expectation = Expectation.model_validate(asked | ({} if reason is None else {"reason": reason}))
         with FileLock(self.folder / ".lock"):  # another `rvsg suite add` may have changed the case
@@ -202,6 +216,12 @@ class SuiteFolder:
                 self._write(case.replace(expectations=expectations), self.worlds[case.name])
         return changed
 
+    def add_tuning(self, note: TuningNote) -> None:
+        """Write into the suite that a stack was tuned against it."""
+        kept = tuple(each for each in self.head.tunings if each.folder != note.folder)
+        head = self.head.replace(tunings=(*kept, note))
+        write_whole(self.folder / HEAD, _yaml(head.model_dump(mode="json")))
+
     def _write(self, case: Case, world: World) -> None:
         folder = folder_of(world.id)
         values = {
@@ -251,10 +271,11 @@ def requirement_of(expectation: Expectation, folder: Path, route: Route | None =
     kept, name = expectation.definition, expectation.requirement.rpartition("#")[2]
     if kept is not None and kept.name != name and not name.endswith((".yaml", ".yml")):
         raise InputError(f'the requirement "{name}" has the definition of "{kept.name}".')
-    return load_requirement(kept or _requirement(expectation.requirement, folder), route)
+    return load_requirement(kept or requirement_source(expectation.requirement, folder), route)
 
 
-def _requirement(name: str, folder: Path) -> str:
+def requirement_source(name: str, folder: Path) -> str:
+    """Return a requirement's name, or the path of its file, which is given beside the suite."""
     file, hash_, key = name.partition("#")
     return f"{folder / file}{hash_}{key}" if file.endswith((".yaml", ".yml")) else name
 

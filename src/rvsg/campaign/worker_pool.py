@@ -29,15 +29,10 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, Any
 
-from rvsg.campaign.attempt import Failure, Measurement
+from rvsg.campaign.attempt import Failure
 from rvsg.core.errors import SimulationError
-from rvsg.scenario.scenario import Scenario
-
-if TYPE_CHECKING:
-    from rvsg.campaign.runner import FinishedRun, RunMaker
-
 
 READY = b"ready"
 ENDING = (signal.SIGINT, signal.SIGTERM)
@@ -157,11 +152,12 @@ STOP_S = 5.0
 class Task:
     """A run that was submitted."""
 
-    scenario: Scenario
+    scenario: Any
+    """The scenario, or what else the work takes in its place."""
     seed: int
     trial: bool = False
     deaths: int = 0
-    future: Future[FinishedRun | Measurement | Failure] = field(default_factory=Future)
+    future: Future[Any] = field(default_factory=Future)
 
 
 class Processes:
@@ -169,7 +165,7 @@ class Processes:
 
     def __init__(self, jobs: int) -> None:
         self.jobs = jobs
-        self._maker: RunMaker | None = None
+        self._maker: Callable[..., Any] | None = None
         self._pool: _Pool | None = None
 
     @property
@@ -177,11 +173,11 @@ class Processes:
         """The number of processes."""
         return self.jobs
 
-    def start(self, maker: RunMaker, notify: Callable[[str], None]) -> None:
+    def start(self, maker: Callable[..., Any], notify: Callable[[str], None]) -> None:
         """Keep what the workers need; they start with the first run."""
         self._maker = maker
 
-    def submit(self, scenario: Scenario, seed: int, *, trial: bool = False) -> Task:
+    def submit(self, scenario: Any, seed: int, *, trial: bool = False) -> Task:
         """Ask for a run."""
         if self._pool is None:
             import cloudpickle  # a simulator may be defined in a script or a notebook
@@ -191,7 +187,7 @@ class Processes:
         self._pool.add(task)
         return task
 
-    def result(self, submitted: Task) -> FinishedRun | Measurement | Failure:
+    def result(self, submitted: Task) -> Any:
         """Wait for a run; SimulationError if workers cannot start."""
         return submitted.future.result()
 
@@ -257,7 +253,7 @@ class _Pool:
             return None
         return self.waiting.popleft()
 
-    def done(self, keeper: _Keeper) -> Future[FinishedRun | Measurement | Failure]:
+    def done(self, keeper: _Keeper) -> Future[Any]:
         """Note that a worker did the first of its tasks; return where its result goes."""
         with self.changed:
             task = keeper.tasks.popleft()

@@ -29,7 +29,7 @@ VERBS: dict[str, Verb] = {
     "scenario": Verb("rvsg.cli.scenario", "Propose, shrink, explore and migrate scenarios", BUILD),
     "recording": Verb("rvsg.cli.recording", "Make scenarios and suites of recordings of a robot", BUILD),
     "suite": Verb("rvsg.cli.suite", "Test every version with the same scenarios", KEEP),
-    "compare": Verb("rvsg.cli.suite:compare_app", "Compare search methods at an equal number of runs", KEEP),
+    "tune": Verb("rvsg.cli.tune", "Find parameters of a stack that fail less", KEEP),
     "knowledge": Verb("rvsg.cli.knowledge", "Collect and search what campaigns find", KEEP),
     "watch": Verb("rvsg.cli.watch", "Monitor a robot, and test what its runs suggest", KEEP),
 }
@@ -39,6 +39,7 @@ MOVED = {
     "shrink": "scenario shrink",
     "explore": "scenario explore",
     "describe": "world describe",
+    "compare": "suite compare`, or for search methods `python benchmarks/search_methods.py",
     "compare-versions": "suite compare",
     "coverage": "suite coverage",
     "trace": "replay SOURCE --trace",

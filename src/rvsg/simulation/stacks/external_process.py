@@ -30,6 +30,9 @@ import numpy as np
 
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
+from rvsg.core.plugins import ignore
+from rvsg.robots.robot import Robot
+from rvsg.simulation.stacks.parameters import Parameter
 from rvsg.simulation.stacks.protocol import (
     Command,
     Ended,
@@ -73,6 +76,8 @@ class Wanted(NamedTuple):
     people: bool
     costmap: bool
     protocol: int = 1
+    tunable: tuple[Parameter, ...] = ()
+    """What of its parameters may be tuned."""
 
 
 def task_frame(task: Task) -> bytes:
@@ -137,7 +142,13 @@ def read_hello(frame: bytes) -> Wanted:
             f"it speaks protocol {version!r:.40}, this version of RVSG speaks {spoken}", code="stack-protocol"
         )
     scans, people, costmap = (bool(told.get(key, True)) for key in ("scans", "people", "costmap"))
-    return Wanted(scans, people, costmap, int(version))
+    try:
+        tunable = tuple(Parameter(**{**each, "name": f"parameters.{each['name']}"}) for each in told.get("tunable", ()))
+    except (TypeError, KeyError, ValueError) as error:
+        raise StackError(
+            f"its answer to the hello declares a parameter that is none: {error}", code="stack-hello"
+        ) from None
+    return Wanted(scans, people, costmap, int(version), tunable)
 
 
 def read_answer(frame: bytes, number: int, protocol: int = 1) -> tuple[int, Command]:
@@ -352,6 +363,11 @@ class External:
     def options(self) -> dict[str, Any]:
         """The command and what is sent to the stack; time limits decide no run that goes well."""
         return {"command": self.command_line, "parameters": self.parameters}
+
+    def tunable_parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Return those of its parameters that the process says may be tuned, in its answer to the hello."""
+        self.prepare(ignore)
+        return self._wanted.tunable
 
     def prepare(self, tell: Callable[[str], None]) -> None:
         """Start the process or connect, and say hello."""

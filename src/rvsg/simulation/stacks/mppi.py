@@ -45,6 +45,7 @@ from rvsg.simulation.stacks.mppi_critics import (
     start_again,
 )
 from rvsg.simulation.stacks.nav2_stack import AS_JAZZY, Configured, Nav2Settings
+from rvsg.simulation.stacks.parameters import Parameter, of_mppi
 from rvsg.simulation.stacks.protocol import LocalObservation, StackError, Task
 
 FILTER = np.array([-21.0, 14.0, 39.0, 54.0, 59.0, 54.0, 39.0, 14.0, -21.0]) / 231.0
@@ -400,6 +401,10 @@ class Mppi(Configured):
             f"ax_max {s.ax_max:g} is smaller than -ax_min {-s.ax_min:g}: the speeds that MPPI samples drift downwards, "
             "and the robot may crawl or reverse. Nav2 before April 2026 does the same. Give both the same size.",
         )
+
+    def planner_parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Return the weights of the critics, the noise and the speed."""
+        return of_mppi(robot)
 
     def prepare(self, tell: Callable[[str], None]) -> None:
         """Compile or load the kernels."""

@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Never
 
-from rvsg.core.documents import DocumentError, Problem, read_yaml
+from rvsg.core.documents import DocumentError, Problem, parse_yaml
 from rvsg.core.errors import FileError
+from rvsg.core.inputs import read_text
 from rvsg.simulation.embedded.robot_parameters import ACTIONS
 from rvsg.simulation.stacks.mppi import MppiSettings
 from rvsg.simulation.stacks.pure_pursuit import PurePursuitSettings
@@ -218,21 +219,25 @@ def read_nav2_params(path: str | Path) -> Nav2File:
     Raises:
         FileError: it cannot be read, is of another program, or asks for a plug-in that is not simulated.
     """
-    path = Path(path)
-    document = read_yaml(path).value
+    return read_nav2_text(read_text(Path(path)), Path(path))
+
+
+def read_nav2_text(text: str, path: Path) -> Nav2File:
+    """Read the text of a parameter file of Nav2, which is or will be at `path`; as `read_nav2_params`."""
+    document = parse_yaml(text, path).value
     if not isinstance(document, Mapping) or not any(name in document for name in SERVERS):
         raise FileError(
             path, "this is no parameter file of Nav2: none of the nodes "
             f"{', '.join(SERVERS[:5])} ... is in it."
         )  # fmt: skip
-    return _Reader(path, document).read()
+    return _Reader(path, text, document).read()
 
 
 class _Reader:
     """Reads every node of a parameter file; keeps what was used and what is not supported."""
 
-    def __init__(self, path: Path, document: Mapping[str, Any]) -> None:
-        self.path, self.document = path, document
+    def __init__(self, path: Path, text: str, document: Mapping[str, Any]) -> None:
+        self.path, self.text, self.document = path, text, document
         self.used: dict[Key, str] = {}
         self.refused: dict[Key, str] = {}
         self.idle: dict[Key, str] = {}
@@ -241,7 +246,7 @@ class _Reader:
 
     def wrong(self, key: Key, message: str, code: str = "document") -> Never:
         """Raise what is wrong with a key."""
-        line = read_yaml(self.path).lines.get(key)
+        line = parse_yaml(self.text, self.path).lines.get(key)
         error = DocumentError([Problem(self.path, line, f"{'.'.join(map(str, key))}: {message}", key, code)])
         error.code = code
         raise error

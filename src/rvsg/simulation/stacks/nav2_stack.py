@@ -10,6 +10,7 @@ from pydantic import Field, ValidationError
 from rvsg.core.documents import invalid_options
 from rvsg.core.records import Record
 from rvsg.robots.robot import Behaviours, Costmaps, Dwb, MonitorPolygon, Polygon, Robot, SafetyZone, Smoother
+from rvsg.simulation.stacks.parameters import Parameter, of_costmaps, of_dwb, of_monitor, value_at
 from rvsg.simulation.stacks.protocol import LocalObservation, LocalPlanner, Task
 
 AS_JAZZY: Mapping[str, Any] = {"smoothed": True, "waits_for_costmaps": True, "gives_up_without_plan": True}
@@ -68,6 +69,20 @@ class Configured(LocalPlanner):
             if key not in Nav2Settings.model_fields or key in self.settings.model_fields_set
         }
 
+    def planner_parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Return the parameters of the local planner itself."""
+        return ()
+
+    def tunable_parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Return the parameters of the planner, of inflation and of the polygons of the collision monitor."""
+        adapted = self.adapt(robot)
+        options = {**adapted.navigation.model_dump(mode="json"), **self.settings.model_dump(mode="json")}
+        sections = {key: adapted.navigation.model_dump(mode="json")[key] for key in SECTIONS}
+        declared = (*self.planner_parameters(robot), *of_costmaps(), *of_monitor(options["collision_monitor"]))
+        known = {**options, **sections}
+        found = ((each, value_at(known, each.name)) for each in declared)
+        return tuple(each.with_present(each.high if present is None else present) for each, present in found)
+
     def adapt(self, robot: Robot) -> Robot:
         """Return the robot with these navigation parameters."""
         given = self.settings
@@ -109,6 +124,10 @@ class Nav2Dwb(Configured):
     own_behaviours: ClassVar[Mapping[str, Any]] = AS_JAZZY
     title: ClassVar[str] = "Nav2 (Jazzy) with DWB, NavFn and the default behaviour tree: the default"
     Settings: ClassVar[type[Nav2Settings]] = DwbSettings
+
+    def planner_parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Return the weights of DWB's critics, its horizon and its speed."""
+        return of_dwb(robot)
 
     @property
     def options(self) -> dict[str, Any]:

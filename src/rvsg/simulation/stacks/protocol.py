@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from rvsg.core.records import Pose
 from rvsg.robots.robot import Robot
+from rvsg.simulation.stacks.parameters import Parameter
 from rvsg.world.world import World
 
 Floats = NDArray[np.float64]
@@ -188,6 +189,10 @@ class NavigationStack(ABC):
     @property
     def notes(self) -> tuple[str, ...]:
         """What a user has to know of these options."""
+        return ()
+
+    def tunable_parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Return the numbers among the options that `rvsg tune` may change, with their ranges; by default none."""
         return ()
 
     def adapt(self, robot: Robot) -> Robot:

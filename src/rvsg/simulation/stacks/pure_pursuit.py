@@ -20,6 +20,7 @@ from rvsg.robots.polygons import distance, padded, reach, rectangle
 from rvsg.robots.robot import Robot
 from rvsg.simulation.embedded.costmap import FREE, UNKNOWN, outline_hits
 from rvsg.simulation.stacks.nav2_stack import AS_JAZZY, Configured, Nav2Settings
+from rvsg.simulation.stacks.parameters import Parameter, around, between, of_pure_pursuit
 from rvsg.simulation.stacks.protocol import LocalObservation, Task
 
 Floats = NDArray[np.float64]
@@ -230,6 +231,10 @@ class PurePursuit(Configured):
     title: ClassVar[str] = "Nav2 (Jazzy) with regulated pure pursuit, NavFn and the default behaviour tree"
     Settings: ClassVar[type[Nav2Settings]] = PurePursuitSettings
 
+    def planner_parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Return the distances and speeds of regulated pure pursuit."""
+        return of_pure_pursuit(robot)
+
     def prepare(self, tell: Callable[[str], None]) -> None:
         """Compile or load the kernel."""
         square = np.array([(0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2), (0.2, -0.2)])
@@ -286,6 +291,16 @@ class Social(PurePursuit):
     name: ClassVar[str] = "social"
     title: ClassVar[str] = "Pure pursuit that keeps personal space; it predicts people by constant velocity"
     Settings: ClassVar[type[Nav2Settings]] = SocialSettings
+
+    def planner_parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Return those of pure pursuit and of the personal space."""
+        own = (
+            between("personal_space_m", 0.6, 2.5, "m", "people", "Hall's personal distance, from near to far"),
+            around("horizon_s", 4.0, "s", "people", factor=2.0),
+            between("swerve_rad", 0.2, 1.5, "rad", "people", "the largest angle that the stack takes"),
+            around("discomfort", 8.0, "", "people"),
+        )
+        return (*super().planner_parameters(robot), *own)
 
     def reset(self, task: Task) -> None:
         """Keep the robot's numbers and the commands to choose from."""
@@ -372,6 +387,16 @@ class StopAndGo(PurePursuit):
     name: ClassVar[str] = "stop-and-go"
     title: ClassVar[str] = "Pure pursuit under a safety field that slows and stops; it does not drive around people"
     Settings: ClassVar[type[Nav2Settings]] = StopAndGoSettings
+
+    def planner_parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Return the size of the safety field and the speed of the vehicle; fields that overlap are no setting."""
+        own = (
+            between("protective_m", 0.2, 1.2, "m", "safety field", "a stopping distance of 0.2 to 1.2 m"),
+            between("warning_m", 1.3, 4.0, "m", "safety field", "beyond the protective field"),
+            between("side_m", 0.0, 0.6, "m", "safety field", "nothing to a person's width beside the vehicle"),
+            between("creep", 0.0, 0.5, "", "safety field", "a share of the speed"),
+        )
+        return (*super().planner_parameters(robot), *own)
 
     def adapt(self, robot: Robot) -> Robot:
         """Return the robot without recoveries for lack of progress."""

@@ -119,7 +119,6 @@ def add(workspace: Workspace) -> None:
             if a and b:
                 _totals(listing, a, b)
                 _pairs(a, b, pairs, unit)
-            made.command("Compare methods at an equal number of runs", "rvsg compare --methods heuristic:study,random")
             tag("p", "", cls="soft")
             link("Compare two versions of the robot on a suite", "/compare/versions")
 

@@ -29,6 +29,7 @@ class Planner:
     """Derive your planner from this class. Metres, seconds, radians."""
 
     scans = people = costmap = True  # set to False what you do not read: it is not sent then
+    tunable = ()  # what `rvsg tune` may change: {"name": "gain", "low": 0.5, "high": 4.0, "present": 2.0}
 
     def hello(self, parameters):
         """Receive the parameters of `--stack-option parameters=...`, once for a process."""
@@ -62,7 +63,12 @@ def serve(planner, read=None, write=None):
             hello = json.loads(frame[1:])
             planner.hello(hello["options"])
             protocol = max(set(hello.get("protocols", [1])) & {1, 2})
-            wants = {"scans": planner.scans, "people": planner.people, "costmap": planner.costmap}
+            wants = {
+                "scans": planner.scans,
+                "people": planner.people,
+                "costmap": planner.costmap,
+                "tunable": list(planner.tunable),
+            }
             _send(writes, b"H" + json.dumps({"protocol": protocol, **wants}).encode())
         elif frame[:1] == b"R":
             planner.reset(_task(frame))

@@ -1,0 +1,497 @@
+"""Tuning of a navigation stack on a suite: from its failures to a changed parameter file with the evidence for it."""
+
+from __future__ import annotations
+
+import datetime
+import difflib
+import fnmatch
+import shlex
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, get_args
+
+import yaml
+from pydantic import Field
+
+import rvsg
+from rvsg.app.campaign import Campaign
+from rvsg.app.suites import Suite, subject
+from rvsg.campaign.attempt import Failure
+from rvsg.campaign.parameter_search import Candidate, Optimiser, ParameterSearch, unsolved
+from rvsg.campaign.runner import Evaluator
+from rvsg.campaign.setting_runs import SettingRun, SettingRuns, TuningCase, Values, results_of
+from rvsg.campaign.suite import Case, CaseChange, Change, Comparison, SuiteResult, case_result, compare
+from rvsg.campaign.suite_folder import SuiteCase, TuningNote, requirement_source
+from rvsg.campaign.tuning import Change as ValueChange
+from rvsg.campaign.tuning import Check, Choice, Part, Split, Sweep, Tuning, split
+from rvsg.core import permission
+from rvsg.core.documents import read_document
+from rvsg.core.errors import InputError, SimulationError, UnknownName
+from rvsg.core.files import write_whole
+from rvsg.core.inputs import read_text
+from rvsg.core.plugins import Spec, ignore
+from rvsg.core.records import Record
+from rvsg.core.seeds import seed_for
+from rvsg.evaluation.verdict import counted
+from rvsg.generation.random_search import RandomGenerator
+from rvsg.report.comparison_page import ReplayedChange
+from rvsg.report.run_facts import run_facts
+from rvsg.report.tuning_page import part_text, tuning_page
+from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
+from rvsg.scenario.brief import Brief
+from rvsg.scenario.builder import as_robot
+from rvsg.scenario.scenario import HumanConfiguration, Scenario
+from rvsg.scenario.world_lookup import folder_of
+from rvsg.simulation.simulators import make_simulator
+from rvsg.simulation.stacks.parameter_file import has_place, place_of, skeleton, with_values_in_file
+from rvsg.simulation.stacks.parameters import Parameter, value_at, with_values
+from rvsg.simulation.stacks.stack_choice import StackChoice
+
+RESULT, RUNS, PAGE = "tuning.json", "runs.jsonl", "index.html"
+SWEPT, SWEEP_POINTS = 4, 5
+ORDINARY, FEW_SEEDS = 2, 3
+"""Scenarios of ordinary traffic for each mission; seeds of each of them, and of each empty route."""
+ATTACKED = 3
+"""Missions that are attacked at most, those that violate most often first."""
+
+
+class Narrowing(Record):
+    """What the user's file says of the parameters that a stack declares."""
+
+    only: tuple[str, ...] = ()
+    """Names or patterns such as `costmaps.*`; all where it is empty."""
+    fixed: dict[str, float] = Field(default_factory=dict)
+    """Values that every setting has."""
+    parameters: tuple[Parameter, ...] = ()
+    """Other ranges, also of options that the stack does not declare."""
+
+
+@dataclass(kw_only=True)
+class Tuner:
+    """Tunes a stack on a suite.
+
+    Args:
+        suite: the folder of the suite.
+        stack: a name, a parameter file, a class or a command.
+        out: the folder of the tuning; an existing one is resumed.
+        narrowing: a YAML file that narrows, fixes or adds parameters.
+        robot: drives every case instead of the robot of its scenario.
+        more_time: how much longer the robot may take on average, as a share.
+        budget_runs: runs of the search.
+        budget_minutes: ends the search earlier.
+        check_runs: runs of each case that check the proposal.
+        attack_runs: runs of each of the searches against the stack before and after; 0: none.
+        choose: propose this setting of the front instead of the best one.
+        on_search: called with the search after every batch.
+    """
+
+    suite: Path
+    stack: str
+    stack_options: Mapping[str, Any] = field(default_factory=dict)
+    out: Path
+    narrowing: Path | None = None
+    robot: str | None = None
+    only: Sequence[str] = ()
+    optimiser: Optimiser = "tpe"
+    more_time: float = 0.05
+    budget_runs: int = 3000
+    budget_minutes: float | None = None
+    check_runs: int = 10
+    attack_runs: int = 150
+    choose: int | None = None
+    seed: int = 0
+    jobs: int = 1
+    on_message: Callable[[str], None] = ignore
+    on_search: Callable[[ParameterSearch], None] = ignore
+
+    def run(self) -> Tuning:
+        """Search, check, explain and write everything into the folder; return the tuning.
+
+        Raises:
+            InputError: there is nothing to tune, or a parameter cannot be used.
+        """
+        if self.optimiser not in get_args(Optimiser):
+            raise UnknownName("optimiser", self.optimiser, get_args(Optimiser))
+        suite = Suite.open(self.suite)
+        with (
+            permission.only(self.stack, self.stack_options),
+            closing(StackChoice.of(self.stack, self.stack_options)) as choice,
+        ):
+            for text in choice.messages:
+                self.on_message(text)
+            cases = [self._case(suite, case) for case in suite.chosen(self.only)]
+            stack = Spec(choice.record.name, choice.record.options)
+            parameters, fixed, notes = self._parameters(choice, cases)
+            for text in notes:
+                self.on_message(text)
+            counts = counted(len(cases), "case"), counted(len(parameters), "parameter")
+            self.on_message(f"{stack.name}: {counts[0]}, {counts[1]}.")
+            present = {each.name: float(each.present or 0.0) for each in parameters}
+            with SettingRuns(stack, present, self.out / RUNS, jobs=self.jobs) as runs:
+                before = ParameterSearch(parameters, cases, runs, seed=self.seed).begin()
+                if not any(run.violated for run in before.runs.values()):
+                    raise InputError(
+                        f"Nothing to tune: no case of {self.suite} violates in {counted(len(before.runs), 'run')} with "
+                        f"{self.stack}. Attack it first: rvsg run --stack {shlex.quote(self.stack)}",
+                        code="nothing-to-tune",
+                    )
+                parts = split(cases, before.runs.values())
+                search = ParameterSearch(
+                    parameters,
+                    [each for each in cases if each.name in parts.tuned],
+                    runs,
+                    fixed=fixed,
+                    seed=self.seed,
+                    optimiser=self.optimiser,
+                    more_time=self.more_time,
+                )
+                search.begin()
+                end = None if self.budget_minutes is None else time.monotonic() + 60.0 * self.budget_minutes
+                for _ in search.run(self.budget_runs):
+                    self.on_search(search)
+                    if end is not None and time.monotonic() > end:
+                        break
+                return _Checks(self, suite, cases, stack, search, parts, runs).tuning(notes)
+
+    def _case(self, suite: Suite, case: Case) -> TuningCase:
+        """Return a case with what runs it."""
+        given, tested = subject(case, None, self.stack), suite.tested(case.name)
+        assert isinstance(given, Spec)
+        if self.robot is not None:
+            with closing(make_simulator(given)) as made:
+                tested = tested.driven_by(as_robot(self.robot, made.robots))
+        return TuningCase(tested, given)
+
+    def _parameters(
+        self, choice: StackChoice, cases: Sequence[TuningCase]
+    ) -> tuple[tuple[Parameter, ...], dict[str, float], tuple[str, ...]]:
+        """Return what may change, what the user fixed, and what a user has to know of it."""
+        robot = cases[0].scenario.mission.robot_record or load_robot(DEFAULT_ROBOT)
+        options = {**choice.driver.default_options(), **choice.record.options}
+        asked = Narrowing() if self.narrowing is None else read_document(self.narrowing, Narrowing)[0]
+        declared = {each.name: each for each in choice.driver.tunable_parameters(robot)}
+        own = {each.name: each for each in asked.parameters}
+        for pattern in asked.only:
+            if not fnmatch.filter([*declared, *own], pattern):
+                raise UnknownName("parameter", pattern, declared, hint=f"{self.narrowing} names it under `only`.")
+        for name, value in [*asked.fixed.items(), *((n, v) for n, each in own.items() for v in (each.low, each.high))]:
+            self._check_read(name, value, choice)
+        found = {}
+        for name, each in (declared | own).items():
+            if name in asked.fixed or (asked.only and not any(fnmatch.fnmatchcase(name, p) for p in asked.only)):
+                continue
+            known = each.present if name not in declared else declared[name].present
+            present = value_at(options, name) if known is None else known
+            found[name] = each.with_present(float(each.value(each.at(0.5)) if present is None else present))
+        notes: list[str] = []
+        if self.stack.endswith((".yaml", ".yml")):
+            text, path = read_text(Path(self.stack)), Path(self.stack)
+            tried = {name: each.value(each.at(0.37)) for name, each in found.items()} | asked.fixed
+            if lost := [name for name, value in tried.items() if not has_place(text, path, name, value)]:
+                notes.append(f"{path} has no place for {', '.join(lost)}, such as an inflation layer. They stay.")
+            found = {name: each for name, each in found.items() if name not in lost}
+        if not found:
+            raise InputError(
+                f"{self.stack}: there is no parameter to tune. A stack declares them by `tunable_parameters`; or name "
+                "options and their ranges in a file: rvsg tune --parameters FILE.",
+                code="no-parameters",
+            )
+        return tuple(found.values()), asked.fixed, tuple(notes)
+
+    def _check_read(self, name: str, value: float, choice: StackChoice) -> None:
+        """Refuse an option that the stack does not read."""
+        try:
+            StackChoice.of(Spec(choice.record.name, with_values(choice.record.options, {name: value}))).close()
+        except InputError as error:
+            raise InputError(
+                f"{self.narrowing}: {choice.record.name} does not take {name} = {value:g}. {error}",
+                code="nothing-reads",
+            ) from None
+
+
+@dataclass(frozen=True)
+class _Checks:
+    """The checks and explanations of what a search found, and their files."""
+
+    tuner: Tuner
+    suite: Suite
+    cases: Sequence[TuningCase]
+    stack: Spec
+    search: ParameterSearch
+    split: Split
+    runs: SettingRuns
+
+    @property
+    def present(self) -> Values:
+        """The setting before tuning."""
+        return self.search.before.values
+
+    def tuning(self, notes: tuple[str, ...]) -> Tuning:
+        """Return the tuning after writing its files."""
+        search, out, tell = self.search, self.tuner.out, self.tuner.on_message
+        front, before = search.front(), search.before.score
+        assert before is not None
+        failed = [each for each in search.candidates if each.failures]
+        found = Tuning(
+            suite=self.suite.head.title,
+            stack=self.stack,
+            by=f"rvsg {rvsg.__version__}",
+            seed=self.tuner.seed,
+            runs=search.spent,
+            settings=len(search.candidates),
+            stopped=sum(each.lost_to is not None for each in search.candidates),
+            failed=tuple(f"setting {each.number}: {each.refused or 'the stack failed'}" for each in failed),
+            parameters=tuple(search.parameters.values()),
+            split=self.split,
+            before=before,
+            front=tuple(
+                Choice(number=each.number, values=self._changed(each.values), score=each.score)
+                for each in front
+                if each.score is not None
+            ),
+            unsolved=tuple(unsolved(search)),
+            importances=search.importances(),
+            notes=notes,
+        )
+        replayed = None
+        if (proposed := self._proposed(front)) is not None:
+            tell("Taking back the changes that do not matter.")
+            setting = search.simplified(proposed)
+            file, text, diff = self._file(setting.values)
+            write_whole(out / file, text)
+            parts = tuple(self._parts(setting.values))
+            tell("Trying one parameter at a time around the proposal.")
+            found = found.replace(
+                proposal=proposed.number,
+                score=setting.score,
+                changes=tuple(self._changes(setting)),
+                parts=parts,
+                sweeps=tuple(self._sweeps(setting, found.importances)),
+                file=file,
+                diff=diff,
+                commands=tuple(self._commands(file, setting.values)),
+            )
+            replayed = self._replayed(setting.values)
+            held = found.part("held out", "tuned")
+            note = TuningNote(
+                stack=self.tuner.stack,
+                date=datetime.date.today().isoformat(),
+                by=found.by,
+                folder=str(out),
+                result=part_text(held) if held else "",
+            )
+            self.suite.add_tuning(note)
+        write_whole(out / RESULT, found.to_json())
+        write_whole(out / PAGE, tuning_page(found, replayed))
+        return found
+
+    def _proposed(self, front: Sequence[Candidate]) -> Candidate | None:
+        """Return the best setting of the front that is better than before, or the one that was asked for."""
+        number = self.tuner.choose
+        if number is not None:
+            chosen = next((each for each in front if each.number == number), None)
+            if chosen is None:
+                listed = ", ".join(str(each.number) for each in front) or "none"
+                raise InputError(f"--choose {number}: the front holds the settings {listed}.", code="not-on-front")
+            return chosen
+        return front[0] if front and front[0] is not self.search.before else None
+
+    def _changed(self, values: Values) -> dict[str, float]:
+        return {name: value for name, value in values.items() if value != self.present.get(name)}
+
+    def _source(self) -> tuple[str | None, Path]:
+        """Return the text of the parameter file, or of one made for a stack of Nav2 without options."""
+        if self.tuner.stack.endswith((".yaml", ".yml")):
+            return read_text(Path(self.tuner.stack)), Path(self.tuner.stack)
+        return None if self.tuner.stack_options else skeleton(self.stack.name), Path("nav2_params.yaml")
+
+    def _file(self, values: Values) -> tuple[str, str, tuple[str, ...]]:
+        """Return name and text of the file of the proposed stack, and what differs in it."""
+        text, path = self._source()
+        if text is None:
+            return "stack.json", self.runs.maker.stack_of(values).to_json(), ()
+        after = with_values_in_file(text, path, self._changed(values))
+        lines = difflib.unified_diff(text.splitlines(), after.splitlines(), path.name, "proposed", n=1, lineterm="")
+        return path.name, after, tuple(lines)
+
+    def _changes(self, setting: Candidate) -> Iterator[ValueChange]:
+        """Yield each changed value with the proposal without it."""
+        text, _ = self._source()
+        for name, value in self._changed(setting.values).items():
+            place = place_of(name, yaml.safe_load(text), self.stack.options) if text is not None else None
+            known = self.search.parameters.get(name)
+            yield ValueChange(
+                name=name,
+                before=self.present.get(name),
+                after=value,
+                unit=known.unit if known else "",
+                key=".".join(part for part in place or () if part != "ros__parameters"),
+                without=self.search.try_out({**setting.values, name: self.present[name]}).score if known else None,
+            )
+
+    def _commands(self, file: str, values: Values) -> Iterator[str]:
+        """Yield what to run next: the comparison on the suite, and a campaign against the proposal."""
+        suite, stack, tuned = str(self.tuner.suite), self.tuner.stack, f"{self.tuner.out}/{file}"
+        options: list[str] = []
+        if file.endswith(".json"):
+            for key, value in self.runs.maker.stack_of(values).options.items():
+                text = yaml.safe_dump(value, default_flow_style=True, width=10_000).partition("\n")[0]
+                options += ["--stack-option", f"{key}={text}"]
+            tuned = stack
+            yield shlex.join(["rvsg", "suite", "run", suite, "--stack", stack, *options])
+        else:
+            versions = [f"embedded:stack={each}" for each in (stack, tuned)]
+            page = ["--html", f"{self.tuner.out}/compare.html"]
+            yield shlex.join(["rvsg", "suite", "compare", *versions, "--suite", suite, *page])
+        yield shlex.join(["rvsg", "run", "--stack", tuned, *options])
+
+    def _seeds(self, count: int) -> list[int]:
+        return [seed_for(self.tuner.seed, "tuning/check", k) for k in range(count)]
+
+    def _parts(self, values: Values) -> Iterator[Part]:
+        """Yield every check of the proposal."""
+        few, missions = min(FEW_SEEDS, self.tuner.check_runs), self._missions()
+        empty = [self._other(f"empty-{k}", each, HumanConfiguration(humans=())) for k, each in enumerate(missions)]
+        named: list[tuple[Check, list[TuningCase], int]] = [
+            ("tuned", [each for each in self.cases if each.name in self.split.tuned], self.tuner.check_runs),
+            ("held out", [each for each in self.cases if each.name in self.split.held_out], self.tuner.check_runs),
+            ("ordinary", list(self._ordinary(missions)), few),
+            ("empty", empty, few),
+        ]
+        for name, cases, seeds in named:
+            if cases:
+                self.tuner.on_message(f"Checking {name}: {counted(len(cases), 'case')}, {counted(seeds, 'seed')} each.")
+                yield Part(name=name, comparison=self._compared(cases, values, self._seeds(seeds)))
+        if self.tuner.attack_runs:
+            yield self._attacked(missions[:ATTACKED], values)
+
+    def _compared(self, cases: Sequence[TuningCase], values: Values, seeds: Sequence[int]) -> Comparison:
+        results = [
+            results_of(
+                label,
+                self.suite.head.title,
+                cases,
+                self._made(setting, cases, seeds),
+                self.runs.maker.stack_of(setting),
+            )
+            for label, setting in (("before", self.present), ("proposal", values))
+        ]
+        return compare(results)
+
+    def _made(self, values: Values, cases: Sequence[TuningCase], seeds: Sequence[int]) -> list[SettingRun]:
+        made = []
+        for run in self.runs.run((values, case, seed) for case in cases for seed in seeds):
+            if isinstance(run, Failure):
+                raise SimulationError(f"seed {run.seed}: {run.reason}")
+            made.append(run)
+        return made
+
+    def _missions(self) -> list[TuningCase]:
+        """Return a case of each mission, those that violate most often first."""
+        violated = dict.fromkeys((each.name for each in self.cases), 0)
+        for run in self.search.before.runs.values():
+            violated[run.case] += run.violated
+        found: dict[str, TuningCase] = {}
+        for each in sorted(self.cases, key=lambda each: (-violated[each.name], each.name)):
+            found.setdefault(each.scenario.mission.id, each)
+        return list(found.values())
+
+    def _other(self, name: str, like: TuningCase, people: HumanConfiguration) -> TuningCase:
+        """Return other people on the route of a case, judged as it is."""
+        scenario = Scenario(mission=like.scenario.mission, people=people)
+        case = Case(name=name, title=name, expectations=like.tested.case.expectations, scenario=scenario)
+        tested = SuiteCase(case=case, world=like.tested.world, requirements=like.tested.requirements)
+        return TuningCase(tested, like.simulator)
+
+    def _ordinary(self, missions: Sequence[TuningCase]) -> Iterator[TuningCase]:
+        """Yield people on random errands on each route: nothing is aimed at the robot."""
+        for k, each in enumerate(missions):
+            for j in range(ORDINARY):
+                seed = seed_for(self.tuner.seed, "tuning/ordinary", k, j)
+                brief = Brief(mission=each.scenario.mission, requirement=None, seed=seed)
+                proposed = RandomGenerator().propose(brief, each.tested.world).scenario
+                if proposed is not None:
+                    yield self._other(f"ordinary-{k}-{j}", each, proposed.people)
+
+    def _attacked(self, missions: Sequence[TuningCase], values: Values) -> Part:
+        """Search for failures of the stack before and of the proposal, with the same budget and seeds."""
+        results, failures = [], []
+        for label, setting in (("before", self.present), ("proposal", values)):
+            self.tuner.on_message(f"Attacking {counted(len(missions), 'route')}: {label}.")
+            cases, confirmed = [], 0
+            for each in missions:
+                campaign = self._campaign(each, setting, max(10, self.tuner.attack_runs // len(missions)))
+                deque(campaign.run(jobs=self.tuner.jobs), maxlen=0)
+                confirmed += sum(finding.violated for finding in campaign.findings)
+                cases += [
+                    case_result(attempt, campaign.requirement).replace(
+                        case=f"{campaign.folder.name.lower()}-{attempt.index}"
+                    )
+                    for attempt in campaign.attempts()
+                    if attempt.purpose == "search"
+                    and attempt.verdict is not None
+                    and attempt.proposal.scenario is not None
+                ]
+            results.append(SuiteResult(suite="attack", version=label, simulator="embedded", cases=tuple(cases)))
+            failures.append(confirmed)
+        return Part(name="attacked", comparison=compare(results), failures=(failures[0], failures[1]))
+
+    def _campaign(self, each: TuningCase, values: Values, budget: int) -> Campaign:
+        """Return a campaign against a setting on the route of a case; one folder for each setting."""
+        mission, expectation = each.scenario.mission, each.tested.case.expectations[0]
+        world, robot, stack = folder_of(mission.world_id), mission.robot, self.runs.maker.stack_of(values)
+        if isinstance(robot, Robot):
+            file = self.tuner.out / "robot.yaml"
+            write_whole(file, yaml.safe_dump(robot.model_dump(mode="json"), sort_keys=False))
+            robot = str(file)
+        return Campaign.create(
+            self.tuner.out / "attacks" / f"{mission.route.name}-{stack.id[5:]}",
+            world=str(world) if world is not None else mission.world,
+            route=mission.route.name,
+            requirement=requirement_source(expectation.requirement, self.suite.folder),
+            robot=robot,
+            stack=stack,
+            simulator=each.simulator,
+            budget_runs=budget,
+            confirmations=max(20, budget // 3),
+            shrink_runs=0,
+            seed=self.tuner.seed,
+            named=(self.tuner.stack, stack.options),
+        )
+
+    def _sweeps(self, setting: Candidate, importances: Mapping[str, float]) -> Iterator[Sweep]:
+        """Yield the proposal with each of the parameters that matter most at other values."""
+        order = sorted(self.search.parameters.values(), key=lambda each: -importances.get(each.name, 0.0))
+        for each in order[:SWEPT]:
+            proposed = setting.values[each.name]
+            values = sorted({proposed, *(each.value(each.at(k / (SWEEP_POINTS - 1))) for k in range(SWEEP_POINTS))})
+            tried = [(value, self.search.try_out({**setting.values, each.name: value})) for value in values]
+            points = tuple((value, made.score) for value, made in tried if made.score is not None and not made.failures)
+            yield Sweep(parameter=each, proposed=proposed, points=points)
+
+    def _replayed(self, values: Values) -> ReplayedChange | None:
+        """Return the run that gets better the most, before and after; None where none does."""
+        seeds = self._seeds(self.tuner.check_runs)
+        before, after = (self._made(setting, self.cases, seeds) for setting in (self.present, values))
+        gains = [old.cost - new.cost for old, new in zip(before, after, strict=True)]
+        if max(gains) <= 0.0:
+            return None
+        best = before[gains.index(max(gains))]
+        case = next(each for each in self.cases if each.name == best.case)
+        requirement, world, scenario = case.requirements[0], case.tested.world, case.scenario
+        runs = [self.runs.maker.run(case, setting, best.seed) for setting in (self.present, values)]
+        measuring = Evaluator(requirement, world)
+        first, second = (run_facts(run, measuring.measure(run), requirement, world, scenario) for run in runs)
+        title, change = case.tested.case.title, Change.FIXED
+        return ReplayedChange(
+            change=CaseChange(case=case.name, title=title, requirement=requirement.name, change=change),
+            seed=best.seed,
+            scenario=scenario,
+            requirement=requirement,
+            world=world,
+            runs=(first, second),
+        )

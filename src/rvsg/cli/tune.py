@@ -1,0 +1,117 @@
+"""Tuning: `rvsg tune`."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from rvsg.cli.console import as_started, console, print_json, say
+from rvsg.cli.frame import verb
+from rvsg.cli.options import AsJson, JobsPerCore, setting_options
+
+if TYPE_CHECKING:
+    from rvsg.campaign.parameter_search import ParameterSearch
+
+app = verb(no_args_is_help=True)
+Optimiser = Literal["tpe", "cmaes", "nsga2"]
+
+
+@app.command()
+@setting_options("stack", "stack_options", "seed")
+def tune(
+    settings: dict[str, Any],
+    suite: Annotated[Path, typer.Argument(help="The folder of the suite.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of the tuning; the same one resumes. [runs/tune-SUITE]")
+    ] = None,
+    parameters: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Narrow, fix or add parameters (YAML).")
+    ] = None,
+    robot: Annotated[
+        str | None, typer.Option(help="Drive every case with this robot: a shipped one or a file.")
+    ] = None,
+    only: Annotated[list[str] | None, typer.Option(metavar="CASE", help="Only this case; repeatable.")] = None,
+    budget_runs: Annotated[int, typer.Option(min=1, help="Runs of the search.")] = 3000,
+    budget_minutes: Annotated[float | None, typer.Option(min=0.1, help="End the search earlier.")] = None,
+    optimiser: Annotated[Optimiser, typer.Option(help="Optimiser of Optuna.")] = "tpe",
+    more_time: Annotated[float, typer.Option(min=0.0, max=10.0, help="Largest share of more time.")] = 0.05,
+    check_runs: Annotated[int, typer.Option(min=2, help="Runs of each case that check the proposal.")] = 10,
+    attack_runs: Annotated[
+        int, typer.Option(min=0, help="Runs of a search against the stack before and after; 0: none.")
+    ] = 150,
+    choose: Annotated[int | None, typer.Option(help="Propose this setting of the front.")] = None,
+    jobs: JobsPerCore = None,
+    json: AsJson = False,
+) -> None:
+    """Find parameters of a stack that fail less on a suite, and check them on scenarios they were not tuned on.
+
+    The folder holds the changed parameter file, a page, tuning.json, and every run. The same command resumes.
+    """
+    from rvsg.app.settings import effective
+    from rvsg.app.tuner import PAGE, Tuner
+    from rvsg.app.wiring import jobs_of
+    from rvsg.report.tuning_page import headline, part_text, reason, unsolved_text
+    from rvsg.simulation.stacks.stack_choice import DEFAULT_STACK
+
+    chosen = effective(None, {}, {**settings, "jobs": jobs})
+    folder = out or Path("runs") / f"tune-{suite.resolve().name}"
+    found = Tuner(
+        suite=suite,
+        stack=chosen.stack or DEFAULT_STACK,
+        stack_options=chosen.stack_options,
+        out=folder,
+        narrowing=parameters,
+        robot=robot,
+        only=only or (),
+        optimiser=optimiser,
+        more_time=more_time,
+        budget_runs=budget_runs,
+        budget_minutes=budget_minutes,
+        check_runs=check_runs,
+        attack_runs=attack_runs,
+        choose=choose,
+        seed=chosen.seed,
+        jobs=jobs_of(chosen),
+        on_message=say,
+        on_search=_Shown(budget_runs).show,
+    ).run()
+    if json:
+        print_json(found.model_dump(mode="json"))
+        return
+    say(headline(found))
+    for part in found.parts:
+        say(f"  {part_text(part)}")
+    for change in found.changes:
+        before = "" if change.before is None else f"{change.before:g} to "
+        say(f"  {change.key or change.name}: {before}{change.after:g} {change.unit}; {reason(change, found.score)}")
+    for each in found.unsolved:
+        say(f"  {unsolved_text(each, found)}")
+    if found.failed:
+        say(f"  The stack failed in, or refused, {len(found.failed)} settings, e.g. {found.failed[0]}")
+    say(f"  open  {folder / PAGE}")
+    for command in found.commands[:1]:
+        say(f"  next  {as_started(command)}")
+
+
+class _Shown:
+    """Says how far a search is: on a terminal after every batch, else at every tenth of the runs."""
+
+    def __init__(self, budget: int) -> None:
+        self.budget, self.begun, self.tenth = budget, time.monotonic(), -1
+
+    def show(self, search: ParameterSearch) -> None:
+        tenth = 10 * search.spent // self.budget
+        if not console().is_terminal and tenth == self.tenth:
+            return
+        self.tenth = tenth
+        left = (time.monotonic() - self.begun) * max(0, self.budget - search.spent) / search.spent / 60.0
+        before, best = search.before.score, search.best.score
+        assert before is not None and best is not None
+        say(
+            f"  {search.spent} of {self.budget} runs, {len(search.candidates)} settings, about {left:.0f} min left; "
+            f"violations {before.violated} to {best.violated} of {best.runs}, contact {before.contacts} to "
+            f"{best.contacts}, time {100 * (best.time - 1.0):+.0f} %"
+        )

@@ -1,0 +1,151 @@
+"""A tuning in words, and its page: before and after on every check, what changes and why, what stays unsolved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from markupsafe import Markup
+
+from rvsg.campaign.parameter_search import Score, Unsolved
+from rvsg.campaign.tuning import Change, Check, Part, Sweep, Tuning
+from rvsg.evaluation.verdict import counted, number, percent
+from rvsg.report.charts import Scale, ticks
+from rvsg.report.comparison_page import ReplayedChange, change_replay
+from rvsg.report.renderer import component, render, script_safe
+
+NAMES = ("before", "proposal")
+ABOUT: Mapping[Check, str] = {
+    "tuned": "cases it was tuned on, with other seeds",
+    "held out": "cases of other kinds of failure",
+    "attacked": "scenarios of a new search against each, with the same budget",
+    "ordinary": "people on random errands",
+    "empty": "the routes without people",
+}
+
+
+def headline(found: Tuning) -> str:
+    """Return what came of a tuning, in a sentence or two."""
+    held, attacked = found.part("held out", "tuned"), found.part("attacked")
+    if found.proposal is None or held is None or held.difference is None:
+        return "No setting in these ranges fails less and holds the limits."
+    where = "held-out cases" if held.name == "held out" else "the cases it was tuned on, with other seeds,"
+    verb = "fall" if held.difference.difference < 0 else "rise" if held.difference.difference > 0 else "stay"
+    said = f"On {where} violations {verb} from {percent(held.before.share)} to {percent(held.after.share)} of the runs"
+    said += "." if held.difference.is_clear else "; chance can explain that."
+    if attacked and attacked.difference and attacked.difference.is_clear and attacked.difference.difference > 0:
+        said += " A new search finds more violations of the proposal than of the stack before."
+    return said
+
+
+def part_row(part: Part) -> dict[str, str]:
+    """Return a check as text."""
+    cases = len({case.case for case in part.before.cases})
+    row = {"name": part.name, "about": ABOUT[part.name], "cases": str(cases), "difference": "", "tone": ""}
+    for key, each in (("before", part.before), ("after", part.after)):
+        low, high = each.interval
+        row[key] = f"{each.violated} of {each.judged}: {percent(each.share)} ({percent(low)} to {percent(high)})"
+        if not each.judged:
+            row[key] = f"not judged; {each.arrived} of {each.runs} arrive"
+    row["contacts"] = f"{part.before.contacts} to {part.after.contacts}"
+    row["time"] = f"{100 * part.more_time:+.1f} %"
+    if part.difference is not None:
+        low, high = (100 * bound for bound in part.difference.interval)
+        row["difference"] = f"{100 * part.difference.difference:+.0f} points ({low:+.0f} to {high:+.0f})"
+        if part.difference.is_clear:
+            row["tone"] = "good" if part.difference.difference < 0 else "bad"
+    if part.failures is not None:
+        row["about"] += f"; {part.failures[0]} failures confirmed before, {part.failures[1]} after"
+        row["cases"] = f"{len(part.before.cases)}, {len(part.after.cases)}"
+    return row
+
+
+def part_text(part: Part) -> str:
+    """Return a check as a line."""
+    row = part_row(part)
+    shares = f"{row['before']} before, {row['after']} after"
+    if row["difference"]:
+        shares = f"{percent(part.before.share)} to {percent(part.after.share)} of runs violate, {row['difference']}"
+    contacts = f"contact {row['contacts']} of {part.after.runs}"
+    return f"{row['name']} ({row['cases']} cases): {shares}; {contacts}; time {row['time']}"
+
+
+def trade(score: Score, before: Score) -> str:
+    """Return what a setting trades, as its name."""
+    said, more = [], score.violated - before.violated
+    said.append(f"{counted(abs(more), 'violation')} {_more(more)}" if more else "as many violations")
+    if before.contacts or score.contacts:
+        said.append(f"contact in {score.contacts} of {score.runs} runs" if score.contacts else "no contact")
+    for share, least, words in ((score.time, 0.5, ("longer", "shorter")), (score.jerk, 5.0, ("rougher", "smoother"))):
+        if abs(change := 100 * (share - 1.0)) >= least:
+            said.append(f"{abs(change):.0f} % {words[change < 0]}")
+    return ", ".join(said)
+
+
+def reason(change: Change, score: Score | None) -> str:
+    """Return why a value changes: what happens without the change."""
+    without = change.without
+    if without is None or score is None:
+        return "fixed by you"
+    violations, contacts = without.violated - score.violated, without.contacts - score.contacts
+    said = [f"{counted(abs(violations), 'violation')} {_more(violations)}"] if violations else []
+    said += [f"contact in {counted(abs(contacts), 'run')} {_more(contacts)}"] if contacts else []
+    said += [f"time {100 * (without.time / score.time - 1.0):+.1f} %"]
+    said += [f"{', '.join(broken)} breaks"] if (broken := (*without.broken_cases, *without.new_contacts)) else []
+    return f"without it, in {score.runs} runs: {', '.join(said)}"
+
+
+def _more(difference: int) -> str:
+    return "fewer" if difference < 0 else "more"
+
+
+def unsolved_text(each: Unsolved, found: Tuning) -> str:
+    """Return why no setting removes a failure."""
+    text = (
+        f"{each.case}: no setting in these ranges removes this failure; the best of {each.settings} still violates in "
+        f"{each.least} of {each.of} runs."
+    )
+    if each.limited_by is None or each.end is None:
+        return f"{text} No parameter is at the end of its range: these parameters do not act on it."
+    unit = next(parameter.unit for parameter in found.parameters if parameter.name == each.limited_by)
+    return f"{text} {each.limited_by} limits it: the best values lie at the end of its range, {number(each.end, unit)}."
+
+
+def tuning_page(found: Tuning, replayed: ReplayedChange | None = None) -> str:
+    """Return a tuning as an HTML page that loads nothing.
+
+    Args:
+        replayed: the run that gets better the most; before and after move on one clock.
+    """
+    shown = replayed and {
+        "of": replayed,
+        "data": script_safe(change_replay(replayed, NAMES)),
+        "ids": script_safe([run.run.id for run in replayed.runs]),
+        "stories": list(zip(NAMES, [[said.text for said in run.story] for run in replayed.runs], strict=True)),
+    }
+    worse = [f"{each.case} ({part.name})" for part in found.parts for each in part.comparison.broken]
+    return render(
+        "tuning.html",
+        found=found,
+        headline=headline(found),
+        front=[(each, "as it is" if each.number == 0 else trade(each.score, found.before)) for each in found.front],
+        changes=[(each, reason(each, found.score)) for each in found.changes],
+        parts=[part_row(each) for each in found.parts],
+        sweeps=[sweep_chart(each) for each in found.sweeps],
+        unsolved=[unsolved_text(each, found) for each in found.unsolved],
+        worse=worse,
+        shown=shown,
+        component=Markup(component()),  # noqa: S704  (our own files)
+    )
+
+
+def sweep_chart(sweep: Sweep) -> Markup:
+    """Return the share of violating runs (line) and the time (dashes) over the range of a parameter."""
+    width, height = 340, 200
+    x = Scale(sweep.parameter.low, sweep.parameter.high, 44, width - 40)
+    y = Scale(0.0, 1.0, height - 34, 24)
+    points = [
+        (x(value), y(score.violated / score.runs), y(min(2.0, score.time) / 2.0), value, score)
+        for value, score in sweep.points
+    ]
+    found = ticks(x.low, x.high, 4)
+    return render("sweep.svg", width=width, height=height, sweep=sweep, x=x, y=y, points=points, ticks=found)

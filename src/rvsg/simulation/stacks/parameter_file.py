@@ -1,0 +1,160 @@
+"""Parameter files of Nav2 with some values changed: every other character of the file stays.
+
+The places of values come from the marks of PyYAML's nodes, so comments, quotes and the form of every other line are
+those of the user. What was written is read again: a file that does not say what was asked is never returned.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rvsg.core.errors import FileError
+from rvsg.simulation.stacks.nav2_params import DWB, Key, read_nav2_text
+from rvsg.simulation.stacks.parameters import value_at
+
+SKELETONS = {
+    "nav2-dwb": "dwb_core::DWBLocalPlanner",
+    "nav2-rpp": "nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController",
+    "nav2-mppi": "nav2_mppi_controller::MPPIController",
+}
+"""The controllers of the built-in stacks, for a file of one that has none."""
+SKELETON = """\
+# Made by `rvsg tune` for {stack}. Merge it into the parameter file of your robot.
+controller_server:
+  ros__parameters:
+    controller_plugins: ["FollowPath"]
+    FollowPath:
+      plugin: "{plugin}"
+local_costmap:
+  local_costmap:
+    ros__parameters:
+      plugins: ["obstacle_layer", "inflation_layer"]
+      obstacle_layer:
+        plugin: "nav2_costmap_2d::ObstacleLayer"
+      inflation_layer:
+        plugin: "nav2_costmap_2d::InflationLayer"
+global_costmap:
+  global_costmap:
+    ros__parameters:
+      plugins: ["static_layer", "obstacle_layer", "inflation_layer"]
+      static_layer:
+        plugin: "nav2_costmap_2d::StaticLayer"
+      obstacle_layer:
+        plugin: "nav2_costmap_2d::ObstacleLayer"
+      inflation_layer:
+        plugin: "nav2_costmap_2d::InflationLayer"
+"""
+ROS = "ros__parameters"
+INFLATION = {"inflation_m": "inflation_radius", "cost_scaling": "cost_scaling_factor"}
+
+
+def skeleton(stack: str) -> str | None:
+    """Return a parameter file that asks for a built-in stack with its defaults; None where Nav2 has no such stack."""
+    plugin = SKELETONS.get(stack)
+    return None if plugin is None else SKELETON.format(stack=stack, plugin=plugin)
+
+
+def place_of(option: str, document: Mapping[str, Any], options: Mapping[str, Any]) -> Key | None:
+    """Return the keys under which a file sets an option of a stack; None where it cannot.
+
+    Args:
+        options: those that were read from the file.
+    """
+    controller = value_at(document, f"controller_server.{ROS}") or {}
+    names = controller.get("controller_plugins") or ["FollowPath"]
+    planner: Key = ("controller_server", ROS, str(names[0] if isinstance(names, list) else names))
+    section, _, rest = option.partition(".")
+    if section == "dwb":
+        return (*planner, *DWB[rest].split(".")) if rest in DWB else None
+    if section == "costmaps":
+        which, _, what = rest.partition("_")
+        node: Key = (f"{which}_costmap", f"{which}_costmap", ROS)
+        layers = value_at(document, ".".join(node)) or {}
+        listed = [str(name) for name in layers.get("plugins") or ()]
+        layer = next((n for n in listed if "InflationLayer" in str((layers.get(n) or {}).get("plugin"))), None)
+        return None if layer is None or what not in INFLATION else (*node, layer, INFLATION[what])
+    if section == "collision_monitor":
+        number, _, key = rest.partition(".")
+        return ("collision_monitor", ROS, str(value_at(options, f"collision_monitor.{number}.name")), key)
+    if section in ("smoother", "behaviours"):
+        return None
+    if option == "desired_linear_vel" and "max_linear_vel" in (value_at(controller, planner[-1]) or {}):
+        return (*planner, "max_linear_vel")
+    return (*planner, *option.split("."))
+
+
+def with_values_in_file(text: str, path: Path, values: Mapping[str, float]) -> str:
+    """Return the text of a parameter file with other values of some options.
+
+    Raises:
+        FileError: the file has no place for one of them.
+    """
+    before = read_nav2_text(text, path)
+    document = yaml.safe_load(text)
+    for option, value in values.items():
+        place = place_of(option, document, before.options)
+        if place is None:
+            raise FileError(path, f"this file has no place for {option}.", code="no-place")
+        text = _changed(text, place, f"{value!r}")
+    after = read_nav2_text(text, path)
+    for option, value in values.items():
+        if value_at(after.options, option) != value:
+            raise FileError(path, f"{option} stays {value_at(after.options, option)} in this file.", code="no-place")
+    return text
+
+
+def has_place(text: str, path: Path, option: str, value: float) -> bool:
+    """Return whether a file can give an option this value."""
+    try:
+        with_values_in_file(text, path, {option: value})
+    except FileError:
+        return False
+    return True
+
+
+def _changed(text: str, place: Sequence[str], value: str) -> str:
+    """Return YAML with the value at a place replaced, or inserted where it is missing."""
+    root = yaml.compose(text, Loader=yaml.SafeLoader)
+    assert isinstance(root, yaml.MappingNode)
+    node, rest = root, list(place)
+    while rest:
+        for count in range(len(rest), 0, -1):  # `a.b` may be nested or spelled with the dot
+            found = next((item for name, item in node.value if name.value == ".".join(rest[:count])), None)
+            if found is not None:
+                break
+        if found is None:
+            return _inserted(text, node, rest, value)
+        rest = rest[count:]
+        if not rest:
+            return text[: found.start_mark.index] + value + text[found.end_mark.index :]
+        if not isinstance(found, yaml.MappingNode):
+            break
+        node = found
+    return text
+
+
+def _inserted(text: str, node: yaml.MappingNode, keys: Sequence[str], value: str) -> str:
+    """Return YAML with a new key at the end of a mapping's plain values, in the mapping's own form."""
+    if node.flow_style:
+        at = node.end_mark.index - 1
+        inner = value
+        for key in reversed(keys[1:]):
+            inner = f"{{{key}: {inner}}}"
+        comma = ", " if node.value else ""
+        return f"{text[:at].rstrip()}{comma}{keys[0]}: {inner}{text[at:]}"
+    plain = [item for _, item in node.value if isinstance(item, yaml.ScalarNode) or item.flow_style]
+    column = node.value[0][0].start_mark.column
+    lines = [f"{' ' * (column + 2 * depth)}{key}:" for depth, key in enumerate(keys)]
+    lines[-1] += f" {value}"
+    block = "\n".join(lines)
+    if plain:
+        end = re.compile(r"$", re.MULTILINE).search(text, plain[-1].end_mark.index)
+        at = end.start() if end else len(text)
+        return f"{text[:at]}\n{block}{text[at:]}"
+    at = node.value[0][0].start_mark.index - column
+    return f"{text[:at]}{block}\n{text[at:]}"
