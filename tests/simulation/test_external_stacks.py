@@ -81,6 +81,14 @@ def test_the_answer_to_the_hello_says_what_is_sent() -> None:
             frames.read_hello(answer)
 
 
+def test_a_process_says_which_of_its_parameters_may_be_tuned() -> None:
+    (found,) = frames.read_hello(b'H{"protocol": 2, "tunable": [{"name": "gain", "low": 0.5, "high": 4.0}]}').tunable
+    assert (found.name, found.low, found.high) == ("parameters.gain", 0.5, 4.0)
+    for wrong in (b'[{"low": 1, "high": 2}]', b'[{"name": "gain", "low": 2, "high": 1}]', b"[3]"):
+        with pytest.raises(StackError, check=coded("stack-hello")):
+            frames.read_hello(b'H{"protocol": 2, "tunable": ' + wrong + b"}")
+
+
 def test_protocol_2_adds_the_speed_to_the_left() -> None:
     assert frames.read_hello(b'H{"protocol": 2}').protocol == 2
     assert frames.read_answer(struct.pack("<cIB2d", b"V", 7, 1, 0.5, 0.2), 7) == (1, (0.5, 0.2))

@@ -33,12 +33,18 @@ def tune(
     robot: Annotated[
         str | None, typer.Option(help="Drive every case with this robot: a shipped one or a file.")
     ] = None,
-    only: Annotated[list[str] | None, typer.Option(metavar="CASE", help="Only this case; repeatable.")] = None,
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="CASE", hidden=True, help="Only this case; repeatable.")
+    ] = None,
     budget_runs: Annotated[int, typer.Option(min=1, help="Runs of the search.")] = 3000,
     budget_minutes: Annotated[float | None, typer.Option(min=0.1, help="End the search earlier.")] = None,
-    optimiser: Annotated[Optimiser, typer.Option(help="Optimiser of Optuna.")] = "tpe",
-    more_time: Annotated[float, typer.Option(min=0.0, max=10.0, help="Largest share of more time.")] = 0.05,
-    check_runs: Annotated[int, typer.Option(min=2, help="Runs of each case that check the proposal.")] = 10,
+    optimiser: Annotated[Optimiser, typer.Option(hidden=True, help="Optimiser of Optuna.")] = "tpe",
+    more_time: Annotated[
+        float, typer.Option(min=0.0, max=10.0, hidden=True, help="Largest share of more time.")
+    ] = 0.05,
+    check_runs: Annotated[
+        int, typer.Option(min=2, hidden=True, help="Runs of each case that check the proposal.")
+    ] = 10,
     attack_runs: Annotated[
         int, typer.Option(min=0, help="Runs of a search against the stack before and after; 0: none.")
     ] = 150,
