@@ -29,9 +29,9 @@ def test_recorded_values_increase(quantity: str) -> None:
 
 
 def test_rarity_is_the_share_of_people_who_go_as_far() -> None:
-    assert QUANTITIES["speed"].rarity(1.24) == pytest.approx(50.0)
-    assert QUANTITIES["acceleration"].rarity(9.0) == 0.0
-    assert QUANTITIES["distance"].rarity(0.28) == pytest.approx(1.0)
+    assert QUANTITIES["speed"].rarity(1.19) == pytest.approx(50.0)
+    assert QUANTITIES["acceleration"].rarity(9.6) == 0.0
+    assert QUANTITIES["distance"].rarity(0.25) == pytest.approx(1.0)
     assert QUANTITIES["standing"].rarity(0.0) == 100.0
 
 

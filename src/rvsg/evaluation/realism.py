@@ -1,8 +1,9 @@
 """Realism of simulated people: how far each person of a run goes, beside recorded people.
 
 The recordings are ETH and HOTEL (Pellegrini et al. 2009), ZARA 1, ZARA 2 and students 3 (Lerner et al. 2007): some
-1,400 people on streets and a campus, sampled every 0.4 s as simulated people are here. Members of one group do not
+1,300 people on streets and a campus, sampled every 0.4 s as simulated people are here. Members of one group do not
 count for distances. Positions in the recordings are marked by hand, so the accelerations include that noise.
+`benchmarks/people_realism.py` counts the percentiles.
 """
 
 from __future__ import annotations
@@ -45,19 +46,19 @@ class Quantity:
 QUANTITIES = {
     "speed": Quantity(
         "walks at", "m/s", True,
-        (0.2, 0.27, 0.32, 0.45, 0.54, 0.63, 0.87, 1.24, 1.51, 1.73, 1.84, 1.92, 2.04, 2.12, 2.6),
+        (0.21, 0.26, 0.3, 0.41, 0.49, 0.59, 0.84, 1.19, 1.48, 1.71, 1.82, 1.91, 2.02, 2.11, 2.23),
     ),
     "acceleration": Quantity(
         "accelerates with", "m/s²", True,
-        (0.0, 0.005, 0.01, 0.28, 0.39, 0.53, 0.82, 1.21, 1.78, 2.46, 2.84, 3.34, 4.28, 4.96, 8.0),
+        (0.0, 0.005, 0.01, 0.3, 0.41, 0.55, 0.8, 1.13, 1.57, 2.15, 2.63, 3.26, 3.95, 4.66, 9.5),
     ),
     "distance": Quantity(
         "comes within", "m of another person's centre", False,
-        (0.2, 0.25, 0.28, 0.31, 0.35, 0.41, 0.55, 0.78, 1.1, 1.54, 1.91, 2.36, 3.49, 3.91, 8.0),
+        (0.14, 0.21, 0.25, 0.3, 0.34, 0.4, 0.53, 0.78, 1.1, 1.57, 2.03, 2.4, 3.49, 4.27, 9.68),
     ),
     "standing": Quantity(
         "stands on the way for", "s", True,
-        (0.0, 0.001, 0.002, 0.003, 0.004, 0.005, 0.006, 0.007, 0.008, 2.8, 8.6, 18.7, 41.6, 77.6, 160.0),
+        (0.0, 0.001, 0.002, 0.003, 0.004, 0.005, 0.006, 0.007, 0.008, 2.0, 5.6, 11.2, 23.1, 52.2, 150.4),
     ),
 }  # fmt: skip
 
