@@ -55,7 +55,7 @@ def test_a_running_campaign_outlives_the_studio_and_pauses_and_resumes(show: Sho
     before = rvsg.Campaign.open(folder).attempts()
     assert 0 < len(before) < 4000
     tab.get_by_role("button", name="Resume").click()
-    tab.get_by_role("button", name="Stop now").click(timeout=PATIENT)
+    tab.get_by_role("button", name="Pause").click(timeout=PATIENT)
     tab.get_by_role("button", name="Resume").wait_for(timeout=PATIENT)
     assert rvsg.Campaign.open(folder).attempts()[: len(before)] == before
 

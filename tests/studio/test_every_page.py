@@ -243,6 +243,8 @@ def test_compare_two_campaigns(opened: Open, full: Path) -> None:
     for place, text in enumerate(("runs/first", "runs/second")):
         reach(tab, tab.locator("main select").nth(place))
         tab.keyboard.type(text)
+        tab.locator("main select").nth(1).locator("option:enabled", has_text="runs/second").wait_for(state="attached")
+    assert tab.locator("option", has_text="the same campaign").is_disabled()
     press(tab, tab.get_by_role("button", name="Compare", exact=True))
     tab.wait_for_url("**/compare?a=runs%2Ffirst&b=runs%2Fsecond")
     assert tab.locator("#scatter circle").count() >= 1

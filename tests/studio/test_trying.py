@@ -93,7 +93,8 @@ def test_an_estimate_takes_calls_from_earlier_campaigns() -> None:
     config = CampaignConfig(simulator="kinematic", scenarios=4, refinements=1, repeats=3, confirmations=6, jobs=1)
     free = estimate(config)
     assert (free.runs, free.proposals, free.usd, free.calls_of) == (30, 8, 0.0, "")
-    assert free.minutes == pytest.approx(30 * free.run_s / 60)
+    assert free.least == pytest.approx(24 * free.run_s / 60)
+    assert free.minutes == pytest.approx((30 + config.shrink_runs) * free.run_s / 60)
     assert FoundCampaign(folder="x", calls=4, calls_s=40.0, model="m", cost_usd=0.2).calls_s == 40.0
 
 

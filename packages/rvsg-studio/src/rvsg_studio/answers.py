@@ -29,7 +29,7 @@ from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import write_whole
 from rvsg.evaluation.verdict import counted, load_requirement
 from rvsg.report.renderer import component, look
-from rvsg.report.replay_data import people_colours
+from rvsg.report.replay_data import distinct_colours, people_colours
 from rvsg.report.run_facts import footprint_of
 from rvsg.report.stills import Look, Turn, area_colours, frame
 from rvsg.scenario.builder import check_valid, load_scenario_in, save_scenario
@@ -145,7 +145,8 @@ def scenario(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     """Return what the editor of a scenario shows: of an attempt, a case of a suite, a file, or a route of a world."""
     loaded, place, simulator = scenario_place(workspace, given)
     draft = draft_of(workspace, given)
-    kept = read_json(draft, None)
+    kept, own = read_json(draft, None), _own_requirement(workspace, given)
+    shipped = shipped_requirements() | ({own.name: own} if own is not None else {})
     return {
         "scenario": kept or loaded.model_dump(mode="json"),
         "original": loaded.model_dump(mode="json"),
@@ -154,8 +155,9 @@ def scenario(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
         "floor": floor_of(place),
         "title": place.title,
         "waypoints": [[w.name, w.x, w.y] for w in place.grid.waypoints if w.human],
-        "requirements": {name: each.title for name, each in shipped_requirements().items()},
+        "requirements": {name: each.title for name, each in shipped.items()},
         "behaviours": list(BEHAVIOURS),
+        "colours": distinct_colours(MOST_COLOURS),
     }
 
 
@@ -197,7 +199,7 @@ def scenario_try(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
             raise InputError("stops: expected a list of waypoints.")
         wanted = with_person(wanted, place, [str(stop) for stop in given["stops"]])
     seeds = range(min(MOST_SEEDS, max(1, number_of(given, "seeds"))))
-    tried = try_out(wanted, place, requirement, seeds=seeds, simulator=simulator)
+    tried = try_out(wanted, place, requirement, seeds=seeds, simulator=simulator, as_is=bool(given.get("as_is")))
     more = {"unit": requirement.unit, "limit": requirement.threshold, "requirement": requirement.name}
     return tried.model_dump(mode="json") | more
 
@@ -247,8 +249,14 @@ def scenario_discard(workspace: Workspace, given: dict[str, Any]) -> dict[str, A
 def _asked(workspace: Workspace, given: dict[str, Any]) -> tuple[Scenario, World, Spec, Requirement]:
     _, place, simulator = scenario_place(workspace, given)
     wanted = _wanted(given)
-    requirement = load_requirement(str(given.get("requirement") or "R1"), wanted.mission.route)
+    name, own = str(given.get("requirement") or "R1"), _own_requirement(workspace, given)
+    requirement = own if own is not None and own.name == name else load_requirement(name, wanted.mission.route)
     return wanted, world_of(wanted.mission, place), simulator, requirement
+
+
+def _own_requirement(workspace: Workspace, given: dict[str, Any]) -> Requirement | None:
+    """Return the requirement of the campaign that a scenario is of."""
+    return campaign_of(workspace, given).requirement if given.get("campaign") else None
 
 
 def _wanted(given: dict[str, Any]) -> Scenario:
@@ -319,6 +327,7 @@ def picture(workspace: Workspace, given: dict[str, Any]) -> Response:
 
 
 MOST_SEEDS = 20
+MOST_COLOURS = 60
 _editing = threading.Lock()
 
 DROPPED = "dropped.json"

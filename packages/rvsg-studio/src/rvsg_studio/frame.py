@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import json
-from collections.abc import Awaitable, Callable, Iterable, Iterator
+from collections.abc import Awaitable, Callable, Container, Iterable, Iterator
 from typing import Any
 from urllib.parse import urlencode
 
@@ -258,13 +258,15 @@ def text_area(value: str, changed: Changed, **attributes: Any) -> Tag:
     return made
 
 
-def select(options: Iterable[str], value: str | None, changed: Changed, **attributes: Any) -> Tag:
+def select(
+    options: Iterable[str], value: str | None, changed: Changed, *, disabled: Container[str] = (), **attributes: Any
+) -> Tag:
     """Add a list to choose from: the names of the options, or a dictionary of their names and texts."""
     texts = options if isinstance(options, dict) else {name: name for name in options}
     made = tag("select", **attributes)
     with made:
         for key, text in texts.items():
-            option = tag("option", text, value=key)
+            option = tag("option", text, value=key, disabled=key in disabled)
             if key == value:
                 option._props["^selected"] = "selected"
     made.on("change", lambda event: changed(str(event.args)), js_handler="(e) => emit(e.target.value)")

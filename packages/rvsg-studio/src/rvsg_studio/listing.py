@@ -77,6 +77,8 @@ class FoundCampaign(Record):
     """Contact that its failures do not show."""
     failures: tuple[FoundFailure, ...] = ()
     """The most severe first."""
+    scenarios: frozenset[str] = frozenset()
+    """The ids of all scenarios that it measured."""
     problem: str = ""
     """Why it has no answer; without a name, why it cannot be read."""
     unread: bool = False
@@ -86,6 +88,17 @@ class FoundCampaign(Record):
     def tried(self) -> str:
         """How many configurations were tried, of how many."""
         return tried_of(self.attempts, self.planned)
+
+
+def why_not(first: FoundCampaign, second: FoundCampaign) -> str:
+    """Return why two campaigns cannot be compared scenario by scenario; empty where they can."""
+    if first.folder == second.folder:
+        return "the same campaign"
+    if (first.world, first.route) != (second.world, second.route):
+        return "another world or route"
+    if first.requirement != second.requirement:
+        return "another requirement"
+    return "" if first.scenarios & second.scenarios else "no scenario in common"
 
 
 Failure = tuple[FoundCampaign, FoundFailure]
@@ -121,7 +134,7 @@ Stamp = tuple[tuple[str, int, int], ...]
 class _Index(Record):
     """The campaigns of each store with its stamp when they were read, kept between two sessions."""
 
-    format: Literal[6] = 6
+    format: Literal[7] = 7
     stores: dict[str, tuple[Stamp, tuple[FoundCampaign, ...]]] = Field(default_factory=dict)
 
 
@@ -310,5 +323,6 @@ def _found(campaign: Campaign, place: str, changed: float) -> FoundCampaign:
         model=calls[0].model if calls else "",
         cost_usd=account.cost_usd,
         changed_s=changed,
+        scenarios=frozenset(a.proposal.scenario.id for a in attempts if a.proposal.scenario and a.measurements),
         **said,
     )

@@ -92,10 +92,11 @@ def try_out(
     *,
     seeds: Sequence[int] = (0,),
     simulator: str | Spec = "embedded",
+    as_is: bool = False,
 ) -> Tried:
-    """Repair a scenario as its generator would, check it, and simulate it once for each seed."""
+    """Repair a scenario as its generator would, unless it is tried as it is; check and simulate it for each seed."""
     world = scenario.mission.place(world)
-    people, repairs = repair(scenario.people, scenario.mission, world)
+    people, repairs = (scenario.people, ()) if as_is else repair(scenario.people, scenario.mission, world)
     scenario = scenario.replace(people=people)
     said = tuple(f"{each.human}: {each.what}" for each in repairs)
     problems = tuple(str(finding) for finding in check(people, scenario.mission, world))

@@ -68,6 +68,11 @@ class Job:
     folder: Path
 
     @property
+    def took_s(self) -> float:
+        """How long it took, once it has a result, seconds."""
+        return (self.folder / RESULT).stat().st_mtime - self.begun_s
+
+    @property
     def running(self) -> bool:
         """Whether its process lives, or is about to."""
         return self.state in ("starting", "running")

@@ -32,7 +32,7 @@ from rvsg_studio.frame import (
     table,
     tag,
 )
-from rvsg_studio.listing import FoundCampaign, Listing, suite_results_in
+from rvsg_studio.listing import FoundCampaign, Listing, suite_results_in, why_not
 from rvsg_studio.workspace import Workspace, stamp
 
 SIZE = 320
@@ -113,9 +113,7 @@ def add(workspace: Workspace) -> None:
         listing = await load(workspace.whole_listing if a and b else workspace.listing)
         pairs, unit = await load(_read, workspace, a, b) if a and b else ((), "")
         with page(workspace, "Compare", here="/compare", wide=True) as made:
-            campaigns = {"": "choose a campaign"} | {c.folder: c.folder for c in listing.campaigns if not c.problem}
-            choices = {"a": ("First", campaigns), "b": ("Second", campaigns)}
-            _choose(made, "/compare", {"a": a, "b": b}, choices, "Choose two campaigns.")
+            _choose_campaigns(made, [each for each in listing.campaigns if not each.problem], a, b)
             if a and b:
                 _totals(listing, a, b)
                 _pairs(a, b, pairs, unit)
@@ -171,6 +169,40 @@ def _read(workspace: Workspace, a: str, b: str) -> tuple[tuple[Pair, ...], str]:
         return tuple(zip(one.cases, two.cases, found.changes, strict=True)), first.requirement.unit
 
     return workspace.kept(("pairs", a, b, stamp(paths[1])), paths[0], made)
+
+
+def _choose_campaigns(made: Page, known: Sequence[FoundCampaign], a: str, b: str) -> None:
+    """Lay out the choice of two campaigns; what cannot be compared says why, and cannot be chosen."""
+    chosen = {"a": a, "b": b}
+    mates = {each.folder: any(not why_not(each, other) for other in known) for each in known}
+    firsts = {name: name if mates[name] else f"{name}: no campaign ran the same scenarios" for name in mates}
+
+    def compare() -> None:
+        if not all(chosen.values()):
+            raise InputError("Choose two campaigns.")
+        ui.navigate.to(address("/compare", **chosen))
+
+    def lay_second(folder: str, kept: str = "") -> None:
+        chosen.update(a=folder, b=kept)
+        first = next((each for each in known if each.folder == folder), None)
+        why = {each.folder: why_not(first, each) if first is not None else "choose the first" for each in known}
+        texts = {name: f"{name}: {why[name]}" if why[name] else name for name in sorted(why, key=why.__getitem__)}
+        second.clear()
+        with second, field("Second"):
+            unfit = {name for name in why if why[name]}
+            select({"": "choose a campaign"} | texts, kept, partial(chosen.__setitem__, "b"), disabled=unfit)
+
+    with tag("div", cls="st-form"):
+        with field("First"):
+            unfit = {name for name, mate in mates.items() if not mate}
+            select({"": "choose a campaign"} | firsts, a, lay_second, disabled=unfit)
+        second = tag("div")
+    lay_second(a, b)
+    if known and not any(mates.values()):
+        none = "No two campaigns here ran the same scenarios: repeat one with another stack and the same seed."
+        tag("p", none, cls="soft")
+    with actions():
+        made.button("Compare", compare, cls="st-primary")
 
 
 def _choose(
@@ -238,7 +270,10 @@ def _pairs(a: str, b: str, pairs: tuple[Pair, ...], unit: str) -> None:
                         change_chip(change.change)
                         shares = (f"{each.verdict.violations} of {each.verdict.runs}" for each in (one, two))
                         tag("span", " → ".join(shares), cls="small")
-                    tag("span", one.title, cls="st-clip")
+                    with tag("span", cls="st-clip"):
+                        link(one.title, "/finding", campaign=a, attempt=one.attempt)
+                        tag("span", " · ")
+                        link("in the second", "/finding", campaign=b, attempt=two.attempt)
                     with tag("span"):
                         where = address("/compare/runs", a=a, b=b, first=one.attempt, second=two.attempt)
                         label = f"Replay attempts {one.attempt} and {two.attempt}"

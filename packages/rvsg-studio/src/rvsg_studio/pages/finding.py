@@ -248,7 +248,9 @@ def _actions(made: Page, shown: Shown) -> None:
             offer("runs", text, title, scenario, path, runs_command(path, config, **seeds), **seeds)
         if shown.attempt.purpose == "search" and not shown.confirmed:
             made.button("Confirm now", confirm, command=confirming, cls="st-primary")
-        tag("a", "Edit", cls="st-button", href=address("/scenario", **shown.query), data_key="e", title="e")
+        editor = {"data_edit": json.dumps({key: str(value) for key, value in shown.query.items()})}
+        editor |= {"data_before": shown.row.share, "data_requirement": shown.campaign.requirement.name}
+        tag("a", "Edit", cls="st-button", href=address("/scenario", **shown.query), data_key="e", title="e", **editor)
         _export(made, shown)
 
 
@@ -336,15 +338,16 @@ class JobLine:
 
 
 def job_buttons(made: Page, job: Job, said: Callable[[str], object] = ignore, *, command: str = "") -> None:
-    """Add the buttons that pause and stop a job; `said` gets what comes of it."""
+    """Add the button that pauses a job, and once pressed stops it at once; `said` gets what comes of it."""
+    jobs, pausing = made.workspace.jobs, [False]
 
-    def end(stop: Callable[[str], None], text: str) -> None:
-        stop(job.id)
-        said(text)
+    def end() -> None:
+        (jobs.stop if pausing[0] else jobs.pause)(job.id)
+        said("Stopped." if pausing[0] else "Pausing when the runs in progress end…")
+        pausing[0] = True
+        button.set_text("Stop now")
 
-    jobs = made.workspace.jobs
-    made.button("Pause", lambda: end(jobs.pause, "Pausing when the runs in progress end…"), command=command)
-    made.button("Stop now", lambda: end(jobs.stop, "Stopped."), cls="st-danger")
+    button = made.button("Pause", end, command=command)
 
 
 def _note(made: Page, shown: Shown) -> None:

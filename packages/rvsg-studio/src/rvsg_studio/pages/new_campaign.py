@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -53,9 +53,10 @@ from rvsg_studio.frame import (
     text_input,
 )
 from rvsg_studio.listing import FoundCampaign
-from rvsg_studio.workspace import Workspace
+from rvsg_studio.workspace import Job, Workspace
 
-TRIAL_RUNS = 2
+TRIAL_RUNS, LAST = 2, 5
+"""Runs that are tried for an estimate, and campaigns that it is taken from."""
 
 
 class Estimate(Record):
@@ -64,19 +65,34 @@ class Estimate(Record):
     runs: int
     """Runs of search and confirmation."""
     proposals: int
+    least: float
+    """Minutes of the search alone."""
     minutes: float
+    """Minutes of everything at most: search, confirmation, shrinking."""
     usd: float | None
     run_s: float
-    """What one run took here, seconds; the mean of a few."""
+    """What one run took here on one core, seconds; the mean of a few."""
     jobs: int
+    campaigns: int = 0
+    """Finished campaigns of this machine that the time is taken from; 0: the mission was simulated a few times."""
     calls_of: str = ""
     """The model whose calls are part of it."""
     known_calls: int = 0
     """Calls of that model in earlier campaigns, from which time and price of a call are taken."""
 
 
-def estimate(asked: CampaignConfig | Matrix, earlier: Sequence[FoundCampaign] = ()) -> Estimate:
-    """Estimate a campaign by simulating its mission a few times, and by what calls of its model took earlier.
+def paces(jobs: Iterable[Job], campaigns: Iterable[FoundCampaign], world: str) -> list[float]:
+    """Return the seconds for each run of the last campaigns in a world that the studio ran here from begin to end."""
+    runs = {each.folder: each.runs for each in campaigns if each.complete and each.runs and each.world == world}
+    first = {job.target: job for job in jobs if job.kind == "campaign"}  # the newest first: the oldest of each stays
+    done = [job for job in first.values() if job.state == "finished" and job.target in runs]
+    return [job.took_s / runs[job.target] for job in done[:LAST]]
+
+
+def estimate(
+    asked: CampaignConfig | Matrix, earlier: Sequence[FoundCampaign] = (), jobs: Sequence[Job] = ()
+) -> Estimate:
+    """Estimate a campaign by what campaigns and calls of its model took here earlier, else by a few runs.
 
     Campaigns of a matrix share the workers of one machine.
 
@@ -85,13 +101,23 @@ def estimate(asked: CampaignConfig | Matrix, earlier: Sequence[FoundCampaign] = 
     """
     if isinstance(asked, Matrix):
         pairs = [asked.settings | dict(zip(LISTED, pair, strict=True)) for pair in asked.pairs]
-        return _together([estimate(effective(None, {}, each), earlier) for each in pairs])
+        return _together([estimate(effective(None, {}, each), earlier, jobs) for each in pairs])
     wired = wire(asked)
-    plan, jobs = wired.plan, jobs_of(asked)
-    run_s = _run_s(wired)
-    runs_s = plan.runs * run_s / jobs
+    plan, cores = wired.plan, jobs_of(asked)
+    known = paces(jobs, earlier, plan.mission.world)
+    run_s = cores * sum(known) / len(known) if known else _run_s(wired)
+    least, runs_s = plan.search_runs * run_s / cores, (plan.runs + asked.shrink_runs) * run_s / cores
     if asked.generator_name != "vlm" or asked.replay is not None:
-        return Estimate(runs=plan.runs, proposals=plan.attempts, minutes=runs_s / 60, usd=0.0, run_s=run_s, jobs=jobs)
+        return Estimate(
+            runs=plan.runs,
+            proposals=plan.attempts,
+            least=least / 60,
+            minutes=runs_s / 60,
+            usd=0.0,
+            run_s=run_s,
+            jobs=cores,
+            campaigns=len(known),
+        )
     model = asked.model or ""
     alike = [each for each in earlier if each.calls and each.model == model]
     calls, priced = sum(each.calls for each in alike), [each for each in alike if each.cost_usd is not None]
@@ -101,10 +127,12 @@ def estimate(asked: CampaignConfig | Matrix, earlier: Sequence[FoundCampaign] = 
     return Estimate(
         runs=plan.runs,
         proposals=plan.attempts,
+        least=(least + plan.attempts * call_s / plan.max_in_flight) / 60,
         minutes=(runs_s + plan.attempts * call_s / plan.max_in_flight) / 60,
         usd=None if each_usd is None else each_usd * plan.attempts,
         run_s=run_s,
-        jobs=jobs,
+        jobs=cores,
+        campaigns=len(known),
         calls_of=model,
         known_calls=calls,
     )
@@ -116,6 +144,7 @@ def _together(found: Sequence[Estimate]) -> Estimate:
     return found[0].replace(
         runs=runs,
         proposals=sum(each.proposals for each in found),
+        least=sum(each.least for each in found),
         minutes=sum(each.minutes for each in found),
         run_s=sum(each.run_s * each.runs for each in found) / max(1, runs),
         usd=None if None in costs else sum(cost for cost in costs if cost is not None),
@@ -143,6 +172,31 @@ def _run_s(wired: Wired) -> float:
     return _known[key]
 
 
+GROUPED = {
+    "Distance to people": (
+        "R1",
+        "clearance",
+        "personal_space",
+        "time_to_collision",
+        "slow_near_people",
+        "recovers_distance",
+    ),
+    "Contact": ("no_contact", "contact_speed"),
+    "The drive": (
+        "R2",
+        "R3",
+        "arrival",
+        "detour",
+        "goal_accuracy",
+        "stopping",
+        "deadlock",
+        "emergency_stops",
+        "acceleration",
+    ),
+}
+"""Shipped requirements as the form groups them; others come last."""  # fmt: skip
+GROUP_OF = {name: group for group, names in GROUPED.items() for name in names}
+REQUIREMENTS = {name: shipped_requirements()[name] for name in [*GROUP_OF, *shipped_requirements()]}
 DRAFT = "new-campaign.yaml"
 HEAD = "# A campaign file: every key is an option of `rvsg run`.\n"
 GENERATORS = {"heuristic": "heuristic, offline", "random": "random", "vlm": "vision language model"}
@@ -281,7 +335,7 @@ class Form:
             "strategy": plugins.names("strategy"),
         }
         choices = {key: {name: name for name in names} for key, names in named.items()}
-        choices["requirement"] = {name: f"{name}: {each.title}" for name, each in shipped_requirements().items()}
+        choices["requirement"] = {name: f"{name}: {each.title}" for name, each in REQUIREMENTS.items()}
         choices["generator"] = GENERATORS
         shown = {
             key: setting
@@ -319,18 +373,22 @@ class Form:
         with tag("fieldset", cls="st-boxes"):
             tag("legend", label, cls="st-label")
             for name, text in options.items():
-                with tag("label"):
+                if (group := GROUP_OF.get(name)) and key == "requirement" and name == GROUPED[group][0]:
+                    tag("strong", group, cls="small soft st-whole")
+                with tag("label", title=REQUIREMENTS[name].text if name in REQUIREMENTS else None):
                     box = tag("input", type="checkbox", name_=key)
                     if name in chosen:
                         box._props["^checked"] = True
-                    tag("span", text)
+                    with tag("span", text):
+                        if name in REQUIREMENTS:
+                            tag("span", REQUIREMENTS[name].text, cls="st-help")
                 box.on("change", lambda event, name=name: ticked(name, bool(event.args)),
                        js_handler="(e) => emit(e.target.checked)")  # fmt: skip
 
     async def _estimate(self) -> None:
-        self.estimate.set_text("Simulating the mission a few times…")
-        listing = await load(self.page.workspace.whole_listing)
-        self.estimate.set_text(in_words(await load(estimate, self.draft.asked, listing.campaigns)))
+        self.estimate.set_text("Estimating…")
+        listing, jobs = await load(self.page.workspace.whole_listing), await load(self.page.workspace.jobs.all)
+        self.estimate.set_text(in_words(await load(estimate, self.draft.asked, listing.campaigns, jobs)))
 
     async def _start(self) -> None:
         workspace, config = self.page.workspace, self.draft.asked
@@ -358,10 +416,13 @@ class Form:
 
 def in_words(found: Estimate) -> str:
     """Return an estimate as a sentence or two."""
-    minutes = "less than a minute" if found.minutes < 1 else f"about {counted(round(found.minutes), 'minute')}"
+    low, high = max(1, round(found.least)), max(1, round(found.minutes))
+    minutes = f"{low} to {counted(high, 'minute')}" if low < high else f"About {counted(high, 'minute')}"
+    known = f"as the last {counted(found.campaigns, 'campaign')} here took" if found.campaigns else "tried just now"
     said = (
-        f"{minutes.capitalize()}: {counted(found.runs, 'run')} at {found.run_s:.2f} s on "
-        f"{counted(found.jobs, 'core')}, and {counted(found.proposals, 'proposal')}."
+        f"{minutes}: at most {counted(found.runs, 'run')} to search and confirm, then causes and shrinking; "
+        f"{found.run_s:.2f} s for a run on each of {counted(found.jobs, 'core')}, {known}. "
+        f"{counted(found.proposals, 'proposal')}."
     )
     if not found.calls_of:
         return f"{said} No model is called: it costs nothing."

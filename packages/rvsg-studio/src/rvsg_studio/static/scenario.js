@@ -6,47 +6,63 @@
 (function (root) {
   "use strict";
   const studio = root.studio, html = studio.html, svg = studio.svg, ask = studio.ask, send = studio.send;
-  const RESTS_MS = 500, SEEDS = 20, STROKE = ["#1a7f6b", "#b45309", "#7a4fbf", "#be185d", "#0e7490", "#4d7c0f", "#9333ea", "#c2410c"];
+  const RESTS_MS = 500, SEEDS = 20, FLASH_MS = 2500;
 
   studio.parts.scenario = function (element) {
     const source = JSON.parse(element.dataset.source), query = "?" + new URLSearchParams(source);
-    let data = null, scenario = null, drawing = null, where = new Map(), tried = null, drag = null, chosen = 0, turn = 0, resting = null, requirement = element.dataset.requirement || "R1";
+    let data = null, scenario = null, drawing = null, where = new Map(), tried = null, drag = null, chosen = 0, turn = 0, before = element.dataset.before || "", moved = null, asIs = false, resting = null, requirement = element.dataset.requirement || "R1";
     const undone = [], done = [], typed = studio.typing("scenario" + query, fail);
     const status = html(element, "p", { class: "st-message", role: "status" });
     const bar = html(element, "div", { class: "st-actions", role: "toolbar", "aria-label": "Scenario" });
     const verdict = html(element, "div", { class: "st-try", role: "status", "aria-live": "polite" });
     const body = html(element, "div", { class: "st-editor" });
     const left = html(body, "div", { class: "st-editor-map" }), right = html(body, "div", { class: "st-editor-side" });
+    const skeleton = html(left, "div", { class: "st-skeleton st-tall", "aria-hidden": "true" });
     const lanes = html(left, "div", { class: "st-lanes" });
     const replayBox = html(element, "div", {});
 
     function say(text, bad) { status.textContent = text; status.classList.toggle("st-wrong", !!bad); }
     function fail(error) { say(error.message, true); }
     function people() { return scenario.people.humans; }
-    function colour(k) { return STROKE[k % STROKE.length]; }
-    function question(more) { return Object.assign({}, source, { scenario: scenario, requirement: requirement }, more); }
+    function colour(k) { return data.colours[k % data.colours.length]; }
+    function question(more) { return Object.assign({}, source, { scenario: scenario, requirement: requirement, as_is: asIs }, more); }
+    function differs() { return JSON.stringify(scenario) !== JSON.stringify(data.original); }
+    const shared = studio.shared("scenario" + query, function () { if (!drag && !writing) ask("/data/scenario" + query).then(take).catch(fail); });
 
     /* simulate after a change */
-    let writing = "";
+    let writing = "", flash = null;
     function keep() { writing = ""; done.push(JSON.stringify(scenario)); undone.length = 0; if (done.length > 100) done.shift(); }
     /** What differs from the file is on the disk after every change, before anything is simulated. */
-    const store = studio.latest(function () { return send("/data/scenario-keep", question()).catch(fail); });
-    function repaired(found) {
-      if (JSON.stringify(found) === JSON.stringify(scenario)) return;
-      scenario = found;
+    const store = studio.latest(function () { return send("/data/scenario-keep", question()).then(shared).catch(fail); });
+    /** Take what a repair made of a change; where it changed the path that was just dragged, say why, and offer the point as it was. */
+    function repaired(found, why) {
+      if (JSON.stringify(found) === JSON.stringify(scenario)) { moved = null; return; }
+      const mine = JSON.stringify(scenario), person = moved;
+      scenario = found; moved = null;
       if (done.length) store();  // another tab may have changed it, this one has not
+      if (person === null || !why.length) return;
+      say("Repaired: " + why.join("; ") + ". ");
+      studio.button(status, "Keep my point", function () { scenario = JSON.parse(mine); asIs = true; store(); show(); say("Kept as it is."); simulate(1); }, { class: "st-button st-small" });
+      flash = person;
+      setTimeout(function () { flash = null; draw(); }, FLASH_MS);
+    }
+    /** How often the original violates: what a finding says, else what its runs do here. */
+    function compare() {
+      if (before) return;
+      before = "\u2026";
+      send("/data/scenario-try", question({ scenario: data.original, seeds: SEEDS, as_is: true })).then(function (found) { before = found.violations + "/" + found.runs; showVerdict(); }).catch(fail);
     }
     function simulate(seeds, more) {
       const mine = ++turn;
       return send("/data/scenario-try", question(Object.assign({ seeds: seeds }, more))).then(function (found) {
         if (mine !== turn) return;
         tried = found;
-        if (!drag) repaired(found.scenario);
+        if (!drag) repaired(found.scenario, found.repairs);
         show();
         if (seeds === 1 && !drag && !found.problems.length) { clearTimeout(resting); resting = setTimeout(function () { simulate(SEEDS); }, RESTS_MS); }
       }).catch(function (error) { if (mine === turn) fail(error); });
     }
-    function changed() { say(""); store(); show(); simulate(1); }
+    function changed() { say(""); asIs = false; store(); show(); simulate(1); }
     function edit(change) { keep(); change(); changed(); }
     /** Change something with every keystroke in a field; the keystrokes are undone together. */
     function write(field, change) { if (writing !== field) { keep(); writing = field; } change(); changed(); }
@@ -56,7 +72,7 @@
     select.addEventListener("change", function () { requirement = select.value; simulate(1); });
     const undo = studio.button(bar, "Undo", function () { if (done.length) { undone.push(JSON.stringify(scenario)); scenario = JSON.parse(done.pop()); changed(); } });
     const redo = studio.button(bar, "Redo", function () { if (undone.length) { done.push(JSON.stringify(scenario)); scenario = JSON.parse(undone.pop()); changed(); } });
-    const discard = studio.button(bar, "Discard changes", function () { send("/data/scenario-discard", source).then(take).catch(fail); });
+    const discard = studio.button(bar, "Discard changes", function () { send("/data/scenario-discard", source).then(take).then(shared).catch(fail); });
     studio.button(bar, "Replay 20 runs", function () {
       say("Simulating\u2026");
       send("/data/scenario-replay", question()).then(function (found) {
@@ -75,8 +91,12 @@
     function position(human, name) { return (human.points && human.points[name]) || where.get(name); }
     function text(points) { return points.map(function (p) { return p.join(","); }).join(" "); }
     function draw() {
+      const held = drawing.map.contains(document.activeElement) && document.activeElement.dataset.handle;
       drawing.metres.textContent = ""; drawing.words.textContent = "";
       const route = scenario.mission.route;
+      if (differs()) data.original.people.humans.forEach(function (human) {
+        human.tasks.forEach(function (task) { svg(drawing.metres, "polyline", { class: "st-ghost", points: text(task.path.map(function (name) { return position(human, name); }).filter(Boolean)) }); });
+      });
       if (tried && tried.robot.length) svg(drawing.metres, "polyline", { class: "st-robot", points: text(tried.robot) });
       [["start", "S"], ["goal", "G"]].forEach(function (end) {
         const p = drawing.place(route[end[0]].x, route[end[0]].y), g = svg(drawing.words, "g", { class: "st-end" });
@@ -86,14 +106,21 @@
         const on = k === chosen;
         if (tried && tried.people[human.name]) svg(drawing.metres, "polyline", { class: "st-walked", stroke: colour(k), points: text(tried.people[human.name]) });
         human.tasks.forEach(function (task, t) {
-          const line = svg(drawing.metres, "polyline", { class: "st-planned" + (on ? " st-chosen" : ""), stroke: colour(k), points: text(task.path.map(function (name) { return position(human, name); }).filter(Boolean)) });
+          const line = svg(drawing.metres, "polyline", { class: "st-planned" + (on ? " st-chosen" : "") + (k === flash ? " st-flash" : ""), stroke: colour(k), points: text(task.path.map(function (name) { return position(human, name); }).filter(Boolean)) });
           line.addEventListener("pointerdown", function () { choose(k); });
           if (!on) return;
           task.path.forEach(function (name, at) {
             const p = position(human, name);
             if (!p || (at === 0 && t > 0)) return;
             const end = at === 0 || at === task.path.length - 1;
-            const dot = svg(drawing.metres, "circle", { class: "st-handle", cx: p[0], cy: p[1], r: Math.max(end ? 0.16 : 0.09, (end ? 9 : 6) * drawing.pixel()), "data-waypoint": name, "data-task": t });
+            const dot = svg(drawing.metres, "circle", { class: "st-handle", cx: p[0], cy: p[1], r: Math.max(end ? 0.16 : 0.09, (end ? 9 : 6) * drawing.pixel()), "data-waypoint": name, "data-task": t, "data-handle": t + "/" + at, tabindex: end ? 0 : -1, role: "button", "aria-label": human.name + ", task " + (t + 1) + ", at " + name + ": arrow keys move it" });
+            dot.addEventListener("keydown", function (event) {
+              const to = beside(name, event.key);
+              if (!to) return;
+              event.preventDefault(); event.stopPropagation();
+              moved = k;
+              edit(function () { replaceAt(people()[k], t, at, to); });
+            });
             dot.addEventListener("pointerdown", function (event) {
               event.stopPropagation(); event.preventDefault();
               keep(); drag = { human: k, task: t, at: at, name: name, sent: 0 };
@@ -104,6 +131,21 @@
         const first = human.tasks.length && position(human, human.tasks[0].path[0]);
         if (first) { const p = drawing.place(first[0], first[1]); svg(drawing.words, "text", { class: "st-person", fill: colour(k), x: p[0], y: p[1] - 0.35, "font-size": 0.45 }, human.name); }
       });
+      const again = held && drawing.map.querySelector('[data-handle="' + held + '"]');
+      if (again) again.focus();
+    }
+    const WAYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+    /** The nearest waypoint in the direction of an arrow key, as the map shows it. */
+    function beside(name, key) {
+      const way = WAYS[key], here = where.get(name);
+      if (!way || !here) return null;
+      const p = drawing.place(here[0], here[1]);
+      let best = null, least = Infinity;
+      data.waypoints.forEach(function (w) {
+        const q = drawing.place(w[1], w[2]), along = (q[0] - p[0]) * way[0] + (q[1] - p[1]) * way[1], off = Math.abs((q[0] - p[0]) * way[1] - (q[1] - p[1]) * way[0]);
+        if (along > 0.01 && off <= along && along + 2 * off < least) { least = along + 2 * off; best = w[0]; }
+      });
+      return best;
     }
     /** Put a waypoint in the place of another in a path, and in the task that begins where this one ends. */
     function replaceAt(human, t, at, to) {
@@ -117,6 +159,7 @@
     function named(task) { task.name = task.path[0] + " \u2192 " + task.path[task.path.length - 1]; task.start_area = null; task.end_area = null; }
     function startMap() {
       drawing = studio.plan(left, data.floor, "Map of " + data.title);
+      drawing.map.setAttribute("role", "group");  // its handles take the focus
       left.insertBefore(drawing.map, lanes);
       drawing.map.addEventListener("framed", draw);
       drawing.map.addEventListener("pointermove", function (event) {
@@ -124,6 +167,7 @@
         const to = nearest(drawing.at(event)), human = people()[drag.human];
         if (!to || human.tasks[drag.task].path[drag.at] === to) return;
         replaceAt(human, drag.task, drag.at, to);
+        moved = drag.human;
         store(); draw();
         const now = performance.now();
         if (now - drag.sent > 120) { drag.sent = now; simulate(1); }
@@ -218,6 +262,7 @@
     }
     function showVerdict() {
       verdict.textContent = "";
+      if (differs()) { compare(); html(verdict, "span", { class: "st-before" }, "before " + before + ", now "); }
       if (!tried) { html(verdict, "span", { class: "soft" }, "Preparing the simulator; the first time takes a minute or two\u2026"); return; }
       if (tried.problems.length) {
         const list = html(verdict, "ul", { class: "st-wrong" });
@@ -234,9 +279,9 @@
       if (tried.repairs.length) html(verdict, "span", { class: "soft small" }, "Repaired: " + tried.repairs.join("; "));
     }
     function show() {
-      if (!drawing) startMap();
+      if (!drawing) { skeleton.remove(); startMap(); }
       undo.disabled = !done.length; redo.disabled = !undone.length;
-      discard.disabled = JSON.stringify(scenario) === JSON.stringify(data.original);
+      discard.disabled = !differs();
       draw(); drawLanes(); showVerdict();
       const active = document.activeElement;  // who writes in a field is not disturbed
       if (!drag && !(right.contains(active) && active.tagName === "INPUT" && active.value !== active.defaultValue)) showPeople();

@@ -85,6 +85,28 @@
       },
     };
   }
+  /** Let other tabs know of a change to something: `changed` is called there; returns what tells them. */
+  function shared(key, changed) {
+    const channel = new BroadcastChannel("rvsg-studio:" + key);
+    channel.onmessage = changed;
+    return function () { channel.postMessage(""); };
+  }
+  /* A page that takes long to come shows that at once: the style waits 300 ms. */
+  root.addEventListener("beforeunload", function () { document.documentElement.classList.add("st-leaving"); });
+  root.addEventListener("pageshow", function () { document.documentElement.classList.remove("st-leaving"); });
+
+  /* Edit a finding in its own panes: a click on data-edit shows the editor there, another the replay again. */
+  document.addEventListener("click", function (event) {
+    const link = event.target.closest && event.target.closest("[data-edit]");
+    if (!link || event.ctrlKey || event.metaKey || event.shiftKey) return;
+    const panes = document.querySelector(".st-panes");
+    event.preventDefault();
+    if (!panes.querySelector(".st-pane-editor")) {
+      const pane = html(panes, "section", { class: "st-pane-editor", "aria-label": "Editor" });
+      html(pane, "div", { "data-studio": "scenario", "data-source": link.dataset.edit, "data-before": link.dataset.before, "data-requirement": link.dataset.requirement, id: "editor" });
+    }
+    link.textContent = panes.classList.toggle("st-editing") ? "Replay" : "Edit";
+  });
   function wrong(element, error) {
     element.textContent = "";
     html(element, "p", { class: "st-message st-wrong" }, error.message);
@@ -164,7 +186,7 @@
     const host = html(element, "div", {});
     function load(address) {
       const turn = ++wanted;
-      if (!shown) html(host, "p", { class: "st-wait" }, "Loading the replay\u2026");
+      if (!shown) html(host, "p", { class: "st-wait st-skeleton" }, "Loading the replay\u2026");
       return ask(address).then(function (data) {
         if (turn !== wanted) return;
         if (shown) shown.destroy();
@@ -203,5 +225,5 @@
     records.forEach(function (record) { record.addedNodes.forEach(search); });
   }).observe(document.documentElement, { childList: true, subtree: true });
 
-  root.studio = { parts: parts, ask: ask, send: send, request: request, latest: latest, typing: typing, html: html, wrong: wrong };
+  root.studio = { parts: parts, ask: ask, send: send, request: request, latest: latest, typing: typing, shared: shared, html: html, wrong: wrong };
 })(window);

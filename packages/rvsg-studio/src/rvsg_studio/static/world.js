@@ -69,7 +69,9 @@
     const tools = html(element, "div", { class: "st-actions", role: "toolbar", "aria-label": "Tools" });
     const body = html(element, "div", { class: "st-editor" });
     const left = html(body, "div", { class: "st-editor-map" }), right = html(body, "div", { class: "st-editor-side" });
+    const skeleton = html(left, "div", { class: "st-skeleton st-tall", "aria-hidden": "true" });
     const help = html(left, "p", { class: "soft small" });
+    const shared = root.studio.shared("world:" + name, function () { if (!drag && !points.length && !right.contains(document.activeElement)) ask("/data/world" + query).then(take).catch(fail); });
     const selected = html(right, "section", { "aria-label": "Selected" });
     const lists = html(right, "div", {});
 
@@ -80,7 +82,7 @@
     /** Make a change; the promise says whether it worked. */
     function change(what, values, then) {
       say("");
-      return send("/data/world-edit", { world: name, change: Object.assign({ what: what }, values) }).then(function (found) { if (then) then(); take(found); return true; }).catch(function (error) { fail(error); return false; });
+      return send("/data/world-edit", { world: name, change: Object.assign({ what: what }, values) }).then(function (found) { if (then) then(); take(found); shared(); return true; }).catch(function (error) { fail(error); return false; });
     }
     /** Take up what was drawn or typed, and not stored, when the page was closed. */
     function again() {
@@ -99,7 +101,7 @@
       if (field) field.focus();
       if (typed.keys().length) say("What was typed or drawn last is not stored yet. Press Enter to store it.");
     }
-    function step(which) { return send("/data/world-" + which, { world: name }).then(function (found) { say(which === "undo" ? "Undone." : "Made again."); take(found); }).catch(fail); }
+    function step(which) { return send("/data/world-" + which, { world: name }).then(function (found) { say(which === "undo" ? "Undone." : "Made again."); take(found); shared(); }).catch(fail); }
     let checking = 0;
     function check() {
       const turn = ++checking;
