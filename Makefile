@@ -8,6 +8,7 @@ KEEP   := PYTHONDONTWRITEBYTECODE=
 PYTEST := $(KEEP) $(BIN)/python -m pytest --timeout 600 --timeout-method thread
 PIP    := $(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt
 
+SITE   := NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 PACKAGES := $(addprefix -e ./packages/rvsg-,exchange mcp ros2 studio study)
 
 .DEFAULT_GOAL := help
@@ -49,8 +50,9 @@ types: $(VENV)/.dev ## mypy --strict
 contracts: $(VENV)/.dev ## import contracts between the rooms
 	$(BIN)/lint-imports
 
-docs-check: $(VENV)/.dev ## the generated reference is fresh, links and examples hold
+docs-check: $(VENV)/.dev ## the generated reference is fresh, links and examples hold, the site builds
 	$(BIN)/python docs/generate.py --check
+	$(SITE)
 
 size: $(VENV)/.dev ## lines, files and record types by package beside their budget
 	$(BIN)/python -m tests.architecture.size
@@ -62,8 +64,9 @@ fuzz: $(VENV)/.dev ## damage inputs of every kind for MINUTES=10
 dist: $(VENV)/.dev ## build the source distribution and the wheel of every distribution into dist
 	@for project in . packages/*; do (cd $$project && $(CURDIR)/$(BIN)/python -m hatchling build -d $(CURDIR)/dist) || exit 1; done
 
-docs: $(VENV)/.dev ## regenerate the command-line reference
+docs: $(VENV)/.dev ## renew generated pages and build the site into build/site
 	$(BIN)/python docs/generate.py
+	$(SITE)
 
 fmt: $(VENV)/.dev ## format the code and fix what ruff can fix
 	$(BIN)/ruff format .

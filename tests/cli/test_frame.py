@@ -52,7 +52,7 @@ def test_every_end_has_its_exit_code(probe: ModuleType, kind: str, code: int) ->
 def test_a_user_error_is_one_message_without_a_traceback(probe: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
     command_line(PROBE, ["probe", "input"])
     captured = capsys.readouterr()
-    assert captured.err == "Error: the file is empty\n"
+    assert captured.err == "Error [input]: the file is empty\n"
     assert captured.out == ""
 
 

@@ -139,9 +139,9 @@ def simulate(
     Args:
         seeds: the seeds, or how many: then they are 0, 1, ...
         jobs: worker processes.
-        simulator, stack: what simulates, and the navigation stack under test, by default the simulator's own: a name
-            (`rvsg stacks`), a Spec or an instance; a stack also as `module:Class` or a class. What is given as an
-            instance stays open: close it yourself.
+        simulator: a name, a Spec or an instance. An instance stays open: close it yourself.
+        stack: the navigation stack under test, by default the simulator's own, in the same ways (`rvsg stacks` lists
+            the names); also as `module:Class` or a class.
         world: the world of the scenario, or its folder, where it cannot be found by itself.
         on_run: called with every run, in the order of the seeds.
         on_message: called with what a person should know, e.g. that the simulator is being compiled.

@@ -127,7 +127,7 @@ def guarded(work: Callable[[], object], arguments: Sequence[str]) -> int:
     except RvsgError as error:
         if _debugging(arguments):
             traceback.print_exc()
-        _tell(f"Error: {error}" if error.exit_code != 3 else str(error))
+        _tell(f"Error [{error.code}]: {error}" if error.exit_code != 3 else str(error))
         return error.exit_code
     except KeyboardInterrupt:
         _tell("Interrupted.")
@@ -241,6 +241,12 @@ def _root(verbs: Verbs, moved: Mapping[str, str], *, everything: bool) -> Any:
         version: Annotated[
             bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
         ] = False,
+        explain: Annotated[
+            str | None,
+            typer.Option(
+                metavar="CODE", callback=_explain, is_eager=True, help="Explain a code in the brackets of an error."
+            ),
+        ] = None,
         debug: Annotated[
             bool, typer.Option("--debug", envvar="RVSG_DEBUG", help="Show the traceback of an error.")
         ] = False,
@@ -261,6 +267,14 @@ def _root(verbs: Verbs, moved: Mapping[str, str], *, everything: bool) -> Any:
 def _print_version(asked: bool) -> None:
     if asked:
         print(rvsg.__version__)
+        raise typer.Exit
+
+
+def _explain(code: str | None) -> None:
+    if code is not None:
+        from rvsg.cli.codes import explanation  # reads all sources
+
+        print(explanation(code), end="")
         raise typer.Exit
 
 

@@ -76,8 +76,9 @@ class Costmap(NamedTuple):
     cells: NDArray[np.uint8]
     """(rows, columns) costs: 0 free, 253 inscribed, 254 lethal; row 0 has the smallest y."""
     origin_x: float
-    """x of the lower left corner of the first cell."""
+    """x of the lower left corner of the first cell, m."""
     origin_y: float
+    """y of that corner, m."""
     resolution: float
     """Side of a cell, m."""
 
@@ -86,18 +87,22 @@ class Scan(NamedTuple):
     """The latest scan of a lidar."""
 
     t: float
-    """When it was taken."""
+    """When it was taken, s of simulated time."""
     ranges: Floats
     """(rays,) metres; inf where a ray does not return."""
     angle_min: float
-    """Bearing of the first ray in the lidar's frame."""
+    """Bearing of the first ray in the lidar's frame, rad."""
     angle_increment: float
+    """From a ray to the next, rad."""
     range_min: float
+    """m; a nearer hit returns nothing."""
     range_max: float
+    """m."""
     x: float
-    """Place of the lidar in the base frame."""
+    """Place of the lidar in the base frame, m."""
     y: float
     yaw: float
+    """Bearing of the lidar in the base frame, rad."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,15 +126,15 @@ class Observation(ABC):
     """What a stack is told at a call. Arrays are views that hold until the call returns."""
 
     t: float
-    """Simulated time since the start."""
+    """Simulated time since the start, s."""
     pose: tuple[float, float, float]
-    """x, y, yaw in the odom frame."""
+    """x, y, yaw in the odom frame, m and rad."""
     velocity: tuple[float, float]
-    """Measured forward speed and yaw rate."""
+    """Measured forward speed, m/s, and yaw rate, rad/s."""
     lateral: float
-    """Measured speed to the left; 0 for a base that does not move sideways."""
+    """Measured speed to the left, m/s; 0 for a base that does not move sideways."""
     map_from_odom: tuple[float, float, float]
-    """x, y, yaw of the odom frame in the map frame, as localisation estimates it."""
+    """x, y, yaw of the odom frame in the map frame, m and rad, as localisation estimates it."""
 
     @abstractmethod
     def scan(self, lidar: int = 0) -> Scan:
@@ -137,17 +142,22 @@ class Observation(ABC):
 
     @abstractmethod
     def people(self) -> Floats:
-        """Return the people that a lidar sees now, as a perfect tracker reports them, (N, 4): x, y, vx, vy in odom."""
+        """Return the people that a lidar sees now, as a perfect tracker reports them.
+
+        Returns:
+            (N, 4): x, y, vx, vy in the odom frame, m and m/s.
+        """
 
 
 class LocalObservation(Observation):
     """What a local planner is told besides."""
 
     plan: Floats
-    """(N, 2) the rest of the plan, x and y in the odom frame."""
+    """(N, 2) the rest of the plan, x and y in the odom frame, m."""
     goal: tuple[float, float, float]
-    """The goal pose in the odom frame."""
+    """x, y, yaw of the goal in the odom frame, m and rad."""
     costmap: Costmap
+    """What Nav2 keeps around the robot."""
 
 
 class NavigationStack(ABC):
