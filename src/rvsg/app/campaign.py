@@ -151,9 +151,8 @@ class Campaign(StoredCampaign):
         Args:
             out: the folder; by default one under `runs/` named for the settings.
             file: settings of a campaign file, as `read_campaign_file` returns them.
-            generator: a registered name, a Spec, or an instance of your own; an instance has to be given again to
-                `open` the campaign, and stays open after a run.
-            simulator: the same.
+            generator: like `simulator` a registered name, a Spec, or an instance of your own; an instance has to be
+                given again to `open` the campaign, and stays open after a run.
             stack: the navigation stack under test, in the same ways, or as `module:Class`.
             on_message: called with what a person should know.
             paths: where typed paths among the settings are, if they are not relative to the current folder.
@@ -205,9 +204,8 @@ class Campaign(StoredCampaign):
 
         Args:
             name: which one, where the store holds several; `campaigns_in` lists them.
-            generator: the instance it was created with, where this was no plug-in.
-            simulator: the same.
-            stack: the same. A stack that runs code of its own (module:Class, exec:COMMAND) has to be named again, or
+            generator: like `simulator` and `stack` the instance it was created with, where this was no plug-in.
+            stack: one that runs code of its own (module:Class, exec:COMMAND) has to be named again, or
                 what else of the record leads to code, as in `executor_options`.
             machine: settings that decide no record: `jobs`, `executor`, `budget_usd`, ...
 
