@@ -61,8 +61,9 @@ MINUTES ?= 10
 fuzz: $(VENV)/.dev ## damage inputs of every kind for MINUTES=10
 	$(BIN)/python -m tests.fuzz --minutes $(MINUTES)
 
-dist: $(VENV)/.dev ## build the source distribution and the wheel of every distribution into dist
+dist: $(VENV)/.dev ## build the source distribution and the wheel of every distribution into dist, and check them
 	@for project in . packages/*; do (cd $$project && $(CURDIR)/$(BIN)/python -m hatchling build -d $(CURDIR)/dist) || exit 1; done
+	@$(BIN)/twine check --strict dist/*
 
 docs: $(VENV)/.dev ## renew generated pages and build the site into build/site
 	$(BIN)/python docs/generate.py

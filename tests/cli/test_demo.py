@@ -1,6 +1,10 @@
 from __future__ import annotations
 
+import lzma
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,7 +13,7 @@ import pytest
 from tests.cli.commands import Terminal
 from tests.recordings import CAMPAIGNS, FOLDERS
 
-from rvsg.cli.demo import recording_folder, shipped_recordings, what_it_means
+from rvsg.cli.demo import STORED, recording_folder, shipped_recordings, what_it_means
 from rvsg.evaluation.verdict import DEFAULT, Status
 from rvsg.scenario.requirement import load_requirement
 
@@ -27,6 +31,19 @@ def test_a_recorded_campaign_runs_strictly_without_a_model_and_says_what_its_ver
     assert result["confirmed"][0]["verdict"]["status"] == "INCONCLUSIVE"
 
 
+@pytest.mark.slow
+def test_a_demo_shows_its_stored_runs_and_compiles_nothing(tmp_path: Path) -> None:
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kernels"), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    command = [sys.executable, "-m", "rvsg", "demo"]
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60, check=True
+    )
+    assert "its runs are stored, made by RVSG" in done.stderr and "13/15 runs violate" in done.stderr
+    page = (tmp_path / "runs" / "demo-warehouse-route_1-R1" / "report.html").read_text()
+    assert "Human 2" in page and "Play" in page
+    assert not [path for name in ("kernels", "cache") for path in (tmp_path / name).rglob("*") if path.is_file()]
+
+
 def test_demos_are_listed_and_a_wrong_name_is_answered(terminal: Terminal) -> None:
     terminal("demo --list")
     assert terminal.out.split() == list(shipped_recordings()) == ["warehouse-route_1-R1"]
@@ -38,8 +55,14 @@ def test_recorded_campaigns_hold_no_pictures_keys_or_paths_of_a_machine() -> Non
     for name in CAMPAIGNS:
         folder = FOLDERS[name]
         found = {path.name for path in folder.iterdir()}
-        assert found - {"histories.jsonl", "measured.jsonl"} == {"campaign.yaml", "calls.jsonl", "messages.jsonl"}
-        text = "".join(path.read_text() for path in folder.iterdir())
+        stored = lzma.decompress((folder / STORED).read_bytes()) if STORED in found else b""
+        assert not re.search(rb"sk-|/home/|/root/|/work|127\.0\.0\.1", stored)
+        assert found - {"histories.jsonl", "measured.jsonl", STORED} == {
+            "campaign.yaml",
+            "calls.jsonl",
+            "messages.jsonl",
+        }
+        text = "".join(path.read_text() for path in folder.iterdir() if path.name != STORED)
         assert not re.search(r"sk-|/home/|/root/|/work|127\.0\.0\.1", text)
         assert len(text) < 400_000
 

@@ -51,12 +51,21 @@ def test_they_hold_the_product_and_nothing_else(built: Path) -> None:
         assert {name for name in names if name.endswith(".py")} - {"rvsg_ros2/rvsg_client.py"} == {
             name.partition("src/")[2] for name in sources
         }
+    subprocess.run([sys.executable, "-m", "twine", "check", "--strict", *wheels], check=True, capture_output=True)
     (core,) = built.glob("rvsg-*.whl")
     assert core.stat().st_size < MOST_BYTES
     with tarfile.open(next(built.glob("rvsg-*.tar.gz"))) as source:
         assert {name.split("/")[1] for name in source.getnames()} <= {
             "src", "pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md", "CITATION.cff", "PKG-INFO", ".gitignore",
         }  # fmt: skip
+
+
+@pytest.mark.slow
+def test_a_second_build_is_the_same_bit_for_bit(built: Path, tmp_path: Path) -> None:
+    subprocess.run([sys.executable, "-m", "hatchling", "build", "-d", str(tmp_path)], cwd=ROOT, check=True)
+    made = sorted(tmp_path.iterdir())
+    assert len(made) == 2
+    assert [path.read_bytes() for path in made] == [(built / path.name).read_bytes() for path in made]
 
 
 @pytest.mark.slow

@@ -1,7 +1,8 @@
-"""`rvsg demo`: replay a recorded campaign without a model."""
+"""`rvsg demo`: show a recorded campaign, or run it again without a model."""
 
 from __future__ import annotations
 
+import lzma
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 app = verb()
 
 _RECORDINGS = Path(str(resources.files("rvsg.app"))) / "recordings"
+STORED = "ledger.sqlite.xz"
+"""The campaign as it was run with the recorded replies, runs included."""
 
 
 @app.command()
@@ -35,12 +38,16 @@ def demo(
     strict: Annotated[
         bool, typer.Option("--strict", help="Stop where a prompt differs from the recorded one.")
     ] = False,
+    simulate: Annotated[
+        bool, typer.Option("--simulate", help="Simulate all runs now, as the options above do.")
+    ] = False,
     json: AsJson = False,
 ) -> None:
-    """Replay a shipped campaign with the recorded replies of a vision language model: no model, no key, no network.
+    """Show a campaign whose scenarios a vision language model wrote: no model, no key, no network.
 
-    Only the replies are recorded: RVSG reads, checks, simulates, judges and reports them now. At the end it lists the
-    first prompts that differ from the recorded ones, and measurements that differ from those of the recording.
+    Replies and runs are stored; RVSG judges them and writes the report, whose page replays the runs. With --simulate,
+    only the replies are: RVSG reads, checks, simulates, judges and reports them now, and lists prompts and measurements
+    that differ from the recorded ones.
     """
     from rvsg.app.settings import read_campaign_file
     from rvsg.cli.run import run_campaign_of
@@ -55,9 +62,36 @@ def demo(
     given |= {key: value for key, value in asked.items() if value is not None}
     if strict:
         given["generator_options"] = {"strict": True}
+    if not (simulate or strict or len(given) > 2) and (folder / STORED).is_file():
+        show_stored(folder, Path(given["out"]), as_json=json)
+        return
     say(f"Recorded campaign {folder.name}: a vision language model wrote the scenarios earlier; the runs are made now.")
     from_file = read_campaign_file(folder / "campaign.yaml")
     raise typer.Exit(run_campaign_of(from_file, given, as_json=json, remark=what_it_means))
+
+
+def show_stored(recording: Path, out: Path, *, as_json: bool) -> None:
+    """Copy the stored campaign of a recording into a folder, write its report and show the answer; compile nothing.
+
+    Raises:
+        FileError: The folder holds something else.
+    """
+    from rvsg.app.campaign import Campaign
+    from rvsg.app.folder import LEDGER, check_out, store_of
+    from rvsg.cli.tables import show_answer
+    from rvsg.core.files import write_whole
+
+    check_out(out)
+    if store_of(out) is None:
+        out.mkdir(parents=True, exist_ok=True)
+        write_whole(out / LEDGER, lzma.decompress((recording / STORED).read_bytes()))
+    campaign = Campaign.open(out, replay=str(recording))
+    page = campaign.report()
+    if as_json:
+        print_json(campaign.result())
+    say(f"Recorded campaign {recording.name}: its runs are stored, made by RVSG {campaign.record.provenance.version}.")
+    show_answer(campaign.answer, page=str(page), again=f"rvsg demo {recording.name} --simulate")
+    say(what_it_means(campaign.plan, campaign.summary()))
 
 
 def shipped_recordings() -> tuple[str, ...]:

@@ -35,6 +35,7 @@ from typing import Any
 DISTRIBUTIONS = {
     "bag": ("exchange",),
     "exchange": ("exchange",),
+    "rerun": ("exchange",),
     "ros2": ("exchange", "ros2"),
     "studio": ("studio",),
     "study": ("study",),

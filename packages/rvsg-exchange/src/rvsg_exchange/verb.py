@@ -22,7 +22,9 @@ def export(
     settings: dict[str, Any],
     to: Annotated[
         str,
-        typer.Option(help="csv, parquet, mcap (runs); hunav, nav2-goals, initial-pose, osc, sdf; foxglove-layout."),
+        typer.Option(
+            help="csv, parquet, mcap, rerun (runs); hunav, nav2-goals, initial-pose, osc, sdf; foxglove-layout."
+        ),
     ],
     out: Annotated[Path, typer.Option(help="The file to write.")],
     source: Annotated[Path | None, typer.Argument(help="A scenario or runs, as JSON.")] = None,
