@@ -1,4 +1,4 @@
-"""The workflow files in examples/ci do what they say: their script lines are run by a shell, as a service does."""
+"""The action and the workflow files in examples/ci do what they say: a shell runs their lines, as a service does."""
 
 from __future__ import annotations
 
@@ -20,19 +20,23 @@ from rvsg import Spec
 from rvsg.campaign.run_set import load_recordings
 from rvsg.campaign.suite import SuiteResult
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
+ACTION = ROOT / ".github" / "actions" / "rvsg-suite" / "action.yml"
 pytestmark = pytest.mark.slow
 
 
 def github_steps() -> list[tuple[str, str]]:
-    """Return the shell steps of the GitHub workflow, each with its condition."""
-    (job,) = yaml.safe_load((EXAMPLES / "ci" / "github-actions.yml").read_text())["jobs"].values()
-    return [(step["run"], step.get("if", "success()")) for step in job["steps"] if "run" in step]
+    """Return the shell steps of the action for GitHub, each with its condition."""
+    steps = yaml.safe_load(ACTION.read_text())["runs"]["steps"]
+    assert {step["shell"] for step in steps if "run" in step} == {"bash"}
+    return [(step["run"], step.get("if", "success()")) for step in steps if "run" in step]
 
 
 def gitlab_steps() -> list[tuple[str, str]]:
     job = yaml.safe_load((EXAMPLES / "ci" / "gitlab-ci.yml").read_text())["robot"]
-    return [(line, "success()") for line in [*job["before_script"], *job["script"]]]
+    before = [(line, "success()") for line in [*job["before_script"], *job["script"]]]
+    return before + [(line, "always()") for line in job["after_script"]]
 
 
 @pytest.fixture
@@ -44,6 +48,8 @@ def repository(tmp_path: Path) -> Path:
     # The install step is run too, by a pip that only notes what it was asked for: the tests have no network.
     (bin_ / "pip").write_text('#!/bin/sh\necho "$@" >> "$PIP_LOG"\n')
     (bin_ / "git").write_text("#!/bin/sh\n")
+    for sender in ("gh", "curl"):
+        (bin_ / sender).write_text('#!/bin/sh\necho "$@" >> sent.log\n')
     # The kinematic simulator in one process stands in for the embedded one, which would take minutes.
     (bin_ / "rvsg").write_text(
         f'#!/bin/sh\ncase "$1 $2" in "suite run") set -- "$@" --simulator kinematic --jobs 1;; esac\n'
@@ -61,7 +67,16 @@ def run_steps(folder: Path, steps: list[tuple[str, str]], branch: str) -> list[i
         "PATH": f"{folder / 'bin'}{os.pathsep}{os.environ['PATH']}",
         "PIP_LOG": str(folder / "pip.log"),
         "SUITE": "suite",
-        "RVSG": "rvsg-source",
+        "RVSG": str(ROOT),
+        "RUNS": "20",
+        "JOBS": "1",
+        "OPTIONS": "",
+        "GITHUB_OUTPUT": str(folder / "output"),
+        "GH_TOKEN": "token",
+        "PULL_REQUEST": "7",
+        "RVSG_TOKEN": "token",
+        "CI_MERGE_REQUEST_IID": "7",
+        "RVSG_REF": "main",
         "RVSG_REPOSITORY": "https://localhost/rvsg.git",
         "GITHUB_SHA": "abc1234",
         "CI_COMMIT_SHA": "abc1234",
@@ -75,7 +90,9 @@ def run_steps(folder: Path, steps: list[tuple[str, str]], branch: str) -> list[i
             "success()": not any(codes),
             "always()": True,
             "github.ref == 'refs/heads/main'": branch == "main" and not any(codes),
+            "always() && github.event_name == 'pull_request' && inputs.comment == 'true'": branch != "main",
         }
+        environment["CI_JOB_STATUS"] = "failed" if any(codes) else "success"
         if wanted[condition]:
             shell = ["bash", "-e", "-o", "pipefail", "-c", script]
             codes.append(subprocess.run(shell, cwd=folder, env=environment, timeout=300, check=False).returncode)
@@ -88,7 +105,7 @@ def test_results_are_kept_and_compared_and_a_broken_case_fails_the_build_with_a_
     steps, repository: Path
 ) -> None:
     assert set(run_steps(repository, steps(), "main")) == {0}
-    assert (repository / "pip.log").read_text() == "install -c rvsg-source/constraints.txt ./rvsg-source\n"
+    assert f"install -c {ROOT}/constraints.txt " in (repository / "pip.log").read_text()
     result = SuiteResult.from_json((repository / "main.json").read_text())
     assert result.version == "abc1234" and [len(case.seeds) for case in result.cases] == [20, 20]
     suite = ET.parse(repository / "suite.xml").getroot()[0]
@@ -105,6 +122,8 @@ def test_results_are_kept_and_compared_and_a_broken_case_fails_the_build_with_a_
     assert "[[ATTACHMENT|pictures/aisle-R3.png]]" in (broken.findtext("system-out") or "")
     assert (repository / "pictures" / "aisle-R3.png").stat().st_size > 1000
     assert json.loads((repository / "suite.json").read_text())["cases"][0]["state"] == "broken"
+    assert "broken" in (repository / "comment.md").read_text() and (repository / "report.html").is_file()
+    assert "comment.md" in (repository / "sent.log").read_text()
 
 
 def test_the_example_suite_holds_twelve_failures_of_five_routes_that_still_fail() -> None:
