@@ -197,6 +197,8 @@ def test_a_report_of_a_world_whose_routes_changed_is_refused(tmp_path: Path, mon
 def test_a_campaign_whose_world_has_changed_is_shown_with_what_changed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    for known in ("_worlds", "_folders"):  # of this test alone
+        monkeypatch.setattr(world_lookup, known, {})
     shutil.copytree(SHIPPED / "warehouse", tmp_path / "mine")
     head = tmp_path / "mine" / "world.yaml"
     head.write_text(head.read_text(encoding="utf-8").replace("name: warehouse", "name: mine"), encoding="utf-8")
