@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 
 import rvsg
-from rvsg.app.reconstruction import rebuild, world_of_recording
+from rvsg.app.reconstruction import rebuild, recorded_cases, suite_of_recordings, world_of_recording
+from rvsg.campaign.nearness import nearest_violation
 from rvsg.core.errors import FileError
 from rvsg.recording.fidelity import compare, estimates
 from rvsg.recording.intent import People, recorded_scenario
 from rvsg.recording.tracks import PersonTrack, Recording, load_recording
 from rvsg.robots.robot import load_robot
 from rvsg.scenario.validity import check
+from rvsg.scenario.variation import shifted
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
@@ -158,3 +160,65 @@ def test_a_faster_robot_and_a_slow_answer_are_estimated(bag: Path, run: Run, wor
     found = {each.parameter: each.recorded for each in estimates(faster, run, robot)}
     assert found["limits.speed_m_s"] == pytest.approx(robot.limits.speed_m_s / 0.7, rel=0.1)
     assert found["latency_s"] == pytest.approx(0.3, abs=0.05)
+
+
+def test_a_folder_becomes_a_suite_and_what_cannot_be_read_is_told(bag: Path, world: World, tmp_path: Path) -> None:
+    folder = tmp_path / "bags"
+    folder.mkdir()
+    (folder / "whole.mcap").write_bytes(bag.read_bytes())
+    (folder / "cut.mcap").write_bytes(bag.read_bytes()[:5000])
+    cases = recorded_cases(folder, world, "R1", runs=1)
+    assert [case.source for case in cases] == ["whole.mcap", "cut.mcap"]
+    assert cases[0].kinds and cases[0].gap_m < 1.5 and cases[1].problem
+    suite = suite_of_recordings(cases, tmp_path / "suite", "R1", world)
+    (case,) = suite.cases
+    assert case.name.startswith("01-") and "whole.mcap" in case.title
+    with pytest.raises(FileError):
+        recorded_cases(tmp_path / "suite", world)
+
+
+def test_encounters_are_cut_out_of_a_long_drive(world: World, tmp_path: Path) -> None:
+    start, t = world.route("route_1").start, np.arange(0.0, 120.0, 0.2)
+    away = 2.0 - 2.0 * np.abs((t / 60.0) % 2.0 - 1.0)  # 2 m away and back
+    lines = [f"robot,{a:.1f},{start.x:.3f},{start.y - b:.3f}" for a, b in zip(t, away, strict=True)]
+    for name, begin in (("1", 20.0), ("2", 90.0)):
+        lines += [f"{name},{begin + 0.2 * k:.1f},{start.x + 1:.3f},{start.y - 4 + 0.2 * k:.3f}" for k in range(30)]
+    (tmp_path / "long.csv").write_text("id,t,x,y,frame\n" + "\n".join(f"{line},world" for line in lines))
+    cases = recorded_cases(tmp_path, world, "R1", runs=1, people="as-recorded")
+    assert len(cases) == 2 and all("long.csv at" in case.source for case in cases)
+    for case in cases:
+        assert case.rebuilt is not None, case.problem
+        assert len(case.rebuilt.made.scenario.people.humans) == 1
+
+
+def test_the_smallest_change_that_violates_is_found(world: World) -> None:
+    start = world.route("route_1").start
+    beside = recording(world, walker((0, start.x + 1.6, start.y - 4), (15, start.x + 1.6, start.y + 1)))
+    scenario = beside.scenario(world, people="as-recorded")
+    found = nearest_violation(scenario, "clearance", repeats=1, most=1.6)
+    assert found.violations == 0
+    (change, *_) = found.changes
+    assert change.kind == "towards the robot" and 0.0 < change.size <= 1.6
+    moved = change.scenario.people.humans[0].track
+    before = scenario.people.humans[0].track
+    assert moved is not None and before is not None
+    assert np.hypot(*(np.array(moved.points[0]) - before.points[0])) == pytest.approx(change.size, abs=0.01)
+
+
+def test_a_shifted_person_does_the_same_later_and_elsewhere(world: World) -> None:
+    start = world.route("route_1").start
+    made = recording(world, walker((0, start.x + 1, start.y - 4), (10, start.x + 1, start.y + 2)))
+    (human,) = made.scenario(world, people="as-recorded").people.humans
+    later = shifted(human, world.grid, 1.5)
+    assert later is not None and later.track is not None and human.track is not None
+    assert later.track.start_s == pytest.approx(human.track.start_s + 1.5) and later.track.points == human.track.points
+    earlier = shifted(human, world.grid, -1.0)
+    assert earlier is not None and earlier.track is not None
+    assert earlier.track.points == human.track.points[5:] and earlier.track.start_s == pytest.approx(0.0)
+    aside = shifted(human.replace(track=None), world.grid, 0.0, (0.5, 0.0))
+    assert aside is not None
+    for task, was in zip(aside.tasks, human.tasks, strict=True):
+        for name, old in zip(task.path, was.path, strict=True):
+            at, before = aside.position(name, world.grid), human.position(old, world.grid)
+            assert at is not None and before is not None and at[0] == pytest.approx(before[0] + 0.5, abs=1e-3)
+    assert shifted(human.replace(track=None), world.grid, -1.0) is None

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from rvsg.app.suites import Suite
 from rvsg.campaign.run_set import Judgement, judge, simulate
 from rvsg.campaign.runner import Evaluator
-from rvsg.core.errors import FileError
+from rvsg.core.errors import FileError, RvsgError
 from rvsg.core.plugins import ignore
+from rvsg.evaluation.detection import encounters_of
 from rvsg.evaluation.verdict import counted, load_requirement
 from rvsg.recording.fidelity import Estimate, Fidelity, Limits, compare, estimates, recorded_as
 from rvsg.recording.intent import RecordedScenario, recorded_scenario
-from rvsg.recording.tracks import Recording, load_recording
+from rvsg.recording.recorded_run import recorded_run
+from rvsg.recording.tracks import Recording, between, load_recording
 from rvsg.report.comparison_page import recording_page
 from rvsg.report.run_facts import run_facts
 from rvsg.scenario.requirement import Requirement
@@ -47,6 +52,12 @@ class Rebuilt:
         return 2 * sum(each.repeats for each in self.fidelities) >= len(self.fidelities)
 
     @property
+    def violations(self) -> int:
+        """How many runs violate the requirement."""
+        values = [measured.objective for measured in self.judged.measurements]
+        return sum(value is not None and self.requirement.violated_by(value) for value in values)
+
+    @property
     def verdict(self) -> str:
         """Whether the scenario repeats the recording, and how its runs are judged, in words."""
         count = sum(each.repeats for each in self.fidelities)
@@ -56,12 +67,9 @@ class Rebuilt:
             f": {count} of {counted(len(self.fidelities), 'run')} keep the smallest gap within {limits.gap_m:g} m, the "
             f"time within {limits.time_share:.0%}, the path within {limits.path_m:g} m, and contact or none."
         )
-        bad = sum(
-            self.requirement.violated_by(m.objective) for m in self.judged.measurements if m.objective is not None
-        )
         if self.requirement.threshold is None:
             return said
-        return f"{said} {bad} of {counted(len(self.runs), 'run')} violate {self.requirement.name}."
+        return f"{said} {self.violations} of {counted(len(self.runs), 'run')} violate {self.requirement.name}."
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -159,3 +167,89 @@ def rebuild(
 def _distance(each: Fidelity) -> tuple[int, float]:
     apart = abs(each.gap_m[0] - each.gap_m[1]) if each.gap_m is not None else 0.0
     return len(each.differences), apart
+
+
+LONGEST_S, BEFORE_S, AFTER_S = 60.0, 8.0, 4.0
+"""Of a longer drive each encounter is cut out, with what was before and after it."""
+SUFFIXES = (".mcap", ".db3", ".csv", ".parquet")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedCase:
+    """An encounter of a recording: its kinds, its smallest gap, and its rebuilt scenario or why there is none."""
+
+    source: str
+    kinds: tuple[str, ...]
+    gap_m: float
+    rebuilt: Rebuilt | None
+    problem: str = ""
+
+    @property
+    def title(self) -> str:
+        """What happens, and where it was recorded."""
+        return f"{', '.join(self.kinds) or 'nobody near'}, {self.gap_m:.2f} m: {self.source}"
+
+
+def recorded_cases(
+    folder: Path, world: World, requirement: str = "R1", *, on_case: Callable[[str], None] = ignore, **options: Any
+) -> list[RecordedCase]:
+    """Rebuild every encounter of the recordings in a folder; rare kinds come first, and of a kind the nearest.
+
+    Args:
+        options: those of `rebuild`.
+    """
+    paths = [path for path in sorted(folder.iterdir()) if path.suffix in SUFFIXES or (path / "metadata.yaml").is_file()]
+    if not paths:
+        raise FileError(folder, f"there is no recording here ({', '.join(SUFFIXES)}, or a rosbag2 folder).")
+    found: list[RecordedCase] = []
+    for path in paths:
+        on_case(path.name)
+        try:
+            whole = load_recording(path, world=world)
+            parts = [(path.name, whole)] if whole.end_s - whole.begin_s <= LONGEST_S else _encounters(whole, world)
+        except RvsgError as error:
+            found.append(RecordedCase(source=path.name, kinds=(), gap_m=math.inf, rebuilt=None, problem=str(error)))
+            continue
+        for name, part in parts:
+            try:
+                rebuilt = rebuild(part, world, requirement, **options)
+            except RvsgError as error:
+                found.append(RecordedCase(source=name, kinds=(), gap_m=math.inf, rebuilt=None, problem=str(error)))
+                continue
+            met = encounters_of(recorded_as(rebuilt.made.recording, rebuilt.runs[0]), world=world)
+            kinds = tuple(dict.fromkeys(each.kind.value for each in met))
+            gap_m = min((each.gap_m for each in met), default=math.inf)
+            found.append(RecordedCase(source=name, kinds=kinds, gap_m=gap_m, rebuilt=rebuilt))
+    often = Counter(kind for case in found for kind in case.kinds)
+    return sorted(found, key=lambda case: (min((often[kind] for kind in case.kinds), default=math.inf), case.gap_m))
+
+
+def _encounters(recording: Recording, world: World) -> list[tuple[str, Recording]]:
+    """Cut the encounters out of a long recording; those that follow each other closely are one."""
+    run, _ = recorded_run(replace(recording, header=None, goal=recording.goal or (0.0, 0.0, 0.0)))
+    spans: list[list[float]] = []
+    seen = {person.name: (person.begin_s, person.end_s) for person in recording.people}
+    for each in encounters_of(run, world=world):
+        if not seen[each.person][0] <= each.time_s <= seen[each.person][1]:
+            continue  # a run has people stand where they are not seen
+        begin, end = each.time_s - BEFORE_S, each.time_s + AFTER_S
+        if spans and begin < spans[-1][1] and end - spans[-1][0] <= LONGEST_S:
+            spans[-1][1] = end
+        else:
+            spans.append([begin, end])
+    name = Path(recording.source).name
+    return [(f"{name} at {begin + BEFORE_S:.0f} s", between(recording, begin, end)) for begin, end in spans]
+
+
+def suite_of_recordings(cases: Sequence[RecordedCase], suite: str | Path, requirement: str, world: World) -> Suite:
+    """Keep cases in a suite, each expected to do what most of today's runs do; the given order is that of the files."""
+    made = Suite.create(suite)
+    for number, case in enumerate(cases, start=1):
+        if case.rebuilt is not None:
+            bad = case.rebuilt.violations * 2 > len(case.rebuilt.runs)
+            name = f"{number:02}-{(case.kinds or ('nobody-near',))[0].replace(' ', '-')}"
+            made = made.add(
+                case.rebuilt.made.scenario, requirement, name=name, title=case.title[:120],
+                expected="violation" if bad else "pass", world=world,
+            )  # fmt: skip
+    return made

@@ -16,7 +16,9 @@ app = verb(no_args_is_help=True, help="Make scenarios and suites of recordings o
 
 File = Annotated[Path, typer.Argument(help="A rosbag2, or tracks as .csv, .parquet, .json, .txt or .ndjson.")]
 World = Annotated[str | None, typer.Option(help="The world of the recording: a shipped world or a world folder.")]
-PeopleTopic = Annotated[str | None, typer.Option(help="The topic with the people, or the laser scans to find them in.")]
+PeopleTopic = Annotated[
+    str | None, typer.Option(help="The topic with the people; one of laser scans finds them in all.")
+]
 PeopleFrames = Annotated[str | None, typer.Option(metavar="PATTERN", help="Transform frames of people: 'person_*'.")]
 Robot = Annotated[str | None, typer.Option(help="A shipped robot (`rvsg robots`) or a robot file.")]
 People = Annotated[
@@ -139,6 +141,39 @@ def scenario(
         say(f"seed {each.seed}: {said}")
     say(made.verdict)
     say(f"Scenario: {out}" + (f"; page: {html}" if html is not None else ""))
+
+
+@app.command()
+@setting_options("simulator", "simulator_options", "stack", "stack_options")
+def suite(
+    settings: dict[str, Any],
+    folder: Annotated[Path, typer.Argument(help="A folder of recordings.")],
+    suite: Annotated[Path, typer.Option(help="The folder of the suite; created if missing.")],
+    world: Annotated[str, typer.Option(help="The world of the recordings.")],
+    route: Annotated[str | None, typer.Option(help="The route that the robot drove. [its poses and its goal]")] = None,
+    robot: Robot = None,
+    people: People = "blended",
+    requirement: Requirement = "R1",
+    runs: Annotated[int, typer.Option(min=1, help="Runs that are compared with each recording.")] = 5,
+    jobs: Jobs = 1,
+) -> None:
+    """Keep the encounters of a folder of recordings as cases of a suite; the rare kinds and the nearest come first.
+
+    Drives of more than a minute are cut into their encounters. A case is expected to do what most of today's runs do.
+    """
+    from rvsg.app.reconstruction import recorded_cases, suite_of_recordings
+    from rvsg.evaluation.verdict import counted
+    from rvsg.scenario.world_lookup import as_world
+
+    chosen, place = effective(None, {}, settings), as_world(world)
+    options: dict[str, Any] = {"people": people, "robot": robot, "route": route, "runs": runs, "jobs": jobs}
+    options |= {"simulator": chosen.simulator_spec, "stack": chosen.stack_spec(), "on_message": say}
+    cases = recorded_cases(folder, place, requirement, on_case=say, **options)
+    made = suite_of_recordings(cases, suite, requirement, place)
+    for case in cases:
+        verdict = "" if case.rebuilt is None else case.rebuilt.verdict
+        say(f"- {case.title}. {verdict or case.problem}" if verdict else f"- {case.source}: {case.problem}")
+    say(f"{suite} holds {counted(len(made.cases), 'case')}. Run it with: rvsg suite run {suite}")
 
 
 def _person(person: Any) -> dict[str, Any]:

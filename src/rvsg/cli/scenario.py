@@ -50,6 +50,45 @@ def migrate(
 
 @app.command()
 @setting_options("simulator", "simulator_options")
+def nearest(
+    settings: dict[str, Any],
+    scenario: Annotated[Path, typer.Argument(help="A scenario or a proposal as JSON.")],
+    requirement: Requirement = "R1",
+    most: Annotated[float, typer.Option(min=0.1, max=20.0, help="The largest change that is tried, m or s.")] = 1.6,
+    repeats: Annotated[int, typer.Option(min=1, help="Runs of every change.")] = 4,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the first run.")] = 0,
+    world: OtherWorld = None,
+    jobs: Jobs = 1,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the changed scenario here.")] = None,
+    json: AsJson = False,
+) -> None:
+    """Say how near a scenario is to a violation: the smallest change of one person that violates the requirement.
+
+    A person does everything earlier, later, or nearer to the robot. At least half of the runs have to violate.
+    """
+    from rvsg.campaign.nearness import nearest_violation
+    from rvsg.core.outputs import check_writable, write_text
+    from rvsg.scenario.builder import load_scenario_in, scenario_json
+
+    if out is not None:
+        check_writable(out)
+    asked, place = load_scenario_in(scenario, world)
+    simulator = effective(None, {}, settings).simulator_spec
+    found = nearest_violation(
+        asked, requirement, most=most, repeats=repeats, seed=seed, jobs=jobs, simulator=simulator, world=place,
+        on_message=say,
+    )  # fmt: skip
+    for change in found.changes:
+        say(f"- {change}")
+    say(str(found))
+    if out is not None and found.changes:
+        write_text(out, scenario_json(found.changes[0].scenario))
+    if json:
+        print_json(found.model_dump(mode="json"))
+
+
+@app.command()
+@setting_options("simulator", "simulator_options")
 def shrink(
     settings: dict[str, Any],
     scenario: Annotated[Path, typer.Argument(help="A scenario or a proposal as JSON; - is standard input.")],

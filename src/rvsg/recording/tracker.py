@@ -106,6 +106,8 @@ LEGS_APART_M = 0.75
 LEG_RADIUS_M = 0.06
 """The middle of a leg is so far behind what the lidar sees."""
 FARTHEST_M = 10.0
+TOGETHER_S, TOGETHER_M = 0.02, 0.4
+"""Scans and people this near to each other are of one moment and one person."""
 
 
 class Scan(NamedTuple):
@@ -185,6 +187,21 @@ def _pairs(legs: Floats) -> Iterator[list[int]]:
 
 
 def people_in_scans(scans: Iterable[Scan], occupancy: OccupancyMap) -> tuple[PersonTrack, ...]:
-    """Return the people who move in scans, in the frame of the map."""
+    """Return the people who move in scans of one or more lidars, in the frame of the map."""
     detector = LegDetector(occupancy)
-    return track_places(((scan.t, detector.places(scan)) for scan in scans), moving=True)
+    return track_places(_frames((scan.t, detector.places(scan)) for scan in scans), moving=True)
+
+
+def _frames(seen: Iterable[tuple[float, Floats]]) -> Iterator[tuple[float, Floats]]:
+    """Join what several lidars see at the same time: a person whom two see counts once."""
+    now, places = -math.inf, np.empty((0, 2))
+    for t, found in seen:
+        if t - now > TOGETHER_S:
+            if math.isfinite(now):
+                yield now, places
+            now, places = t, found
+            continue
+        new = [at for at in found if not len(places) or np.hypot(*(places - at).T).min() > TOGETHER_M]
+        places = np.concatenate([places, np.array(new).reshape(-1, 2)])
+    if math.isfinite(now):
+        yield now, places

@@ -176,6 +176,25 @@ def load_recording(
     return read(Path(path), world=world, **topics)
 
 
+def between(recording: Recording, begin_s: float, end_s: float) -> Recording:
+    """Return a part of a recording; its goal is where the robot is at the end, where the whole goes on."""
+    t = recording.robot[:, 0]
+    robot = recording.robot[(t >= begin_s) & (t <= end_s)]
+    people = [
+        replace(each, rows=each.rows[(each.rows[:, 0] >= begin_s) & (each.rows[:, 0] <= end_s)])
+        for each in recording.people
+    ]
+    x, y, yaw = map(float, robot[-1, 1:4])
+    return replace(
+        recording,
+        robot=robot,
+        people=tuple(each for each in people if len(each.rows)),
+        goal=recording.goal if t[-1] <= end_s else (x, y, yaw),
+        goal_s=None,
+        header=None,
+    )
+
+
 @dataclass
 class Mending:
     """What one pass over the people of a recording changes."""

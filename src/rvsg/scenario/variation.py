@@ -17,6 +17,7 @@ from rvsg.core.documents import Key, key_text, mistakes_of
 from rvsg.core.errors import InputError, UnknownName
 from rvsg.core.records import Record
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario, Task, at_places, ends_of
+from rvsg.world.grid import Grid
 from rvsg.world.world import Route, World
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
@@ -352,3 +353,43 @@ def migrate(
         world, route or old.route, robot=old.robot, moved=old.moved, doors=old.doors, driven=old.driven
     )
     return scenario.replace(mission=mission, people=people.model_copy(update={"humans": tuple(humans)})), tuple(changes)
+
+
+def shifted(human: Human, grid: Grid, seconds: float, metres: tuple[float, float] = (0.0, 0.0)) -> Human | None:
+    """Return a person who does all of it later and elsewhere; None for who cannot begin so early.
+
+    The places of a shifted person are points of its own; a track that would begin before the run loses its first part.
+    """
+    dx, dy = metres
+
+    def moved(at: tuple[float, float]) -> tuple[float, float]:
+        return round(at[0] + dx, 3), round(at[1] + dy, 3)
+
+    changes: dict[str, Any] = {}
+    if human.track is not None:
+        begin = human.track.start_s + seconds
+        lost = max(0, math.ceil(-begin / human.track.period_s - 1e-9))
+        points = tuple(moved(at) for at in human.track.points[lost:])
+        if not points:
+            return None
+        start_s = round(begin + lost * human.track.period_s, 3)
+        changes["track"] = human.track.replace(start_s=start_s, points=points)
+    elif human.start_delay_s + seconds < 0.0:
+        return None
+    else:
+        changes["start_delay_s"] = round(human.start_delay_s + seconds, 3)
+    if dx or dy:
+        names = dict.fromkeys(name for task in human.tasks for name in task.path)
+        own = {name: name if name in human.points else f"{name} moved" for name in names}
+        places = {own[name]: at for name in names if (at := human.position(name, grid)) is not None}
+        changes["points"] = {name: moved(at) for name, at in places.items()}
+        changes["start"] = None if human.start is None else moved(human.start)
+        changes["tasks"] = tuple(
+            Task(
+                name=task.name,
+                path=tuple(own[name] for name in task.path),
+                pauses=tuple(pause.replace(at=own.get(pause.at, pause.at)) for pause in task.pauses),
+            )
+            for task in human.tasks
+        )
+    return human.replace(**changes)

@@ -216,7 +216,7 @@ class Contents:
             self.note("no-people", said)
             self.scan_topics = tuple(scans)
         elif kinds.get(people or "") == SCAN:
-            self.scan_topics, people = (str(people),), None
+            self.scan_topics, people = tuple(scans), None
         if "/clock" not in kinds:
             self.note("clock", "The recording has no /clock; the stamps of its messages are used.")
         named = {odometry: ODOMETRY, "/goal_pose": GOAL, "/rvsg/run": TEXT, "/map": GRID}
@@ -402,8 +402,10 @@ class _Alignment:
             raise FileError(self.path, f"people are given in several frames: {given}. Record one of them.")
         people = self._people()
         source = contents.acceleration if len(contents.acceleration) else contents.imu
-        imu, log = contents.imu.array()[:, 1], None
-        if contents.facts is not None:
+        imu, log, header = contents.imu.array()[:, 1], None, self.header
+        if header is not None and header.human_names != tuple(person.name for person in people):
+            header = None  # the people are taken from elsewhere, so this is another run than the one that was written
+        if header is not None and contents.facts is not None:
             try:
                 log = log_of(contents.facts, len(people))
                 imu = np.array(contents.facts.get("imu", imu), dtype=np.float64)
@@ -420,7 +422,7 @@ class _Alignment:
             occupancy=contents.occupancy,
             streams=contents.streams,
             notes=tuple(contents.notes),
-            header=self.header,
+            header=header,
             log=log,
             imu=imu,
         )

@@ -60,8 +60,8 @@ class RecordedPeople:
         self.step(0.0, np.zeros(0))
 
     def step(self, t: float, body: Floats) -> None:
-        """Place the people on their tracks after a tick; `body` is the robot's, empty before the run."""
-        t = max(0.0, t)
+        """Place the people where they are in the middle of the next tick; `body` is the robot's, empty at first."""
+        t = max(0.0, t + PERIOD_S / 2) if len(body) else 0.0
         apart = 0.0
         if self._driven is not None and len(body):
             x, y = _at(*self._driven, t)
