@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from speed_chart import chart
 
 from rvsg.app.settings import default_text, option_of, settings
 from rvsg.cli import verbs
@@ -211,7 +212,7 @@ def main() -> int:
     """Write the generated pages, or with `--check` say which are stale and what is wrong."""
     check = "--check" in sys.argv[1:]
     commands = all_commands()
-    made = {DOCS / "reference" / "command-line.md": command_line_page(commands)}
+    made = {DOCS / "reference" / "command-line.md": command_line_page(commands), DOCS / "images" / "speed.svg": chart()}
     for name in ("campaign-file", "metrics", "requirements"):
         page = DOCS / "reference" / f"{name}.md"
         made[page] = with_tables(page.read_text(encoding="utf-8"))

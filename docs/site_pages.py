@@ -36,9 +36,8 @@ def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: 
     """Begin the first page as the README does; lead links out of `docs` to the repository."""
     if page.file.src_uri == "index.md":
         begin = (ROOT / "README.md").read_text(encoding="utf-8").split("\n## ")[0].partition("\n")[2]
-        markdown = re.sub(
-            r"^- \[README\].*\n", "", markdown.replace("\n\n", "\n" + begin.replace("(docs/", "(") + "\n", 1)
-        )
+        begin = re.sub(r"\]\((?!\w+:)", "](../", begin).replace("](../docs/", "](")
+        markdown = re.sub(r"^- \[README\].*\n", "", markdown.replace("\n\n", f"\n{begin}\n", 1), flags=re.M)
     folder = (ROOT / "docs" / page.file.src_uri).parent
 
     def leading(found: re.Match[str]) -> str:

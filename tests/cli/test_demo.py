@@ -44,6 +44,13 @@ def test_a_demo_shows_its_stored_runs_and_compiles_nothing(tmp_path: Path) -> No
     assert not [path for name in ("kernels", "cache") for path in (tmp_path / name).rglob("*") if path.is_file()]
 
 
+@pytest.mark.slow
+def test_the_loop_of_the_readme_shows_the_demo() -> None:
+    script = Path(__file__).parents[2] / "docs" / "contact_loop.py"
+    done = subprocess.run([sys.executable, str(script), "--check"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 def test_demos_are_listed_and_a_wrong_name_is_answered(terminal: Terminal) -> None:
     terminal("demo --list")
     assert terminal.out.split() == list(shipped_recordings()) == ["warehouse-route_1-R1"]
