@@ -14,8 +14,8 @@ from tests.coded import coded
 
 import rvsg
 from rvsg.app.tuner import RUNS, Tuner
-from rvsg.campaign.parameter_search import SEEDS, Candidate, is_worse, score_of
-from rvsg.campaign.setting_runs import SettingRun, TuningCase, results_of
+from rvsg.campaign.parameter_search import SEEDS, Candidate, ParameterSearch, is_worse, score_of
+from rvsg.campaign.setting_runs import SettingRun, SettingRuns, TuningCase, results_of
 from rvsg.campaign.suite import compare
 from rvsg.campaign.tuning import Part, Tuning, split
 from rvsg.core.documents import DocumentError
@@ -215,7 +215,7 @@ def test_no_kind_of_failure_is_in_both_parts(here: Path) -> None:
 @pytest.mark.slow
 def test_a_tuning_proposes_a_setting_and_resumes_with_the_same_result(here: Path) -> None:
     suite_of()
-    asked = tuner(check_runs=3, attack_runs=10)
+    asked = tuner(budget_runs=40, attack_runs=10)
     found = asked.run()
     assert found.proposal and found.changes and found.score is not None
     assert found.score.cost < found.before.cost and found.settings > 8
@@ -322,6 +322,22 @@ def test_an_attack_is_not_paired_and_says_what_it_found(here: Path) -> None:
     assert paired.difference and paired.difference.paired and paired.difference.difference == -1.0
     assert attacked.difference and not attacked.difference.paired
     assert paired.more_time == pytest.approx(0.1)
+
+
+def test_a_setting_that_gains_less_than_half_a_violating_run_is_not_proposed(here: Path) -> None:
+    suite = suite_of()
+    cases = [TuningCase(suite.tested(case.name), Spec("embedded")) for case in suite.cases]
+    parameter = Parameter(name="wait_s", low=0.0, high=8.0, present=6.0)
+    with SettingRuns(Spec("x"), {"wait_s": 6.0}, Path("runs.jsonl")) as runs:
+        search = ParameterSearch([parameter], cases, runs)
+        keys = [(case.name, seed) for case in cases for seed in search.seeds]
+        before = {key: run(*key, violated=True) for key in keys}
+        for number, better in enumerate((0, 0, 1)):
+            made = {key: run(*key, violated=k >= better, time_s=9.9 if number else 10.0) for k, key in enumerate(keys)}
+            search.candidates.append(Candidate(number, {"wait_s": 6.0 - number}, made, score=score_of(made, before)))
+    first, faster, fewer = search.candidates
+    assert [search.gains(each) for each in search.candidates] == [False, False, True]
+    assert search.best is fewer and search.front() == (fewer,) and search.holds(first) and search.holds(faster)
 
 
 def test_a_candidate_without_every_run_is_not_complete() -> None:

@@ -298,7 +298,7 @@ class _Checks:
                 listed = ", ".join(str(each.number) for each in front) or "none"
                 raise InputError(f"--choose {number}: the front holds the settings {listed}.", code="not-on-front")
             return chosen
-        return front[0] if front and front[0] is not self.search.before else None
+        return front[0] if front and self.search.gains(front[0]) else None
 
     def _changed(self, values: Values) -> dict[str, float]:
         return {name: value for name, value in values.items() if value != self.present.get(name)}

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 from rvsg.campaign.attempt import Failure
-from rvsg.campaign.setting_runs import SettingRun, SettingRuns, TuningCase, Values
+from rvsg.campaign.setting_runs import VIOLATION, SettingRun, SettingRuns, TuningCase, Values
 from rvsg.core.errors import InputError, how_to_install
 from rvsg.core.records import Record
 from rvsg.core.seeds import seed_for
@@ -159,8 +159,17 @@ class ParameterSearch:
 
     @property
     def best(self) -> Candidate:
-        """The complete setting with the best score, among those that hold the limits where there are any."""
+        """The complete setting with the best score; broken limits count against a setting."""
         return min((each for each in self.candidates if each.is_complete), key=self.rank)
+
+    @property
+    def _least_gain(self) -> float:
+        """Half a violating run: what gains less is not worth a change."""
+        return 0.5 * VIOLATION / len(self.before.runs)
+
+    def gains(self, candidate: Candidate) -> bool:
+        """Return whether a setting is better than the one before tuning by enough to be proposed."""
+        return self._value(candidate.score) + self._least_gain < self._value(self.before.score)
 
     def rank(self, candidate: Candidate) -> tuple[float, int]:
         """Return the value that the optimiser minimises, the earlier of equals first."""
@@ -235,7 +244,7 @@ class ParameterSearch:
 
     def simplified(self, candidate: Candidate) -> Candidate:
         """Return a setting without the changes that gain less than half a violating run, the least important first."""
-        most = self._value(candidate.score) + 0.5 / len(self.before.runs)
+        most = self._value(candidate.score) + self._least_gain
         for name in 2 * list(reversed(self.importances() or dict.fromkeys(self.parameters, 0.0))):
             tried = self.try_out({**candidate.values, name: self.before.values[name]})
             if self.holds(tried) and self._value(tried.score) <= most:
