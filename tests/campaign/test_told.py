@@ -142,6 +142,17 @@ def test_no_prompt_of_a_campaign_contradicts_itself(seed: int) -> None:
         assert contradictions(text) == []
 
 
+@pytest.mark.parametrize("seed", [2, 4])
+def test_a_new_scenario_remembers_the_configuration_that_all_else_calls_the_best(seed: int) -> None:
+    """The memory showed the one with the worst mean beside feedback on the one with the worst estimate."""
+    generator = Dear()
+    hybrid(generator=generator, scenarios=3, refinements=0, proposals=3, budget_runs=30, seed=seed)
+    told = [brief for brief in generator.briefs if brief.untold is not None]
+    assert len(told) == 2
+    for brief in told:
+        assert brief.untold is not None and brief.memory[-1].scenario == brief.untold.scenario
+
+
 def test_a_rehearsal_is_a_run_of_its_configuration_and_is_told_of_the_one_before() -> None:
     before = configured(1, [50.0], 50.0).scenario.people
     now = configured(0, [53.9], 53.9).scenario.people

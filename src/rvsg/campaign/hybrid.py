@@ -37,7 +37,7 @@ from rvsg.campaign.race import estimate, in_the_race
 from rvsg.campaign.ranking import Tried, lessons_of, remember, tried_by, undominated
 from rvsg.campaign.strategies import Ask, Batches
 from rvsg.core.seeds import seed_for
-from rvsg.scenario.brief import Brief, Encounter, Feedback
+from rvsg.scenario.brief import Brief, Encounter, Feedback, Remembered
 from rvsg.world.world import World
 
 KEEN = 0.35
@@ -119,7 +119,7 @@ class HybridStrategy(CandidateStrategy):
         begun = 1 + max(self._numbers, default=-1)
         end = begun + count
         while begun < end:
-            memory = remember(self.attempts, self.plan.requirement, last=self.plan.memory)
+            memory = self._memory()
             size = min(self.batch, end - begun)
             briefs = [self._brief("new", begun + k, 0, memory=memory) for k in range(size)]
             begun += size
@@ -127,6 +127,11 @@ class HybridStrategy(CandidateStrategy):
             for attempt in results:
                 self._add(attempt, None, "new")
         estimate(self.candidates)
+
+    def _memory(self) -> tuple[Remembered, ...]:
+        """Return the memory for a new scenario: of each scenario the configuration that all else calls its best."""
+        best = {c.scenario_index: c.last for c in self._best_of_each()}
+        return remember(self.attempts, self.plan.requirement, last=self.plan.memory, best=best)
 
     def _take_turns(self, proposals: int, runs: float) -> Batches:
         """Let the generator propose, and tune what it proposes, in about so many runs together."""
@@ -136,7 +141,7 @@ class HybridStrategy(CandidateStrategy):
                 return
             if turn < drafts or not self.measured:
                 scenario = turn
-                memory = remember(self.attempts, self.plan.requirement, last=self.plan.memory)
+                memory = self._memory()
                 last = next((c for c in self._best_of_each() if c.scenario_index == turn - 1), None)
                 untold = self._feedback(last) if last is not None and memory else None
                 brief = self._brief("new", turn, 0, memory=memory, untold=untold)

@@ -14,7 +14,7 @@ campaigns can be compared.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,12 +136,24 @@ def candidates(attempts: Iterable[AnyAttempt], requirement: Requirement) -> list
     return [attempt for attempt in distinct.values() if standing(attempt, requirement)[0] > 0.0] or first
 
 
-def remember(attempts: Iterable[AttemptSummary], requirement: Requirement, *, last: int) -> tuple[Remembered, ...]:
-    """Return the memory for a new scenario: the `last` scenarios, each by the configuration with the worst mean."""
-    attempts, found = list(attempts), []
+def remember(
+    attempts: Iterable[AttemptSummary],
+    requirement: Requirement,
+    *,
+    last: int,
+    best: Mapping[int, AttemptSummary] | None = None,
+) -> tuple[Remembered, ...]:
+    """Return the memory for a new scenario: the `last` scenarios, each by its best configuration.
+
+    Args:
+        best: The best configuration of scenarios, by their numbers; of others it is the one with the worst mean.
+    """
+    attempts, found, best = list(attempts), [], best or {}
     taught = _taught(attempts)
     for group in by_scenario(attempts)[-last:] if last else ():
-        attempt = max(in_full(group), key=lambda a: (standing(a, requirement)[1], -a.index)).record
+        first = best.get(group[0].scenario_index)
+        first = first or max(in_full(group), key=lambda a: (standing(a, requirement)[1], -a.index))
+        attempt = first.record
         scenario, verdict = attempt.proposal.scenario, attempt.verdict
         assert scenario is not None and verdict is not None and verdict.mean is not None
         found.append(
