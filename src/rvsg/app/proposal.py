@@ -10,7 +10,7 @@ from typing import Any
 from rvsg.app.folder import CONFIG, reading, store_of
 from rvsg.app.record import CampaignRecord
 from rvsg.app.settings import CampaignConfig, effective, read_campaign_file
-from rvsg.app.wiring import Wired, let_rehearse, proposals_of, wire
+from rvsg.app.wiring import ABILITIES, Wired, let_rehearse, proposals_of, wire
 from rvsg.campaign.drive_alone import campaigns_of
 from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.ranking import search_attempts
@@ -144,7 +144,7 @@ def next_prompt(config: CampaignConfig, prompts: Path | None = None) -> NextProm
     brief, wired = _next_brief(config)
     own = folder if chosen or folder.is_dir() else None
     generator = VlmGenerator(Scripted([]), conversation=config.conversation, prompts=own)
-    let_rehearse(generator, wired.simulator, wired.world, seed=config.seed)
+    let_rehearse(generator, wired.simulator, wired.world, seed=config.seed, kept=config.folder / ABILITIES)
     return NextPrompt(
         brief=brief,
         world=wired.world,

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from rvsg.app.settings import BUDGETS, VLM_OPTIONS, CampaignConfig
+from rvsg.campaign.abilities import abilities_of
 from rvsg.campaign.attempt import Plan
 from rvsg.campaign.execution import Limits, Parts
 from rvsg.campaign.feedback import StoredFeedback, rehearsing
@@ -21,7 +22,7 @@ from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec
 from rvsg.evaluation.signals import doubts_of
 from rvsg.evaluation.verdict import Procedure, load_requirement
-from rvsg.generation.generator import Generator, InformedGenerator
+from rvsg.generation.generator import Abilities, Generator, InformedGenerator
 from rvsg.scenario.builder import check_mission, check_route, mission_of
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
@@ -31,8 +32,8 @@ from rvsg.simulation.stacks.protocol import NavigationStack
 from rvsg.store.knowledge_base import read_remembered
 from rvsg.world.world import Route, World
 
-COPY = "knowledge.json"
-"""The copy in the folder of a campaign, which a resumed campaign reads, so that it ends with the same records."""
+COPY, ABILITIES = "knowledge.json", "abilities.json"
+"""Copies in the folder of a campaign, which a resumed campaign reads: earlier scenarios, what its robot can do."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,7 +183,7 @@ def _generator_of(
     if generator is None:
         generator = plugins.make("generator", config.generator_name, generator_options(config))
     plugins.check_complete("generator", generator, Generator)
-    let_rehearse(generator, simulator, world, seed=config.seed, requirement=requirement)
+    let_rehearse(generator, simulator, world, seed=config.seed, requirement=requirement, kept=config.folder / ABILITIES)
     if config.knowledge is None:
         return generator
     return InformedGenerator(generator, read_remembered(remembered_file(config)))
@@ -213,10 +214,24 @@ def also_of(config: CampaignConfig, first: Requirement, mission: Mission, *, sev
 
 
 def let_rehearse(
-    generator: Generator, simulator: Simulator, world: World, *, seed: int, requirement: Requirement | None = None
+    generator: Generator,
+    simulator: Simulator,
+    world: World,
+    *,
+    seed: int,
+    requirement: Requirement | None = None,
+    kept: Path | None = None,
 ) -> None:
-    """Let a generator that rehearses its answers do so in this simulator, measured by a requirement."""
-    generator.allow_rehearsals(rehearsing(simulator, world, seed=seed, requirement=requirement))
+    """Let a generator that rehearses its answers do so in this simulator, measured by a requirement.
+
+    Args:
+        kept: The file that keeps what the robot can do. Only the embedded simulator is fast enough to measure that.
+    """
+
+    def measure(mission: Mission) -> Abilities | None:
+        return abilities_of(mission, simulator, kept) if simulator.name == "embedded" else None
+
+    generator.allow_rehearsals(rehearsing(simulator, world, seed=seed, requirement=requirement, measure=measure))
 
 
 def remembered_file(config: CampaignConfig) -> Path:

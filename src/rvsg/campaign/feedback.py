@@ -37,7 +37,7 @@ from rvsg.evaluation.sampled import sampled, stretches
 from rvsg.evaluation.signals import series_name, series_of
 from rvsg.evaluation.statistics import welch
 from rvsg.evaluation.verdict import Verdict, judge, objective
-from rvsg.generation.generator import MET_M, Rehearsal, Rehearse, Walked
+from rvsg.generation.generator import MET_M, Abilities, Rehearsal, Rehearse, Walked
 from rvsg.scenario.brief import Encounter, Feedback, HumanInfluence, Moment, Part, PersonAt, Reacted, Row, Sample
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario
@@ -395,10 +395,17 @@ WAY_S = 0.5
 """Seconds between the points of the robot's way."""
 
 
-def rehearsing(simulator: Simulator, world: World, *, seed: int, requirement: Requirement | None = None) -> Rehearse:
+def rehearsing(
+    simulator: Simulator,
+    world: World,
+    *,
+    seed: int,
+    requirement: Requirement | None = None,
+    measure: Callable[[Mission], Abilities | None] = lambda mission: None,
+) -> Rehearse:
     """Return the function that simulates a configuration once, with a seed that no run of the campaign has.
 
-    With a requirement, it is measured.
+    With a requirement, it is measured. The drive without people also tells what `measure` says the robot can do.
 
     A rehearsal that the simulator cannot make is one in which nothing happens: the runs will tell why.
     """
@@ -411,7 +418,9 @@ def rehearsing(simulator: Simulator, world: World, *, seed: int, requirement: Re
         except SimulationError:
             return Rehearsal(robot=(), arrival_s=None)
         rehearsal = _rehearsed(run, people, world)
-        if requirement is None or not people.humans:
+        if not people.humans:
+            return rehearsal.replace(abilities=measure(mission))
+        if requirement is None:
             return rehearsal
         value = objective(run, requirement, world=mission.place(world))
         capped = judge(requirement, [value], arrived=[run.completed]).censored > 0

@@ -169,7 +169,8 @@ def brief_facts(
     drive = None
     if undisturbed is not None and undisturbed.robot:
         line = [{"time_s": time, "at": at} for time, at in undisturbed.robot]
-        drive = {"line": line, "arrival_s": undisturbed.arrival_s}
+        able = undisturbed.abilities
+        drive = {"line": line, "arrival_s": undisturbed.arrival_s, "abilities": able.model_dump() if able else None}
     return {
         "route": route_facts(mission, world, undisturbed) | starts,
         "drive": drive,

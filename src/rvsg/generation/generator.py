@@ -51,6 +51,36 @@ class Walked(Record):
     """When the person first reacts to the robot, in seconds; None: never."""
 
 
+class Abilities(Record):
+    """What a robot with its stack did in an empty hall: distances in metres, and counts of runs."""
+
+    setting: str
+    """Id of the robot, the simulator and its options."""
+    gap_m: float | None
+    """The narrowest gap that it drove through; None: through none that was tried."""
+    blocked_m: float | None
+    """The widest gap that it did not drive through; None: it drove through all."""
+    walker_m: float | None
+    """The usual smallest distance of centres from somebody who walks towards it, and from somebody who stands."""
+    stander_m: float | None
+    touching: int
+    """Of the runs in which it `met` somebody in the open hall, those in which it moved into them."""
+    met: int
+    blocked: int
+    """Runs with somebody who stands on the goal, and as many with somebody who stands in a doorway."""
+    arriving: int
+    """Of those with somebody on the goal, those in which it arrived, and in which it moved into them."""
+    pushing: int
+    doorway_m: float
+    """The width of that doorway, in which robot and person do not fit side by side."""
+    passing: int
+    """The runs in which it came through the doorway."""
+    gives_up_s: float | None
+    """When its navigation usually gave up before the doorway; None: never."""
+    recoveries: tuple[str, ...] = ()
+    """What its navigation did to recover in the blocked runs."""
+
+
 class Rehearsal(Record):
     """One simulated run in short: where the robot is every two seconds, when it arrives, and what the people do."""
 
@@ -65,6 +95,8 @@ class Rehearsal(Record):
     """The value of the requirement; None: not measured, or the run has none."""
     capped: Annotated[bool, Field(exclude_if=lambda capped: not capped)] = False
     """Whether the time limit sets the value."""
+    abilities: Annotated[Abilities | None, Field(exclude_if=lambda abilities: abilities is None)] = None
+    """What the robot can do; only the drive without people tells it."""
 
 
 Rehearse = Callable[[Mission, HumanConfiguration], Rehearsal]
