@@ -1,21 +1,29 @@
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tests.published_data import published_data
+from tests.world.parts import map_of, walled
 
-from rvsg.generation.facts import brief_facts, neighbour_rule, world_facts
+from rvsg.campaign.feedback import rehearsing
+from rvsg.core.records import Pose
+from rvsg.generation.facts import brief_facts, neighbour_rule, route_facts, world_facts
 from rvsg.generation.prompts import Prompts
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.placement import spawn_findings
 from rvsg.scenario.requirement import load_requirement
-from rvsg.scenario.scenario import Human, HumanConfiguration, Task
+from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Task
+from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.world.creation import world_from
 from rvsg.world.grid import Grid, Waypoint
-from rvsg.world.world import World
+from rvsg.world.lattice import build_world
+from rvsg.world.passages import free_width_m
+from rvsg.world.world import Area, Route, World
 
 DATA = published_data()
 
@@ -116,3 +124,42 @@ def test_a_person_acts_against_the_robot_only_where_that_is_asked_for(brief: Bri
     system = [Prompts().render("system", facts) for facts in (usual, provoked)]
     assert "do not act against the robot" in system[0]
     assert "do not act against the robot" not in system[1]
+
+
+@pytest.fixture
+def bare() -> World:
+    """A hall of 10 x 6 m that is nothing but a map, with a pillar beside the route and labels for pillar and floor."""
+    cells = walled(120, 200)
+    cells[40:50, 90:100] = 100
+    pillar = Area(name="Obstacle 1", kind="obstacle", outline=((4.5, 2), (5, 2), (5, 2.5), (4.5, 2.5)), waypoints=())
+    floor = Area(name="Floor", kind="floor", outline=((1, 4), (9, 4), (9, 5.5), (1, 5.5)), waypoints=())
+    start, goal = Pose(x=1.5, y=3.5), Pose(x=8.5, y=3.5)
+    route = Route(name="by", start=start, goal=goal, time_limit_s=30, purpose="from Obstacle 1 to Obstacle 9")
+    return build_world(name="hall", occupancy=map_of(cells), areas=(pillar, floor), routes=(route,))
+
+
+def test_a_route_names_no_place_that_the_list_of_labels_does_not_hold(bare: World) -> None:
+    (route,) = bare.routes
+    stale, known = (
+        route_facts(Mission.of(bare, r), bare) for r in (route, route.replace(purpose="from Obstacle 1 to Floor"))
+    )
+    assert stale["purpose"] == "" and "Obstacle 9" not in stale["description"]
+    assert known["purpose"] == "from Obstacle 1 to Floor" and known["purpose"] in known["description"]
+    own = route_facts(Mission.of(bare, route.replace(purpose="a tour of the stores")), bare)
+    assert own["purpose"] == "a tour of the stores"
+
+
+def test_things_of_a_bare_map_have_a_size_and_the_way_has_its_free_width(bare: World, warehouse: World) -> None:
+    sizes = {area["name"]: area["size"] for area in world_facts(bare)["areas"]}
+    assert sizes == {"Obstacle 1": "0.5 x 0.5 m", "Floor": ""}
+    assert not any(area["size"] for area in world_facts(warehouse)["areas"])  # its objects have theirs
+    mission = Mission.of(bare, bare.routes[0])
+    drive = rehearsing(KinematicSimulator(), bare, seed=1)(mission, HumanConfiguration(humans=()))
+    facts = brief_facts(Brief(mission=mission, requirement=load_requirement("R1"), seed=3), bare, undisturbed=drive)
+    lines = Prompts().render("compact-context", world_facts(bare) | facts).splitlines()
+    (told,) = (line for line in lines if "Without people it is" in line)
+    widths = [float(width) for width in re.findall(r"\(([\d.]+) m\)", told)]
+    assert len(widths) == len(drive.robot)
+    ways = np.array([(x, y) for _, x, y in drive.way])
+    beside = min(free_width_m(bare, x, y, yaw=0.0) for x, y in ways)  # beside the pillar
+    assert beside == pytest.approx(min(widths), abs=0.2) and max(widths) > min(widths) + 1.0

@@ -33,8 +33,10 @@ from rvsg.scenario.scenario import (
 )
 from rvsg.scenario.validity import is_walkable
 from rvsg.world.grid import Grid
-from rvsg.world.passages import route_paragraph
-from rvsg.world.world import Description, Route, World
+from rvsg.world.lattice import open_share
+from rvsg.world.passages import known_purpose, route_paragraph
+from rvsg.world.space import human_space
+from rvsg.world.world import Area, Description, Route, World
 
 NEAREST_STARTS = 4
 
@@ -99,6 +101,7 @@ def world_facts(world: World, description: Description | None = None) -> dict[st
                 "kind": area.kind,
                 "region": area.region,
                 "note": area.note,
+                "size": _size(area, world),
                 "waypoints": _in_rows([name for name in area.waypoints if name in grid.valid], grid),
             }
             for area in world.areas
@@ -114,6 +117,14 @@ def world_facts(world: World, description: Description | None = None) -> dict[st
         **neighbour_rule(grid, [(a, b) for a, b in grid.hops if is_walkable(a, b, world)]),
         "invalid": _invalid(grid),
     }
+
+
+def _size(area: Area, world: World) -> str:
+    """Return the size of a thing of a bare map, which has no objects to know it by; empty for open floor."""
+    if world.objects or open_share(area.outline, human_space(world)) > 0.5:
+        return ""
+    xs, ys = zip(*area.outline, strict=True)
+    return f"{max(xs) - min(xs):.1f} x {max(ys) - min(ys):.1f} m"
 
 
 def _in_rows(names: Sequence[str], grid: Grid) -> list[str]:
@@ -168,7 +179,9 @@ def brief_facts(
     }
     drive = None
     if undisturbed is not None and undisturbed.robot:
-        line = [{"time_s": time, "at": at} for time, at in undisturbed.robot]
+        widths = undisturbed.widths_m or (None,) * len(undisturbed.robot)
+        pairs = zip(undisturbed.robot, widths, strict=True)
+        line = [{"time_s": time, "at": at, "width_m": width} for (time, at), width in pairs]
         able = undisturbed.abilities
         drive = {"line": line, "arrival_s": undisturbed.arrival_s, "abilities": able.model_dump() if able else None}
     return {
@@ -207,7 +220,7 @@ def route_facts(mission: Mission, world: World, undisturbed: Rehearsal | None = 
         driven = np.array([(x, y) for _, x, y in undisturbed.way])
     return {
         "name": route.name,
-        "purpose": route.purpose,
+        "purpose": known_purpose(world, route),
         "start": grid.nearest(route.start.x, route.start.y),
         "goal": grid.nearest(route.goal.x, route.goal.y),
         "via": list(route.via),

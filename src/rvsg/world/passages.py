@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -216,13 +217,13 @@ def describe_route(world: World, route: Route, driven: Floats | None = None, *, 
         driven: Points (N, 2) of the way that the robot drives without people; with it, no waypoints are named.
         robot: The robot that drives, which tells where people cannot pass it; None: the default one.
     """
-    way = waypoints_of(world, route) if driven is None else ()
+    way, purpose = waypoints_of(world, route) if driven is None else (), known_purpose(world, route)
     line = line_of(world, route) if driven is None else simplified(driven)
     start, goal = _place(world, route.start), _place(world, route.goal)
     sentences = [
         f"The robot starts at {start}, facing {_facing(world.grid, route.start.yaw)} on the picture, and must reach "
         f"{goal}, about {length_m(line):.0f} m away along the route, within {route.time_limit_s:g} s"
-        + (f" ({route.purpose})." if route.purpose else ".")
+        + (f" ({purpose})." if purpose else ".")
     ]
     if len(way) > 1:
         step = math.ceil(len(way) / MOST_NAMED)
@@ -238,6 +239,13 @@ def describe_route(world: World, route: Route, driven: Floats | None = None, *, 
     sentences += _narrow_places(world, line, robot)
     sentences.append(f"At the goal it faces {_facing(world.grid, route.goal.yaw)}.")
     return " ".join(sentences)
+
+
+def known_purpose(world: World, route: Route) -> str:
+    """Return the purpose of a route; empty where it names a numbered label that the world no longer has."""
+    known = {area.name for area in world.areas}
+    unknown = set(re.findall(r"\b[A-Z]\w* \d+\b", route.purpose)) - known
+    return route.purpose if not unknown else ""
 
 
 def waypoints_of(world: World, route: Route) -> tuple[str, ...]:
