@@ -90,6 +90,9 @@ def test_the_wheels_work_in_a_fresh_environment_and_an_empty_folder(built: Path,
     assert str(packages) in done("python", "-c", "import rvsg; print(rvsg.__file__)")
     done("rvsg", "run", "--simulator", "kinematic", "--scenarios", "1", "--confirmations", "5", "--out", "first")
     assert (folder / "first" / "report.html").is_file()
+    done("rvsg", "demo", "--out", "demo")
+    assert (folder / "demo" / "report.html").is_file()
+    assert done("rvsg", "--explain", "out-occupied").startswith("# `out-occupied`")
     planner = shutil.copy(EXAMPLES / "stacks" / "follow_the_plan.py", folder)
     done(
         "rvsg", "simulate", EXAMPLES / "three_people.json", "--stack", f"{planner}:FollowThePlan", "--out", "own.jsonl"
