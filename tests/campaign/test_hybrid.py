@@ -34,6 +34,7 @@ from rvsg.campaign.ranking import best_attempt, front_of, hypervolume, measured,
 from rvsg.core.errors import BudgetSpent, NotRecorded
 from rvsg.evaluation.metrics.measurement import measure as measure_all
 from rvsg.generation.generator import Call, Proposal
+from rvsg.generation.reply_json import TUNABLE
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Aim, Requirement
 from rvsg.scenario.scenario import Scenario
@@ -252,6 +253,37 @@ def test_a_refinement_is_told_what_the_optimiser_changed(turns: tuple[list[Attem
         people = own.proposal.scenario.people
         assert told.tuned == bool(told.tuning.change)
         assert told.tuning.change == (differences(people, told.scenario.people) if told.tuned else "")
+
+
+class Strict(Dear):
+    """A generator that lets nothing change but one speed, within a range."""
+
+    def propose(self, brief: Brief, world: object) -> Proposal:
+        proposal = super().propose(brief, world)
+        assert proposal.scenario is not None
+        names = [human.name for human in proposal.scenario.people.humans]
+        fixed = dict.fromkeys(TUNABLE)
+        speed = proposal.scenario.people.humans[0].speed_m_s
+        free = fixed | {"speed_m_s": (speed - 0.05, speed + 0.05)}
+        return proposal.replace(limits={names[0]: free, **dict.fromkeys(names[1:], fixed)})
+
+
+def test_the_optimiser_keeps_to_what_the_generator_left_free_and_passes_it_on() -> None:
+    generator = Strict()
+    attempts = hybrid(generator=generator, **TURNS)
+    tuned = [a for a in attempts if a.brief.kind == "tune"]
+    written = {a.brief.scenario_index: a for a in attempts if a.brief.kind == "new"}
+    assert len(tuned) > 3
+    for attempt in tuned:
+        assert attempt.proposal.scenario is not None
+        first, *others = attempt.proposal.scenario.people.humans
+        origins = [a for a in attempts if a.brief.kind != "tune" and a.proposal.limits == attempt.proposal.limits]
+        before = [a.proposal.scenario.people.humans for a in origins if a.proposal.scenario is not None]
+        low, high = attempt.proposal.limits[first.name]["speed_m_s"] or (0.0, 0.0)
+        assert low <= first.speed_m_s <= high
+        assert any(tuple(others) == humans[1:] and first.tasks == humans[0].tasks for humans in before)
+    told = [brief.feedback for brief in generator.briefs if brief.feedback is not None]
+    assert told and all(f.limits for f in told) and written
 
 
 def test_a_refinement_is_told_why_the_last_answer_was_weaker() -> None:

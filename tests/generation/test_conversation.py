@@ -15,7 +15,10 @@ from rvsg.core.errors import BudgetSpent, InputError, ModelUnavailable, ReplayDi
 from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.facts import pictures_of
 from rvsg.generation.generator import Proposal, Rehearsal
+from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.generation.replies import LESSON_CHARACTERS
+from rvsg.generation.reply_json import configuration_schema
+from rvsg.generation.result_facts import configuration_object
 from rvsg.generation.vlm.model import Answer, Scripted, picture_tokens
 from rvsg.generation.vlm.recording import Recording
 from rvsg.scenario.brief import (
@@ -298,6 +301,27 @@ def test_the_route_is_told_and_drawn_as_the_robot_drives_it(brief: Brief, wareho
     assert shown.digest != plain.digest and grid.digest == same_grid.digest
     for nowhere in ((), ((0.0, 1.0, 1.0), (0.5, 1.0, 1.0))):
         assert pictures_of(warehouse, brief.mission.route, nowhere)[0].digest == plain.digest
+
+
+def test_a_model_says_what_an_optimiser_may_change(brief: Brief, warehouse: World) -> None:
+    people = HeuristicGenerator().propose(brief, warehouse).scenario.people
+    answer = configuration_object(people, "Somebody carries boxes.")
+    said = {"speed_m_s": "0.9 to 1.3", "start_delay_s": "free", "pause_s": "fixed", "start": "fixed", "stops": "often"}
+    answer["humans"][0]["tuning"] = said
+    model = Scripted([json.dumps({"analysis": "", **answer})])
+    proposal = VlmGenerator(model).propose(brief.replace(tunes=True), warehouse)
+    name = people.humans[0].name
+    assert proposal.limits == {name: {"speed_m_s": (0.9, 1.3), "pause_s": None, "start": None}}
+    assert ["stops" in repair.what for repair in proposal.repairs] == [True]
+    asked = model.asked[0].shape["properties"]["humans"]["items"]["properties"]
+    assert list(asked["tuning"]["properties"]) == list(said)
+
+    feedback = Feedback(scenario=proposal.scenario, objectives=(1.0,), mean=1.0, interval=(1.0, 1.0))
+    refined = brief.replace(kind="refine", tunes=True, feedback=feedback.replace(limits=proposal.limits))
+    before = json.loads(VlmGenerator(Scripted([])).first_prompts(refined, warehouse)[-2].text)
+    assert before["humans"][0]["tuning"] == {**said, "stops": "free"}
+    plain = configuration_schema(rich=True)["properties"]["humans"]["items"]["properties"]
+    assert "tuning" not in plain
 
 
 @pytest.mark.parametrize("tunes", [False, True])

@@ -70,3 +70,27 @@ def test_each_dimension_changes_what_it_is_named_for() -> None:
             others = [h for k, h in enumerate(people.humans) if k != dimension.human]
             assert others == [h for k, h in enumerate(scenario.people.humans) if k != dimension.human]
     assert seen == {"delay", "speed", "begins", "pause"}
+
+
+ALL = ("speed_m_s", "start_delay_s", "pause_s", "start", "stops")
+
+
+def test_what_is_fixed_stays_and_a_range_is_kept() -> None:
+    """ "Never pause", and walk at 0.9 to 1.3 m/s."""
+    scenario, space = drafted(1)
+    first, *others = (human.name for human in scenario.people.humans)
+    limits = {first: {**dict.fromkeys(ALL), "speed_m_s": (0.9, 1.3)}, **{name: dict.fromkeys(ALL) for name in others}}
+    narrow = TuningSpace(scenario.people, scenario.mission, space.world, limits)
+    assert [d.name for d in narrow.dimensions] == ["speed"]
+    mutations = Mutations(narrow, np.random.default_rng(3))
+    speeds = []
+    for _ in range(20):
+        people, _ = mutations.draw()
+        assert people is not None
+        speeds.append(people.humans[0].speed_m_s)
+        same = people.humans[0].model_copy(update={"speed_m_s": scenario.people.humans[0].speed_m_s})
+        assert (same, *people.humans[1:]) == scenario.people.humans
+    assert 0.9 <= min(speeds) < max(speeds) <= 1.3
+    limits[first] = dict.fromkeys(ALL)
+    nothing = TuningSpace(scenario.people, scenario.mission, space.world, limits)
+    assert Mutations(nothing, np.random.default_rng(3)).draw() == (None, "")

@@ -132,6 +132,7 @@ def _feedback(
         scenario=scenario,
         analysis="" if attempt.brief.kind == "tune" else attempt.proposal.reasoning,
         planned=attempt.proposal.plan,
+        limits=attempt.proposal.limits,
         tuned=attempt.brief.kind == "tune",
         objectives=verdict.objectives,
         mean=verdict.mean,

@@ -242,7 +242,9 @@ class Operators:
         if space is None:
             if len(self._spaces) == SPACES:
                 del self._spaces[next(iter(self._spaces))]
-            space = self._spaces[parent.index] = TuningSpace(parent.scenario.people, self.mission, self.world)
+            limits = parent.attempt.record.proposal.limits
+            space = TuningSpace(parent.scenario.people, self.mission, self.world, limits)
+            self._spaces[parent.index] = space
         people, words = Mutations(space, rng).draw()
         return None if people is None else Change(people, f"with other numbers: {words}")
 
@@ -262,6 +264,8 @@ class Operators:
         lender = ranked[min(len(ranked), int(rng.geometric(0.3))) - 1]
         out, into = int(rng.integers(len(humans))), int(rng.integers(len(lender.scenario.people.humans)))
         lent = lender.scenario.people.humans[into]
+        if humans[out].name in parent.attempt.record.proposal.limits:
+            return None
         if lent.group is not None or humans[out].group is not None or not (ours or same_work(humans[out], lent)):
             return None
         new = lent.model_copy(update={"name": humans[out].name})
@@ -335,6 +339,7 @@ class CandidateStrategy(BatchStrategy):
             reasoning=f"Attempt {parent.index} {change.words}.",
             moved=added(self.plan.mission, parent.scenario.mission),
         )
+        proposal = proposal.replace(limits=parent.attempt.record.proposal.limits)
         return Ask(brief=brief, proposal=proposal, seeds=seeds) if proposal.scenario else None
 
     def _again(self, candidate: Candidate, runs: int) -> Ask:

@@ -241,6 +241,7 @@ class Conversation(ABC):
             reasoning=last.analysis,
             lesson=last.lesson if _is_told(self.brief) else "",
             plan={name: dict(moments) for name, moments in last.plan.items()},
+            limits=last.limits,
             first_findings=self.replies[0].findings,
             problems=problems,
             repairs=repairs,
@@ -262,7 +263,8 @@ class CompactConversation(Conversation):
 
     def __init__(self, generator: VlmGenerator, brief: Brief, world: World) -> None:
         super().__init__(generator, brief, world)
-        self.shape = configuration_schema(rich=True, behaviours=offered(generator.provoking), actors=world.actors)
+        behaviours = offered(generator.provoking)
+        self.shape = configuration_schema(rich=True, behaviours=behaviours, actors=world.actors, tunes=brief.tunes)
         self.dialogue.tell("system", role="system")
         self.dialogue.tell("compact-context", shown=self.dialogue.pictures.values(), stable=True)
 

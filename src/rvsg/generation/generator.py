@@ -15,7 +15,7 @@ from rvsg.core.documents import record_of
 from rvsg.core.inputs import parse_json, read_text
 from rvsg.core.records import Record
 from rvsg.generation.vlm.access import Tell
-from rvsg.scenario.brief import Arrival, Brief, Remembered, Row
+from rvsg.scenario.brief import Arrival, Brief, Remembered, Row, TuningLimits
 from rvsg.scenario.builder import WORLD_FOLDER, with_world_folder
 from rvsg.scenario.rules import Finding, Repair
 from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
@@ -179,6 +179,8 @@ class Proposal(Record):
     The next scenarios are told of it."""
     plan: dict[str, dict[str, float]] = Field(default_factory=dict)
     """When the generator means each person to reach which waypoint, in seconds: name, waypoint, time."""
+    limits: TuningLimits = Field(default_factory=dict)
+    """What an optimiser may change of the configuration."""
     first_findings: tuple[Finding, ...] = ()
     problems: tuple[Finding, ...] = ()
     repairs: tuple[Repair, ...] = ()

@@ -16,7 +16,8 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from rvsg.generation.people_sampler import CHILD, MOVED, TROLLEY, WHEELCHAIR, box
-from rvsg.generation.reply_json import Found, find_json, number_of
+from rvsg.generation.reply_json import TUNABLE, Found, find_json, number_of
+from rvsg.scenario.brief import TuningLimits
 from rvsg.scenario.rules import SPEED_RANGE_M_S, Finding, Repair
 from rvsg.scenario.scenario import (
     LIMITS,
@@ -72,11 +73,21 @@ _ALIASES = {
 }
 """The names models give to our keys where no schema holds them to ours."""
 _OF_PERSON = ("name", "tasks", "speed_m_s", "start_delay_s", "behaviour", "attention")
-_KNOWN_HUMAN = {*(alias for key in _OF_PERSON for alias in _ALIASES[key]), "group", "role", "start", "note", "plan"}
+_KNOWN_HUMAN = {
+    *(alias for key in _OF_PERSON for alias in _ALIASES[key]),
+    "group",
+    "role",
+    "start",
+    "note",
+    "plan",
+    "tuning",
+}
 _STUDY_KEY = re.compile(
     r"^\s*((?:worker|human|person|agent|pedestrian)\s*_?\s*\w+?)[\s_]*(?:tasks?)?\s*$", re.IGNORECASE
 )
 _BETWEEN = re.compile(r"\s*(?:→|⟶|➔|➜|⇒|-+>|=+>|,|;|\||\s)\s*")
+
+_SPAN = re.compile(r"(\d+(?:\.\d+)?)\s*(?:to|-|–)\s*(\d+(?:\.\d+)?)(?:\s*(?:s|m/s))?")
 
 Choice = TypeVar("Choice", Attention, Behaviour)
 
@@ -94,6 +105,8 @@ class Reply:
     lesson: str = ""
     plan: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """When each person is planned to be at which waypoint (s)."""
+    limits: TuningLimits = field(default_factory=dict)
+    """What an optimiser may not change of each person, and within which range it may."""
     moved: tuple[SolidObject, ...] | None = None
     """Objects moved into the world; None where nothing is said of any."""
     findings: tuple[Finding, ...] = ()
@@ -132,6 +145,7 @@ def read_configuration(
         analysis=_text(holder, "analysis") or _prose(text, found),
         lesson=" ".join(_text(holder, "lesson").split())[:LESSON_CHARACTERS],
         plan=_plan_of(people),
+        limits=_limits_of(people, reader),
         moved=moved,
         findings=tuple(reader.findings),
         repairs=tuple(reader.repairs),
@@ -241,6 +255,24 @@ def _plan_of(people: _People) -> dict[str, dict[str, float]]:
             if at and time is not None and 0.0 <= time <= LONGEST_S:
                 plans.setdefault(_name(name, value)[:NAME_CHARACTERS], {}).setdefault(at, time)
     return plans
+
+
+def _limits_of(people: _People, reader: _Reader) -> TuningLimits:
+    """Return what of each person is fixed, or free within a range only; what cannot be read is free, and noted."""
+    limits: TuningLimits = {}
+    for name, value in people:
+        given, who = (value.get("tuning") if isinstance(value, dict) else None), _name(name, value)[:NAME_CHARACTERS]
+        for key, said in given.items() if isinstance(given, dict) else ():
+            text = _scalar(said).casefold()
+            span = _SPAN.fullmatch(text) if key in TUNABLE[:3] else None
+            if key in TUNABLE and text == "fixed":
+                limits.setdefault(who, {})[key] = None
+            elif span is not None and float(span[1]) <= float(span[2]):
+                limits.setdefault(who, {})[key] = (float(span[1]), float(span[2]))
+            elif text not in ("", "free"):
+                reader.of = {"human": who}
+                reader.repaired(f'"tuning" of {str(key)[:40]}, {text[:40]!r}, is not fixed and no range: it stays free')
+    return limits
 
 
 # -- reading it ------------------------------------------------------------------------------------

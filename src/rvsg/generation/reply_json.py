@@ -175,6 +175,8 @@ def texts_schema(*keys: str) -> dict[str, Any]:
     return object_schema(dict.fromkeys(keys, TEXT))
 
 
+TUNABLE = ("speed_m_s", "start_delay_s", "pause_s", "start", "stops")
+"""What an optimiser may change of a person; of the first three a model may also give a range."""
 TEXT: dict[str, Any] = {"type": "string"}
 NUMBER: dict[str, Any] = {"type": "number"}
 _PATH = {"type": "array", "items": TEXT, "minItems": 1}
@@ -188,8 +190,13 @@ def configuration_schema(
     described: bool = True,
     behaviours: Sequence[Behaviour] = tuple(Behaviour),
     actors: Sequence[str] = (),
+    tunes: bool = False,
 ) -> dict[str, Any]:
-    """Return the schema of a configuration; `rich` with description, speeds, delays, pauses and behaviours."""
+    """Return the schema of a configuration; `rich` with description, speeds, delays, pauses and behaviours.
+
+    Args:
+        tunes: Whether it says what an optimiser may change.
+    """
     task = {"task": TEXT, "path": _PATH}
     if not rich:
         plain = object_schema({"name": TEXT, "tasks": {"type": "array", "items": object_schema(task)}})
@@ -205,6 +212,8 @@ def configuration_schema(
         "plan": {"type": "array", "items": object_schema({"at": TEXT, "time_s": NUMBER})},
         "tasks": {"type": "array", "items": object_schema({**task, "pauses": _PAUSES})},
     }
+    if tunes:
+        human["tuning"] = texts_schema(*TUNABLE)
     kinds = [kind.value for kind in PersonKind if kind is PersonKind.ADULT or kind.value in actors]
     if len(kinds) > 1:
         human["kind"] = {"type": "string", "enum": kinds}

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rvsg.generation.generator import Rehearsal
+from rvsg.generation.reply_json import TUNABLE
 from rvsg.scenario.brief import Feedback, Row, Stop, Tried
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Attention, Human, HumanConfiguration, PersonKind
@@ -300,6 +301,10 @@ def configuration_object(
 def answer_object(feedback: Feedback, moved: Sequence[SolidObject] = ()) -> Any:
     """Return the configuration that was simulated as its generator answered it, with the end of its analysis."""
     found = configuration_object(feedback.scenario.people, feedback.scenario.description, moved=moved)
+    for human in found["humans"] if feedback.limits else ():
+        own = feedback.limits.get(human["name"], {})
+        said = {key: f"{span[0]:g} to {span[1]:g}" if span else "fixed" for key, span in own.items()}
+        human["tuning"] = dict.fromkeys(TUNABLE, "free") | said
     analysis = feedback.analysis
     if len(analysis) > LONGEST_ANALYSIS:
         end = analysis[-LONGEST_ANALYSIS:]

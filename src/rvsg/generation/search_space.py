@@ -7,14 +7,15 @@ waypoints a task ends. People walk at 0.35 to 1.6 m/s and not more than half as 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.generation.replies import LONGEST_DELAY_S
 from rvsg.generation.workplaces import WalkingGraph, places_of, walking_graph
+from rvsg.scenario.brief import TuningLimits
 from rvsg.scenario.placement import start_gap_m
 from rvsg.scenario.rules import START_CLEARANCE_M
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Task, at_places, begin_at, ends_of
@@ -60,14 +61,22 @@ class Dimension:
 
 
 class TuningSpace:
-    """The search space around one configuration. A vector has one value in [0, 1] per dimension."""
+    """The search space around one configuration. A vector has one value in [0, 1] per dimension.
 
-    def __init__(self, people: HumanConfiguration, mission: Mission, world: World) -> None:
-        self.people, self.mission, self.world = people, mission, world
+    `limits` narrow it to what may change.
+    """
+
+    def __init__(
+        self, people: HumanConfiguration, mission: Mission, world: World, limits: TuningLimits | None = None
+    ) -> None:
+        self.people, self.mission, self.world, self.limits = people, mission, world, limits or {}
         self.ground: WalkingGraph = walking_graph(world, mission.route)
         self.waypoints = {place.name: place.waypoints for place in places_of(world, reachable_from=mission.route.start)}
         self.dimensions: tuple[Dimension, ...] = tuple(
-            dimension for index, human in enumerate(people.humans) for dimension in self._dimensions(index, human)
+            narrowed
+            for index, human in enumerate(people.humans)
+            for dimension in self._dimensions(index, human)
+            if (narrowed := _narrowed(dimension, self.limits.get(human.name, {}))) is not None
         )
         self.start: Vector = np.array([dimension.start_share for dimension in self.dimensions])
         """The vector of the configuration as proposed."""
@@ -88,6 +97,8 @@ class TuningSpace:
                 leader = leaders.setdefault(changed.group, changed)
                 pace = {"speed_m_s": leader.speed_m_s, "start_delay_s": leader.start_delay_s}
                 changed = changed.model_copy(update=pace)
+                if not _keeps(human, changed, self.limits.get(human.name, {})):
+                    return None
             humans.append(changed)
         people = HumanConfiguration(humans=tuple(humans))
         for human in people.humans:
@@ -155,6 +166,35 @@ class TuningSpace:
         return human.model_copy(update={"tasks": tasks, "start_delay_s": delay, "speed_m_s": speed})
 
 
+_LIMITED_BY = {"speed": "speed_m_s", "delay": "start_delay_s", "pause": "pause_s", "begins": "start", "stop": "stops"}
+
+
+def _narrowed(dimension: Dimension, limits: Mapping[str, tuple[float, float] | None]) -> Dimension | None:
+    """Return a dimension within its limits; None where nothing of it may change."""
+    key = _LIMITED_BY[dimension.name.split()[0]]
+    if key not in limits:
+        return dimension
+    bounds = limits[key]
+    if bounds is None:
+        return None
+    if dimension.name == "pause at":
+        return dimension
+    low = max(dimension.low, bounds[0]) if bounds[0] > 0.0 else dimension.low
+    high = min(dimension.high, bounds[1])
+    start = min(high, max(low, dimension.start))
+    return replace(dimension, low=low, high=high, start=start) if low < high else None
+
+
+def _keeps(before: Human, after: Human, limits: Mapping[str, tuple[float, float] | None]) -> bool:
+    """Return whether the pace that a group gives a member is within the member's limits."""
+    for key in _LIMITED_BY["speed"], _LIMITED_BY["delay"]:
+        was, now = getattr(before, key), getattr(after, key)
+        bounds = limits.get(key, (now, now)) or (was, was)
+        if not bounds[0] <= now <= bounds[1]:
+            return False
+    return True
+
+
 def _cycle(human: Human) -> tuple[tuple[Task, ...], float]:
     """The tasks from place to place, and at what share of the cycle the person begins."""
     tasks = at_places(human.tasks)
@@ -214,7 +254,7 @@ class Mutations:
     def draw(self) -> tuple[HumanConfiguration | None, str]:
         """Return a valid configuration that differs, and what changed in words; None where no draw is valid."""
         start = self.space.start
-        for _ in range(TRIES):
+        for _ in range(TRIES if len(start) else 0):
             changed = self.rng.random(len(start)) < FEW / len(start)
             near = np.clip(start + STEP * self.rng.normal(size=len(start)), 0.0, 1.0)
             far = self.rng.random(len(start))

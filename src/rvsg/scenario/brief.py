@@ -41,6 +41,9 @@ class Sample(Record):
     value: float | None = None
 
 
+TuningLimits = Annotated[dict[str, dict[str, tuple[float, float] | None]], Field(exclude_if=lambda limits: not limits)]
+"""What an optimiser may change of people: name, number, range; None: it is fixed. What is not named is free."""
+
 Coordinate = Annotated[float | None, Field(exclude_if=lambda value: value is None)]
 """Metres in the world's frame; None: not known."""
 
@@ -259,6 +262,8 @@ class Feedback(Record):
     tuned since."""
     planned: dict[str, dict[str, float]] = Field(default_factory=dict)
     """When the generator meant each person to reach which waypoint, in seconds: name, waypoint, time."""
+    limits: TuningLimits = Field(default_factory=dict)
+    """What the generator lets an optimiser change."""
     tuned: bool = False
     """Whether a strategy tuned the numbers of the configuration after the generator wrote it."""
     tuning: Tuning | None = None
