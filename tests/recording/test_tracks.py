@@ -70,6 +70,12 @@ def test_exchanged_names_are_mended() -> None:
     assert ann.rows[:, 2] == pytest.approx(1.0, abs=0.05) and bo.rows[:, 2] == pytest.approx(4.0, abs=0.05)
 
 
+def test_a_track_that_is_found_again_before_it_ends_is_one_person() -> None:
+    first, again = walk("1", (8.0 - T)[:52], np.ones(52), T[:52]), walk("2", (8.0 - T)[50:], np.ones(50), T[50:])
+    (one,) = clean(of(first, again)).people
+    assert one.rows[-1, 0] > 8.0 and (np.diff(one.rows[:, 0]) > 0.0).all()
+
+
 def test_short_gaps_are_crossed_and_long_ones_make_another_person() -> None:
     keep = ~((T > 2.0) & (T < 4.0))
     found = clean(of(walk("Ann", 8.0 - T[keep], np.ones(keep.sum()), T[keep])))

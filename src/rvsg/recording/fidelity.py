@@ -176,7 +176,7 @@ def estimates(recording: Recording, run: Run, robot: Robot) -> tuple[Estimate, .
         if abs(recorded - simulated) > least * simulated:
             found.append(Estimate(parameter=parameter, file=file, recorded=round(file * recorded / simulated, 2)))
     latency_s = _latency(recording)
-    if latency_s is not None and abs(latency_s - robot.latency_s) > 0.05:
+    if latency_s is not None and abs(latency_s - robot.latency_s) > 0.1:
         found.append(Estimate(parameter="latency_s", file=robot.latency_s, recorded=round(latency_s, 2)))
     return tuple(found)
 

@@ -36,6 +36,8 @@ LONGEST_GAP_S = 4.0
 """A gap up to this is crossed in a straight line; after a longer one the person counts as another."""
 LINK_S, LINK_M = 2.0, 0.7
 """A track that begins this soon after another has ended, and this near to where that one leads, goes on with it."""
+OVERLAP_S = 0.3
+"""Trackers keep a lost track for a moment after the new one has begun."""
 LEAST_S = 1.0
 """People who are seen for less than this are left out."""
 STARTS_M, STARTS_S = 0.15, 1.0
@@ -250,12 +252,15 @@ def _split(person: PersonTrack, mending: Mending) -> Iterator[PersonTrack]:
     """Leave out single samples that jump away and back, and split a track where it goes on elsewhere."""
     rows = person.rows[np.diff(person.rows[:, 0], prepend=-math.inf) > 0.0]
     mending.note(
-        "double", len(person.rows) - len(rows), f"{person.name}: {{}} samples with the stamp of another.", person.name
+        "double",
+        len(person.rows) - len(rows),
+        f"{person.name}: samples with the stamp of another, left out: {{}}.",
+        person.name,
     )
     far = _jumps(rows)
     alone = np.concatenate([far, [False]]) & np.concatenate([[False], far])
     rows = rows[~alone]
-    mending.note("jump", int(alone.sum()), f"{person.name}: {{}} samples jump and are left out.", person.name)
+    mending.note("jump", int(alone.sum()), f"{person.name}: samples that jump, left out: {{}}.", person.name)
     cuts = np.flatnonzero(_jumps(rows)) + 1
     for part in np.split(rows, cuts):
         if len(part):
@@ -275,7 +280,7 @@ def _link(parts: Sequence[PersonTrack], mending: Mending) -> list[PersonTrack]:
         heading = _velocity(before.rows)
         for b, after in enumerate(parts):
             wait = after.begin_s - before.end_s
-            if a != b and 0.0 < wait <= LINK_S:
+            if a != b and -OVERLAP_S < wait <= LINK_S and after.begin_s > before.begin_s:
                 away = math.dist(after.rows[0, 1:3], before.rows[-1, 1:3] + wait * heading)
                 if away <= LINK_M:
                     found.append((away, a, b))
@@ -291,8 +296,11 @@ def _link(parts: Sequence[PersonTrack], mending: Mending) -> list[PersonTrack]:
         while chain[-1] in following:
             chain.append(following[chain[-1]])
         renamed += sum(parts[a].name != parts[b].name for a, b in pairwise(chain))
-        joined.append(replace(parts[first], rows=np.concatenate([parts[k].rows for k in chain])))
-    mending.note("identity", renamed, "{} times a track goes on under another name; both count as one person.")
+        rows = parts[first].rows
+        for k in chain[1:]:
+            rows = np.concatenate([rows, parts[k].rows[parts[k].rows[:, 0] > rows[-1, 0]]])
+        joined.append(replace(parts[first], rows=rows))
+    mending.note("identity", renamed, "Tracks that go on under another name, both counted as one person: {}.")
     return joined
 
 
@@ -313,11 +321,11 @@ def _without_gaps(person: PersonTrack, mending: Mending) -> Iterator[PersonTrack
     short = gaps_of(person.rows[:, 0])
     short = short[short <= LONGEST_GAP_S]
     longest = f"the longest of {short.max():.1f} s" if len(short) else ""
-    mending.note("gap", len(short), f"{person.name}: {{}} gaps are crossed in a straight line, {longest}.", person.name)
+    mending.note("gap", len(short), f"{person.name}: gaps crossed in a straight line: {{}}, {longest}.", person.name)
     cuts = np.flatnonzero(gaps > LONGEST_GAP_S) + 1
     mending.note(
         "long-gap", len(cuts),
-        f"{person.name}: not seen {{}} times for more than {LONGEST_GAP_S:g} s; counts as another person afterwards.",
+        f"{person.name}: gaps of more than {LONGEST_GAP_S:g} s, after which the person counts as another: {{}}.",
         person.name,
     )  # fmt: skip
     for part in np.split(person.rows, cuts):
