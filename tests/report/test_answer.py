@@ -58,3 +58,10 @@ def test_every_door_shows_the_same_verdict_numbers_and_names(
         assert all(part in door for part in told.setup) and told.next[0].command in door
     assert told.model_dump(mode="json")["rows"][0]["share"] == first.share
     assert all(row.name in page and row.number in page for row in told.rows)
+
+
+@pytest.mark.parametrize(("objective", "said"), [(0.5, "mean 0.5 m"), (2.0, "mean 2 m")])
+def test_a_measured_mean_is_named_as_such_beside_the_limit_of_each_run(objective: float, said: str) -> None:
+    the_plan, _, ledger = default_campaign()
+    measured = answer(the_plan, attempts_with(objective), ledger).figures[1]
+    assert (measured.value, measured.note) == (said, "limit: at least 1 m in each run")

@@ -13,6 +13,7 @@ from rvsg.campaign.attempt import Attempt
 from rvsg.evaluation.verdict import Status, judge
 from rvsg.report.overview import Pin, Reported, pins_of, render_overview
 from rvsg.report.page import render_page
+from rvsg.report.renderer import unbroken
 from rvsg.report.summary import summarise
 from rvsg.world.drawing.sheet import known_window
 from rvsg.world.world_folder import load_world
@@ -51,7 +52,7 @@ def test_the_overview_is_whole_and_leads_to_the_reports_beside_it_alone() -> Non
 def test_a_campaign_is_told_by_its_fresh_runs_with_the_limit_they_are_judged_by() -> None:
     link, the_plan, summary, told = reported()
     text = page((link, the_plan, summary, told))
-    assert told.rows[0].measured.replace(" ", "\N{NO-BREAK SPACE}") in text and told.rows[0].share in text
+    assert unbroken(told.rows[0].measured) in text and told.rows[0].share in text
     assert "≥ 1\N{NO-BREAK SPACE}m" in text and "12 + 5" in text
     assert escape(told.headline.split(".")[0]) in text.replace("\N{NO-BREAK SPACE}", " ")
 

@@ -296,6 +296,7 @@ def row_of(
     best = _Shown(shown.measurements, requirement, world, run_of)
     cause, caused = cause_of(finding) if finding is not None else ("–", "not confirmed")
     bounds = verdict.violation_interval
+    gap = metres(seen.least_clearance_m) if seen.least_clearance_m is not None else "–"
     return Row(
         number=entry.number,
         attempt=entry.attempt,
@@ -317,7 +318,7 @@ def row_of(
         contacts=seen.contacts.runs,
         contact=share_of(seen.contacts.runs, seen.contacts.of) if seen.contacts.of else "–",
         touch=best.touch,
-        closest=metres(seen.least_clearance_m) if seen.least_clearance_m is not None else "–",
+        closest=metres(0.0) if seen.contacts.runs else gap,
         arrived=share_of(seen.arrived.runs, seen.arrived.of) if seen.arrived.of else "–",
         others=_others(shown, seen.arrived.runs, seen.arrived.of),
         cause=cause,
@@ -338,7 +339,7 @@ def _others(shown: Attempt, arrived: int, of: int) -> str:
 def _measured(verdict: Verdict, requirement: Requirement) -> str:
     """Return the mean of the judged quantity; where runs did not arrive, the median and their number."""
     if not verdict.censored:
-        return number(verdict.mean, requirement.unit)
+        return f"{'mean ' if verdict.runs > 1 else ''}{number(verdict.mean, requirement.unit)}"
     late = f"{share_of(verdict.censored, verdict.runs)} late"
     return late if verdict.median is None else f"{number(verdict.median, requirement.unit)}, {late}"
 
@@ -361,7 +362,7 @@ def cause_of(finding: Finding) -> tuple[str, str]:
         return "no single person", f"none explains it ({len(finding.cause)} tried)"
     if finding.cause:
         least = min(finding.cause, key=lambda each: each.p)
-        return "open", f"not told apart: without {least.without} {share_of(least.violated, least.of)}"
+        return "open", f"without {least.without} {share_of(least.violated, least.of)} violate: not told apart"
     if finding.about_people == "yes" and alone is not None:
         return "the people", f"alone: {share_of(alone.violated, alone.of)}"
     return "open", "too few runs to tell" if alone is not None else "not tried"
@@ -549,7 +550,10 @@ def _counts(rows: Sequence[Row]) -> str:
 
 def _figures(row: Row, requirement: Requirement) -> tuple[Figure, ...]:
     """Return the four figures of the most severe configuration."""
-    limit = f"limit {number(requirement.threshold, requirement.unit)}" if requirement.threshold is not None else ""
+    limit = ""
+    if requirement.threshold is not None:
+        side = "at least" if requirement.worse == "smaller" else "at most"
+        limit = f"limit: {side} {number(requirement.threshold, requirement.unit)}" + " in each run" * (row.runs > 1)
     often = f"{row.interval} of runs" if row.interval else "no limit"
     touch = f"contact {row.contact} runs" + (f", {row.touch}" if row.touch else "")
     return (
