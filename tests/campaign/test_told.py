@@ -151,6 +151,8 @@ def test_a_new_scenario_remembers_the_configuration_that_all_else_calls_the_best
     assert len(told) == 2
     for brief in told:
         assert brief.untold is not None and brief.memory[-1].scenario == brief.untold.scenario
+        met = brief.untold.encounter
+        assert met is not None and brief.memory[-1].mechanism == f"{met.kind}, at {met.place}"
 
 
 def test_a_rehearsal_is_a_run_of_its_configuration_and_is_told_of_the_one_before() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -301,6 +302,18 @@ def test_the_route_is_told_and_drawn_as_the_robot_drives_it(brief: Brief, wareho
     assert shown.digest != plain.digest and grid.digest == same_grid.digest
     for nowhere in ((), ((0.0, 1.0, 1.0), (0.5, 1.0, 1.0))):
         assert pictures_of(warehouse, brief.mission.route, nowhere)[0].digest == plain.digest
+
+
+def test_scenarios_that_became_the_same_are_told_to_be_one(brief: Brief, warehouse: World) -> None:
+    scenario = HeuristicGenerator().propose(brief, warehouse).scenario
+    known = Remembered(description="d", tasks={}, mean=1.0, interval=(1.0, 1.0), scenario=scenario)
+    words = ("crosses its way ahead of it, at Area 3", "crosses its way ahead of it, at Area 4")
+    memory = [known, *(known.replace(mechanism=words[k]) for k in (0, 1, 0))]
+    text = VlmGenerator(Scripted([])).first_prompts(brief.replace(memory=memory), warehouse)[-1].text
+    first, second, third, fourth = re.findall(r"^\d\. .*$", text, re.MULTILINE)
+    assert "Closest to the robot" not in first
+    assert f'a person "{words[0]}".' in second and f'a person "{words[1]}".' in third
+    assert f'a person "{words[0]}", the same as scenario 2, so the two are one' in fourth
 
 
 def test_a_model_says_what_an_optimiser_may_change(brief: Brief, warehouse: World) -> None:

@@ -130,8 +130,12 @@ class HybridStrategy(CandidateStrategy):
 
     def _memory(self) -> tuple[Remembered, ...]:
         """Return the memory for a new scenario: of each scenario the configuration that all else calls its best."""
-        best = {c.scenario_index: c.last for c in self._best_of_each()}
-        return remember(self.attempts, self.plan.requirement, last=self.plan.memory, best=best)
+        best = self._best_of_each()
+        met = {c.scenario.id: cell for c in best if (cell := self._cells.get(c.index)) is not None}
+        chosen = {c.scenario_index: c.last for c in best}
+        memory = remember(self.attempts, self.plan.requirement, last=self.plan.memory, best=chosen)
+        cells = ((each, met.get(each.scenario.id)) for each in memory)
+        return tuple(e if cell is None else e.replace(mechanism=f"{cell.kind}, at {cell.place}") for e, cell in cells)
 
     def _take_turns(self, proposals: int, runs: float) -> Batches:
         """Let the generator propose, and tune what it proposes, in about so many runs together."""

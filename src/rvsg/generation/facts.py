@@ -199,7 +199,7 @@ def brief_facts(
         "person_radius_m": radius,
         "goal_radius_m": fields["goal_radius_m"].default,
         "walking_speed_m_s": fields["speed_m_s"].default,
-        "memory": [_remembered(earlier) for earlier in brief.memory],
+        "memory": [_remembered(earlier) | {"same_as": _same_as(earlier, brief.memory)} for earlier in brief.memory],
         "lessons": list(brief.lessons),
         "tunes": brief.tunes,
         "feedback": feedback_facts(brief.feedback, requirement, passes) if brief.feedback else None,
@@ -258,6 +258,12 @@ def requirement_facts(requirement: Requirement) -> dict[str, Any]:
     }
 
 
+def _same_as(one: Remembered, memory: Sequence[Remembered]) -> int | None:
+    """Return the number, from 1, of the first earlier scenario that meets the robot in the same way and place."""
+    number = next(k for k, each in enumerate(memory, start=1) if each is one or each.mechanism == one.mechanism != "")
+    return number if memory[number - 1] is not one else None
+
+
 def _remembered(earlier: Remembered) -> dict[str, Any]:
     how = {}
     for human in earlier.scenario.people.humans:
@@ -273,6 +279,7 @@ def _remembered(earlier: Remembered) -> dict[str, Any]:
         "low": earlier.interval[0],
         "high": earlier.interval[1],
         "lesson": earlier.lesson,
+        "mechanism": earlier.mechanism,
     }
 
 

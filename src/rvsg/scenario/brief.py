@@ -301,6 +301,8 @@ class Remembered(Record):
     """Runs of the best configuration whose value is only a bound, as the time limit cuts it off."""
     runs: int = 0
     """Runs of the best configuration; 0: not known."""
+    mechanism: Annotated[str, Field(exclude_if=lambda words: not words)] = ""
+    """How and where its closest approach is, in words; empty where it is not known."""
 
 
 class Brief(Record):
