@@ -118,6 +118,9 @@ def test_who_comes_later_is_absent_until_then(world: World) -> None:
         (run,) = rvsg.simulate(made.scenario, [0], world=world)
         k = int(np.searchsorted(run.trajectory.t, track.start_s - 0.3))
         assert run.trajectory.human_x[k, 0] < -20.0
+        k = int(np.searchsorted(run.trajectory.t, track.start_s + 0.5))
+        place = np.array([run.trajectory.human_x[k, 0], run.trajectory.human_y[k, 0]])
+        assert np.hypot(*(place - track.points[0])) < 1.0
 
 
 def test_of_500_people_the_nearest_hundred_are_kept_with_a_note(world: World) -> None:

@@ -17,7 +17,7 @@ from rvsg.evaluation.detection import events_of
 from rvsg.evaluation.run_events import Contact, HardBrake, NearMiss, StandStill
 from rvsg.evaluation.sampled import sampled
 from rvsg.recording.recorded_run import GOAL_TOLERANCE_M, speed_of
-from rvsg.recording.tracks import Floats, Recording
+from rvsg.recording.tracks import GAP_S, Floats, Recording
 from rvsg.robots.robot import Robot
 from rvsg.simulation.run import Outcome, Run, Trajectory
 from rvsg.world.world import World
@@ -89,7 +89,7 @@ def recorded_as(recording: Recording, run: Run) -> Run:
     """Return a cleaned recording as a run with the bodies, people and goal of a simulated one."""
     t = recording.robot[:, 0]
     people = {person.name: person for person in recording.people}
-    tracks = [people[name].at(t) for name in run.human_names]
+    tracks = [people[name].at(t, GAP_S) for name in run.human_names]
     places = np.nan_to_num(np.stack(tracks, axis=1), nan=-AWAY_M) if tracks else np.empty((len(t), 0, 2))
     speeds = [np.interp(t, people[n].rows[:, 0], people[n].rows[:, 4]) for n in run.human_names]
     yaws = [np.interp(t, people[n].rows[:, 0], np.unwrap(people[n].rows[:, 3])) for n in run.human_names]

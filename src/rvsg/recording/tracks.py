@@ -82,10 +82,10 @@ class PersonTrack:
         """When the person is seen last."""
         return float(self.rows[-1, 0])
 
-    def at(self, times: Floats) -> Floats:
-        """Return the places at times, (N, 2); NaN where the person is not seen."""
+    def at(self, times: Floats, slack_s: float = 1e-9) -> Floats:
+        """Return the places at times, (N, 2); NaN where the person is not seen within `slack_s`."""
         t = self.rows[:, 0]
-        inside = (times >= t[0] - 1e-9) & (times <= t[-1] + 1e-9)
+        inside = (times >= t[0] - slack_s) & (times <= t[-1] + slack_s)
         places = np.column_stack([np.interp(times, t, self.rows[:, k]) for k in (1, 2)])
         return np.where(inside[:, None], places, np.nan)
 

@@ -93,6 +93,7 @@ class RecordedPeople:
     def _release(self, i: int, t: float) -> None:
         """Let a person go on with the tasks, from the goal that comes next on the track."""
         crowd, follower = self.crowd, self._followers.pop(i)
+        crowd.x[i], crowd.y[i] = _at(follower.times, follower.places, t)
         ahead = np.flatnonzero(follower.passed_s > t)
         goal = int(ahead[0]) if len(ahead) else len(follower.passed_s) - 1
         crowd.goal_index[i], crowd.start_time[i], crowd.speed[i] = goal, t, follower.speed
