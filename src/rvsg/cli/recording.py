@@ -19,12 +19,14 @@ World = Annotated[str | None, typer.Option(help="The world of the recording: a s
 PeopleTopic = Annotated[
     str | None, typer.Option(help="The topic with the people; one of laser scans finds them in all.")
 ]
-PeopleFrames = Annotated[str | None, typer.Option(metavar="PATTERN", help="Transform frames of people: 'person_*'.")]
+PeopleFrames = Annotated[
+    str | None, typer.Option(metavar="PATTERN", hidden=True, help="Transform frames of people: 'person_*'.")
+]
 Robot = Annotated[str | None, typer.Option(help="A shipped robot (`rvsg robots`) or a robot file.")]
 People = Annotated[
     str, typer.Option(help="as-recorded, intent, or blended: recorded until the robot differs, then with intent.")
 ]
-RobotTopic = Annotated[str | None, typer.Option(help="The odometry topic.")]
+RobotTopic = Annotated[str | None, typer.Option(hidden=True, help="The odometry topic.")]
 
 
 @app.command()
@@ -85,7 +87,9 @@ def scenario(
     route: Annotated[str | None, typer.Option(help="The route that the robot drove. [its poses and its goal]")] = None,
     robot: Robot = None,
     people: People = "blended",
-    limit: Annotated[float, typer.Option(min=0.05, help="How far the robot may differ for blended people, m.")] = 0.5,
+    limit: Annotated[
+        float, typer.Option(min=0.05, hidden=True, help="How far the robot may differ for blended people, m.")
+    ] = 0.5,
     requirement: Requirement = "R1",
     runs: Annotated[int, typer.Option(min=1, help="Runs that are compared with the recording.")] = 5,
     people_topic: PeopleTopic = None,
