@@ -10,6 +10,11 @@ import yaml
 from tests.cli.commands import Terminal
 from tests.recordings import FOLDERS
 
+from rvsg.generation.environment import propose_area_names
+from rvsg.generation.prompts import Prompts
+from rvsg.generation.vlm.access import ModelAccess
+from rvsg.generation.vlm.model import Scripted
+from rvsg.generation.vlm.recording import Recording
 from rvsg.world.schema import save_world
 from rvsg.world.world_folder import load_world
 
@@ -43,6 +48,26 @@ def test_a_proposal_from_a_record_shows_what_the_checker_said(terminal: Terminal
     proposal = json.loads(terminal.out)
     assert proposal["calls"][0]["model"] == "vision-assistant"
     assert proposal["scenario"] is not None and proposal["first_findings"] == []
+
+
+def test_labels_of_a_model_are_accepted_one_by_one(terminal: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
+    save_world(load_world("warehouse"), Path("mine"))
+    world = load_world(Path("mine"))
+    first, second = (area.name for area in world.areas[:2])
+    names = [
+        {"area": area, "name": new, "kind": "desk", "why": "A"} for area, new in ((first, "Desk 1"), (second, "X"))
+    ]
+    answer = json.dumps({"names": names, "activities": ["Somebody writes at Desk 1.", "Somebody sleeps."]})
+    access = ModelAccess(Scripted([answer]), recording=Recording("record"))
+    propose_area_names(world, access, Prompts())
+    answers = iter([True, False, True, False])
+    monkeypatch.setattr("typer.confirm", lambda *_, **__: next(answers))
+    said = terminal("world label mine --replay record")
+    assert f"{first}: name Desk 1, kind desk. A" in said
+    after = load_world(Path("mine"))
+    assert (after.areas[0].name, after.areas[0].kind) == ("Desk 1", "desk")
+    assert after.areas[1:] == world.areas[1:]
+    assert after.activities == (*world.activities, "Somebody writes at Desk 1.")
 
 
 def test_a_world_is_described_from_a_record_accepted_and_stored(

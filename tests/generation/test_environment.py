@@ -159,6 +159,19 @@ def test_what_cannot_be_accepted_is_left_out_and_told(warehouse: World) -> None:
     assert len(found.unusable) == 5
 
 
+def test_kinds_regions_and_activities_are_proposed_where_they_differ(warehouse: World) -> None:
+    first, second = warehouse.areas[:2]
+    entries = [
+        {"area": first.name, "name": first.name, "kind": "Packing table", "region": first.region or ""},
+        {"area": second.name, "name": second.name, "kind": second.kind, "region": second.region or ""},
+    ]
+    activities = [warehouse.activities[0].upper(), "Somebody  wraps\npallets.", "Somebody wraps pallets.", ""]
+    answer = json.dumps({"names": entries, "activities": activities})
+    found = propose_area_names(warehouse, Scripted([answer]), Prompts())
+    assert [(n.area, n.values) for n in found.names] == [(first.name, {"kind": "packing table"})]
+    assert found.activities == ("Somebody wraps pallets.",)
+
+
 def test_an_unreadable_answer_is_asked_for_again_and_then_an_error(warehouse: World) -> None:
     assert propose_area_names(warehouse, Scripted(["prose", said()]), Prompts()).names == ()
     with pytest.raises(GenerationError):

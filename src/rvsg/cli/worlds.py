@@ -393,37 +393,45 @@ def _show_created(created: Created, remarks: tuple[Remark, ...], folder: Path) -
     say(f"Next: edit labels.yaml and routes.yaml (they are proposals), then: {draw}")
 
 
-@app.command()
+@app.command("label")
 @setting_options("model", "base_url", "replay", "budget_calls", "budget_usd")
-def name(
+def label(
     settings: dict[str, Any],
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The world folder.")],
     record: Record = None,
     prices: Prices = None,
     json: AsJson = False,
 ) -> None:
-    """Let a vision language model propose names for the areas of a world, and accept them one by one.
+    """Let a vision language model propose names, kinds, regions and activities of a world; accept them one by one.
 
-    RVSG writes accepted names into labels.yaml and keeps its comments. With --json, it prints the proposals and writes
-    nothing.
+    RVSG checks what you accept, writes it into labels.yaml and world.yaml, and keeps their comments. With --json, it
+    prints the proposals and writes nothing. `rvsg world new` proposes labels without a model.
     """
     from rvsg.generation.environment import propose_names
     from rvsg.world.edits import edit_world
     from rvsg.world.world_folder import load_world
 
     model = settings.pop("model", None)
-    proposed = propose_names(load_world(folder), model, record, **settings, prices=prices)
+    world = load_world(folder)
+    proposed = propose_names(world, model, record, **settings, prices=prices)
     for line in proposed.unusable:
         say(line)
     if json:
-        print_json([each.model_dump(mode="json") for each in proposed.names])
+        print_json(proposed.model_dump(mode="json", include={"names", "activities"}))
         return
     for each in proposed.names:
-        say(f"{each.area}: {each.name}. {each.why}")
+        changes = ", ".join(f"{key} {value}" for key, value in each.values.items())
+        say(f"{each.area}: {changes}. {each.why}")
         if typer.confirm("Accept", default=False, err=True):
-            edit_world(folder, {"what": "change area", "name": each.area, "values": {"name": each.name}}).apply()
-    if not proposed.names:
-        say("The model proposes no other name.")
+            edit_world(folder, {"what": "change area", "name": each.area, "values": each.values}).apply()
+    activities = list(world.activities)
+    for text in proposed.activities:
+        say(f"Activity: {text}")
+        if typer.confirm("Accept", default=False, err=True):
+            activities.append(text)
+            edit_world(folder, {"what": "set activities", "values": activities}).apply()
+    if not proposed.names and not proposed.activities:
+        say("The model proposes no other label.")
 
 
 def _show_remarks(remarks: tuple[Remark, ...]) -> None:

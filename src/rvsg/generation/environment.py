@@ -251,75 +251,101 @@ def _clipped(text: str) -> str:
     return " ".join(text.split())[:LONGEST_CHARACTERS]
 
 
-LONGEST_NAME = 60
+LONGEST_NAME, LONGEST_KIND = 60, 30
 LONGEST_REASON = 400
-SHAPE = object_schema({"names": {"type": "array", "items": object_schema({"area": TEXT, "name": TEXT, "why": TEXT})}})
+MOST_ACTIVITIES = 8
+_LABELS = {"type": "array", "items": object_schema(dict.fromkeys(("area", "name", "kind", "region", "why"), TEXT))}
+SHAPE = object_schema({"names": _LABELS, "activities": {"type": "array", "items": TEXT}})
 
 
-class ProposedName(Record):
-    """A name that a model proposes for an area, and why."""
+class ProposedLabel(Record):
+    """What a model proposes for an area, and why; a kind or region that is empty stays as it is."""
 
     area: str
     name: str
+    kind: str = ""
+    region: str = ""
     why: str = ""
 
+    @property
+    def values(self) -> dict[str, str]:
+        """What changes of the area."""
+        new = {"name": self.name if self.name != self.area else "", "kind": self.kind, "region": self.region}
+        return {key: value for key, value in new.items() if value}
 
-class AreaNames(Record):
-    """What a model proposes, and why some of it cannot be used."""
 
-    names: tuple[ProposedName, ...]
+class ProposedLabels(Record):
+    """What a model proposes for the areas of a world and as work that is usual there, and what cannot be used."""
+
+    names: tuple[ProposedLabel, ...]
+    activities: tuple[str, ...] = ()
     unusable: tuple[str, ...] = ()
     calls: tuple[Call, ...] = ()
 
 
-def propose_area_names(world: World, model: Model, prompts: Prompts) -> AreaNames:
-    """Ask a model once for names of areas; GenerationError where it answers without a list of names twice."""
+def propose_area_names(world: World, model: Model, prompts: Prompts) -> ProposedLabels:
+    """Ask a model once for labels of areas; GenerationError where it answers without a list of names twice."""
     shown, _, facts = _views(world)
     dialogue = Dialogue(model, prompts, f"names-{world.name}", facts, shown)
     dialogue.tell("system", role="system")
-    answer = dialogue.ask("names", "area-names", shown=shown, shape=SHAPE)
-    entries = _entries(answer.text)
-    if entries is None:
+    answer = _answered(dialogue.ask("names", "area-names", shown=shown, shape=SHAPE).text)
+    if answer is None:
         problem = 'it holds no JSON object with a list under "names".'
-        entries = _entries(dialogue.ask("names", "reply-unreadable", shape=SHAPE, problem=problem).text)
-    if entries is None:
+        answer = _answered(dialogue.ask("names", "reply-unreadable", shape=SHAPE, problem=problem).text)
+    if answer is None:
         raise GenerationError(f"The model {model.name} proposed no names in two answers. Try another model.")
-    names, unusable = _usable(entries, [area.name for area in world.areas])
-    return AreaNames(names=names, unusable=unusable, calls=tuple(dialogue.calls))
+    names, unusable = _usable(answer["names"], world)
+    given = answer.get("activities")
+    known = {text.casefold() for text in world.activities}
+    texts = (" ".join(str(each).split())[:LONGEST_REASON] for each in (given if isinstance(given, list) else ()))
+    activities = tuple(dict.fromkeys(text for text in texts if text and text.casefold() not in known))
+    return ProposedLabels(
+        names=names, activities=activities[:MOST_ACTIVITIES], unusable=unusable, calls=tuple(dialogue.calls)
+    )
 
 
 def propose_names(
     world: World, model: str | None, record: Path | None = None, prompts: Path | None = None, **access: Any
-) -> AreaNames:
-    """Ask a vision language model for better names of the areas of a world; calls are recorded."""
+) -> ProposedLabels:
+    """Ask a vision language model for better labels of the areas of a world; calls are recorded."""
     reached = _reach(model, record, f"names-{world.name}", access)
     return propose_area_names(world, reached, Prompts(prompts))
 
 
-def _entries(text: str) -> list[Any] | None:
+def _answered(text: str) -> Mapping[str, Any] | None:
     for found in find_json(text):
         if isinstance(found.value, Mapping) and isinstance(found.value.get("names"), list):
-            return list(found.value["names"])
+            return found.value
     return None
 
 
-def _usable(entries: Iterable[Any], known: list[str]) -> tuple[tuple[ProposedName, ...], tuple[str, ...]]:
+def _usable(entries: Iterable[Any], world: World) -> tuple[tuple[ProposedLabel, ...], tuple[str, ...]]:
     """Return the proposals that can be accepted in any order, and what is wrong with the others."""
-    names: dict[str, ProposedName] = {}
+    labels: dict[str, ProposedLabel] = {}
     wrong = []
-    taken = {name.casefold() for name in known}
+    areas = {area.name: area for area in world.areas}
+    taken = {name.casefold() for name in areas}
     for entry in entries:
         values = entry if isinstance(entry, Mapping) else {}
-        area, name, why = (" ".join(str(values.get(key) or "").split()) for key in ("area", "name", "why"))
-        if area not in known:
+        said = {key: " ".join(str(values.get(key) or "").split()) for key in ("area", "name", "kind", "region", "why")}
+        area, name, kind, region = said["area"], said["name"], said["kind"].casefold(), said["region"]
+        if area not in areas:
             wrong.append(f'"{area[:LONGEST_NAME]}" is no area of this world.')
-        elif not name or len(name) > LONGEST_NAME:
-            wrong.append(f'The name for "{area}" is empty or longer than {LONGEST_NAME} characters.')
-        elif name == area:
-            continue
-        elif name.casefold() in taken or area in names:
+        elif not name or max(len(name), len(region)) > LONGEST_NAME:
+            wrong.append(f'The name or region for "{area}" is empty or longer than {LONGEST_NAME} characters.')
+        elif len(kind) > LONGEST_KIND:
+            wrong.append(f'The kind of "{area}" is longer than {LONGEST_KIND} characters.')
+        elif area in labels or (name != area and name.casefold() in taken):
             wrong.append(f'"{name}" for "{area}": the name is given already, or the area has a proposal.')
         else:
-            taken.add(name.casefold())
-            names[area] = ProposedName(area=area, name=name, why=why[:LONGEST_REASON])
-    return tuple(names.values()), tuple(wrong)
+            label = ProposedLabel(
+                area=area,
+                name=name,
+                kind=kind if kind != areas[area].kind else "",
+                region=region if region != areas[area].region else "",
+                why=said["why"][:LONGEST_REASON],
+            )
+            if label.values:
+                taken.add(name.casefold())
+                labels[area] = label
+    return tuple(labels.values()), tuple(wrong)

@@ -364,7 +364,7 @@ def ask(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     world_place(workspace, given)
     model(workspace, given)
     asked = asked_model(workspace)
-    command = f"rvsg world name {shlex.quote(name)} {asked.options}"
+    command = f"rvsg world label {shlex.quote(name)} {asked.options}"
     workspace.jobs.start("names", title="Names of areas", command=command, target=_target(name), world=name,
                          access=asked.arguments)  # fmt: skip
     return names(workspace, given)

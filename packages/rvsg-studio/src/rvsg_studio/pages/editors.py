@@ -55,7 +55,7 @@ def _lay_out(made: Page, name: str, found: dict[str, Any]) -> None:
     tag("div", data_studio="world", data_world=name, id="world-editor")
     made.command("Check", f"rvsg world check {name}")
     made.command("Draw", f"rvsg world draw {name}")
-    made.command("Let a model propose names of areas", f"rvsg world name {name} --model PROVIDER:NAME")
+    made.command("Let a model propose names of areas", f"rvsg world label {name} --model PROVIDER:NAME")
     made.command("Edit", "edit labels.yaml, routes.yaml and world.yaml in the folder")
 
 
