@@ -1,4 +1,4 @@
-"""`rvsg scenario`: propose, shrink, explore and migrate scenarios."""
+"""`rvsg scenario`: propose, shrink, explore and migrate scenarios, and draft requirements."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rvsg.app.settings import effective
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
 from rvsg.cli.model import prompt, propose
-from rvsg.cli.options import AsJson, Jobs, OtherWorld, Requirement, setting_options
+from rvsg.cli.options import AsJson, Jobs, OtherWorld, Prices, Record, Requirement, setting_options
 
 if TYPE_CHECKING:
     from rvsg.campaign.smallest_scenario import Shrunk, Simplification
@@ -20,6 +20,41 @@ if TYPE_CHECKING:
 app = verb(no_args_is_help=True, help="Propose, shrink, explore and migrate scenarios.")
 app.command()(propose)
 app.command()(prompt)
+
+
+@app.command("requirement")
+@setting_options("model", "base_url", "replay", "budget_calls", "budget_usd")
+def requirement_(
+    settings: dict[str, Any],
+    words: Annotated[str, typer.Argument(help="What the robot must do, e.g. 'it stops within 2 s of a contact'.")],
+    runs: Annotated[list[Path] | None, typer.Option(metavar="FILE", help="Judge these stored runs by it.")] = None,
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Write the accepted requirement.")] = Path("drafted.yaml"),
+    record: Record = None,
+    prices: Prices = None,
+) -> None:
+    """Let a vision language model write a requirement from words, and accept it or not.
+
+    RVSG checks that it can be measured, shows it in words, and judges the stored runs that you give: take one that
+    should hold and one that should fail. It writes nothing before you accept.
+    """
+    from rvsg.app.requirement_draft import draft_requirement, write_requirement
+    from rvsg.evaluation.verdict import number, objective
+    from rvsg.generation.environment import reach_model
+    from rvsg.simulation.archive import read_runs
+
+    model = settings.pop("model", None)
+    made = draft_requirement(words, reach_model(model, record, "requirement", settings | {"prices": prices}))
+    said = f"{made.metric}, worse {made.worse}, limit {number(made.limit, made.unit)}" if made.metric else made.formula
+    say(f"{made.title} ({made.name}): {made.text}\nMeasured by: {said}\nSource: {made.source or 'none given'}")
+    judged = [(run, objective(run, made)) for run in read_runs(runs or [])]
+    failing = [made.violated_by(value) for _, value in judged if value is not None]
+    for run, value in judged:
+        verdict = "not measured" if value is None else "fails" if made.violated_by(value) else "holds"
+        say(f"{run.id}: {number(value, made.unit)}, {verdict}")
+    if len({*failing}) < 2:
+        say("No runs show both, one that holds and one that fails: give such runs with --runs before you trust it.")
+    if typer.confirm("Accept", default=False, err=True):
+        say(f"Written: {out}. Use it with --requirement {out}#{write_requirement(made, out).name}")
 
 
 @app.command()

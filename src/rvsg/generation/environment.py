@@ -129,10 +129,10 @@ def open_session(
     """Return a session with a model, or None if neither a model nor a replay is named; calls are recorded."""
     if model is None and access.get("replay") is None:
         return None
-    return EnvironmentSession(world, _reach(model, record, f"describe-{world.name}", access), Prompts(prompts))
+    return EnvironmentSession(world, reach_model(model, record, f"describe-{world.name}", access), Prompts(prompts))
 
 
-def _reach(model: str | None, record: Path | None, folder: str, access: Mapping[str, Any]) -> ModelAccess:
+def reach_model(model: str | None, record: Path | None, folder: str, access: Mapping[str, Any]) -> ModelAccess:
     """Return a model ready to be asked, by default with a record in this folder of `runs`."""
     given = {key: value for key, value in access.items() if value is not None}
     kept = record or (None if given.get("replay") else Path("runs") / folder)
@@ -308,7 +308,7 @@ def propose_names(
     world: World, model: str | None, record: Path | None = None, prompts: Path | None = None, **access: Any
 ) -> ProposedLabels:
     """Ask a vision language model for better labels of the areas of a world; calls are recorded."""
-    reached = _reach(model, record, f"names-{world.name}", access)
+    reached = reach_model(model, record, f"names-{world.name}", access)
     return propose_area_names(world, reached, Prompts(prompts))
 
 
