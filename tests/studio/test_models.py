@@ -62,7 +62,7 @@ def test_names_of_areas_by_a_model_are_accepted_one_by_one(show: Show, office: P
     labels.write_text(labels.read_text() + "# a comment of mine\n")
     first, second = (area.name for area in rvsg.load_world(office).areas[:2])
     names = [
-        {"area": first, "name": "Tea corner", "why": HOSTILE},
+        {"area": first, "name": "Tea corner", "kind": "Pantry", "why": HOSTILE},
         {"area": second, "name": "Post room", "why": "Shelves."},
         {"area": "Nowhere", "name": "X", "why": ""},
     ]
@@ -80,8 +80,8 @@ def test_names_of_areas_by_a_model_are_accepted_one_by_one(show: Show, office: P
     tab.get_by_role("button", name="Accept Tea corner").focus()
     tab.keyboard.press("Enter")
     tab.get_by_role("button", name="Accept Tea corner").wait_for(state="detached", timeout=PATIENT)
-    areas = [area.name for area in rvsg.load_world(office).areas]
-    assert areas[:2] == ["Tea corner", second]
+    areas = rvsg.load_world(office).areas
+    assert [area.name for area in areas[:2]] == ["Tea corner", second] and areas[0].kind == "pantry"
     assert labels.read_text().endswith("# a comment of mine\n")
     tab.reload()
     tab.get_by_text("No proposal is left.").wait_for(timeout=PATIENT)

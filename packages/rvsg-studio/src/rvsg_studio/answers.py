@@ -28,6 +28,7 @@ from rvsg.core import permission
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import write_whole
 from rvsg.evaluation.verdict import counted, load_requirement
+from rvsg.generation.environment import ProposedLabel
 from rvsg.report.renderer import component, look
 from rvsg.report.replay_data import distinct_colours, people_colours
 from rvsg.report.run_facts import footprint_of
@@ -341,13 +342,15 @@ def names(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     told: dict[str, Any] = {"asked": known.model_dump(mode="json"), "state": "", "said": "", "names": []}
     if job is None:
         return told
-    areas = {area.name for area in rvsg.load_world(world_place(workspace, given)).areas}
-    dropped = read_json(job.folder / DROPPED, [])
-    left = [
-        each
-        for each in job.result.get("names", [])
-        if each["area"] in areas and each["name"] not in areas and each["area"] not in dropped
-    ]
+    areas = {area.name: area for area in rvsg.load_world(world_place(workspace, given)).areas}
+    dropped, left = read_json(job.folder / DROPPED, []), []
+    for each in map(ProposedLabel.model_validate, job.result.get("names", [])):
+        area, values = areas.get(each.area), each.values
+        if area is None or each.area in dropped or values.get("name") in areas:
+            continue
+        if any(getattr(area, key) != value for key, value in values.items()):
+            told_of = ", ".join(value if key == "name" else f"{key} {value}" for key, value in values.items())
+            left.append(each.model_dump(mode="json") | {"values": values, "words": told_of})
     return told | {"state": job.state, "said": job.result.get("said") or job.result.get("reason", ""), "names": left}
 
 

@@ -23,11 +23,11 @@
       const list = html(box, "ul", { class: "st-list" });
       named.names.forEach(function (each) {
         const item = html(list, "li", {});
-        html(item, "strong", {}, each.area + " \u2192 " + each.name + " ");
+        html(item, "strong", {}, each.area + " \u2192 " + each.words + " ");
         html(item, "div", { class: "small" }, each.why);
         button(item, "Show", function () { editor.choose("areas", each.area); }, { class: "st-button st-small", "aria-label": "Show " + each.area });
         button(item, "Accept", function () {
-          editor.change("change area", { name: each.area, values: { name: each.name } }, function () { editor.choose("areas", each.name); }).then(loadNames);
+          editor.change("change area", { name: each.area, values: each.values }, function () { editor.choose("areas", each.name); }).then(loadNames);
         }, { class: "st-button st-small", "aria-label": "Accept " + each.name });
         button(item, "Drop", function () { send("/data/names-drop", { world: name, area: each.area }).then(function (found) { named = found; showNames(); }).catch(editor.fail); }, { class: "st-button st-small", "aria-label": "Drop " + each.name });
       });
