@@ -181,12 +181,12 @@ def _changed(was: Human, human: Human) -> list[str]:
     if human.group != was.group:
         words.append("leaves the group" if human.group is None else "joins a group")
     words += _other_work(was, human)
-    pauses, before = ([(p.at, p.duration_s, t.name) for t in h.tasks for p in t.pauses] for h in (human, was))
-    if sorted(pause[:2] for pause in pauses) != sorted(pause[:2] for pause in before):
+    pauses, before = ([(p.at, p.duration_s) for t in h.tasks for p in t.pauses] for h in (human, was))
+    if sorted(pauses) != sorted(before):
         if len(pauses) > MOST_PAUSES:
-            words.append(f"pauses {len(pauses)} times, {sum(s for _, s, _ in pauses):g} s in all")
+            words.append(f"pauses {len(pauses)} times, {sum(s for _, s in pauses):g} s in all")
         else:
-            words.append(f"pauses {', '.join(f'{s:g} s at {at} ({leg})' for at, s, leg in pauses) or 'nowhere'}")
+            words.append(f"pauses {', '.join(f'{s:g} s at {at}' for at, s in pauses) or 'nowhere'}")
     return words
 
 
