@@ -14,14 +14,14 @@ from tests.coded import coded
 
 import rvsg
 from rvsg.app.tuner import RUNS, Tuner
-from rvsg.campaign.parameter_search import SEEDS, Candidate, ParameterSearch, is_worse, score_of
+from rvsg.campaign.parameter_search import SEEDS, Candidate, ParameterSearch, is_worse, score_of, unsolved
 from rvsg.campaign.setting_runs import SettingRun, SettingRuns, TuningCase, results_of
 from rvsg.campaign.suite import compare
 from rvsg.campaign.tuning import Part, Tuning, split
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.core.plugins import Spec
-from rvsg.report.tuning_page import headline, trade, tuning_page
+from rvsg.report.tuning_page import headline, trade, tuning_page, unsolved_text
 from rvsg.robots.robot import load_robot
 from rvsg.simulation.run import Outcome
 from rvsg.simulation.stacks.parameter_file import has_place, skeleton, with_values_in_file
@@ -342,3 +342,32 @@ def test_a_setting_that_gains_less_than_half_a_violating_run_is_not_proposed(her
 
 def test_a_candidate_without_every_run_is_not_complete() -> None:
     assert not Candidate(1, {}).is_complete
+
+
+def made_tuning(cases: list[TuningCase], **changes: Any) -> Tuning:
+    """A tuning whose 5 settings solve nothing."""
+    keys = {(case.name, seed): run(case.name, seed, violated=True) for case in cases for seed in range(SEEDS)}
+    parameter = Parameter(name="wait_s", low=0.0, high=8.0, present=6.0, unit="s")
+    given = {
+        "suite": "suite", "stack": Spec("x"), "by": "rvsg", "seed": 0, "runs": 45, "settings": 5, "stopped": 0,
+        "failed": (), "parameters": (parameter,), "split": split(cases, keys.values()), "before": score_of(keys, keys),
+        "front": (), "unsolved": (), "importances": {},
+    }  # fmt: skip
+    return Tuning(**{**given, **changes})
+
+
+@pytest.mark.parametrize("settings", [5, 10])
+def test_a_limit_is_named_only_where_enough_settings_were_tried(here: Path, settings: int) -> None:
+    suite = suite_of(cases=1)
+    cases = [TuningCase(suite.tested(case.name), Spec("embedded")) for case in suite.cases]
+    parameter = Parameter(name="wait_s", low=0.0, high=8.0, present=6.0, unit="s")
+    with SettingRuns(Spec("x"), {"wait_s": 6.0}, Path("runs.jsonl")) as runs:
+        search = ParameterSearch([parameter], cases, runs)
+        made = {("case-0", seed): run("case-0", seed, violated=True) for seed in search.seeds}
+        search.candidates += [Candidate(k, {"wait_s": 0.0}, made) for k in range(settings)]
+        (found,) = unsolved(search)
+    text = unsolved_text(found, made_tuning(cases))
+    assert text.startswith(f"case-0: none of the {settings} settings tried")
+    assert ("end of its range" in text) == (found.limited_by == "wait_s") == (settings == 10)
+    assert settings == 10 or "from 10 settings on" in text
+    assert headline(made_tuning(cases)) == "None of the 5 settings tried fails less and holds the limits."

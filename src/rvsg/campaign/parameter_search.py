@@ -351,10 +351,12 @@ def _study(optimiser: Optimiser, seed: int) -> optuna.Study:
 
 AT_END = 0.1
 """A value is at the end of a range within this share of it."""
+ENOUGH_EACH, ENOUGH = 10, 50
+"""Settings for each parameter, and at most, before the best of them say whether a range limits a case."""
 
 
 class Unsolved(Record):
-    """A case that no setting in the ranges solves."""
+    """A case that no setting tried solves."""
 
     case: str
     settings: int
@@ -362,15 +364,17 @@ class Unsolved(Record):
     least: int
     """Violations of the best of them."""
     of: int
+    needed: int
+    """Settings that would be enough to look for a parameter that limits it."""
     limited_by: str | None
-    """The parameter whose best values lie at the end of its range; None where none does."""
+    """The parameter whose best values lie at the end of its range; None where none does, or fewer were tried."""
     end: float | None = None
     """That end of the range."""
 
 
 def unsolved(search: ParameterSearch) -> Iterator[Unsolved]:
     """Yield the cases that violate before tuning and with every setting, with the parameter that limits each."""
-    parameters = list(search.parameters.values())
+    needed = min(ENOUGH, ENOUGH_EACH * len(search.parameters))
     for case in search.cases:
         keys = [(case, seed) for seed in search.seeds]
         met = [each for each in search.candidates if not each.failures and all(key in each.runs for key in keys)]
@@ -380,7 +384,7 @@ def unsolved(search: ParameterSearch) -> Iterator[Unsolved]:
             continue
         good = sorted(met, key=lambda each: (costs[each.number], each.number))[: max(3, len(met) // 5)]
         ends: dict[str, tuple[float, float]] = {}
-        for parameter in parameters:
+        for parameter in search.parameters.values() if len(met) >= needed else ():
             at = sorted(parameter.share(each.values[parameter.name]) for each in good)[len(good) // 2]
             if at <= AT_END or at >= 1.0 - AT_END:
                 ends[parameter.name] = (min(at, 1.0 - at), parameter.low if at < 0.5 else parameter.high)
@@ -390,6 +394,7 @@ def unsolved(search: ParameterSearch) -> Iterator[Unsolved]:
             settings=len(met),
             least=min(violations.values()),
             of=len(keys),
+            needed=needed,
             limited_by=limiting,
             end=None if limiting is None else ends[limiting][1],
         )

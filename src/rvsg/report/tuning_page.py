@@ -27,7 +27,7 @@ def headline(found: Tuning) -> str:
     """Return what came of a tuning, in a sentence or two."""
     held, attacked = found.part("held out", "tuned"), found.part("attacked")
     if found.proposal is None or held is None or held.difference is None:
-        return "No setting in these ranges fails less and holds the limits."
+        return f"None of the {found.settings} settings tried fails less and holds the limits."
     where = "held-out cases" if held.name == "held out" else "the cases it was tuned on, with other seeds,"
     verb = "fall" if held.difference.difference < 0 else "rise" if held.difference.difference > 0 else "stay"
     said = f"On {where} violations {verb} from {percent(held.before.share)} to {percent(held.after.share)} of the runs"
@@ -99,15 +99,19 @@ def _more(difference: int) -> str:
 
 
 def unsolved_text(each: Unsolved, found: Tuning) -> str:
-    """Return why no setting removes a failure."""
+    """Return what no setting removed, and what limits it where enough settings were tried to tell."""
     text = (
-        f"{each.case}: no setting in these ranges removes this failure; the best of {each.settings} still violates in "
-        f"{each.least} of {each.of} runs."
+        f"{each.case}: none of the {counted(each.settings, 'setting')} tried with each of its seeds removes this "
+        f"failure; the best still violates in {each.least} of {each.of} runs."
     )
+    if each.settings < each.needed:
+        return f"{text} What limits it can be told from {each.needed} settings on."
     if each.limited_by is None or each.end is None:
-        return f"{text} No parameter is at the end of its range: these parameters do not act on it."
+        return f"{text} The best values of no parameter lie at the end of its range, so no range is seen to limit it."
     unit = next(parameter.unit for parameter in found.parameters if parameter.name == each.limited_by)
-    return f"{text} {each.limited_by} limits it: the best values lie at the end of its range, {number(each.end, unit)}."
+    return (
+        f"{text} {each.limited_by} may limit it: the best values lie at the end of its range, {number(each.end, unit)}."
+    )
 
 
 def tuning_page(found: Tuning, replayed: ReplayedChange | None = None) -> str:
