@@ -21,6 +21,7 @@ from rvsg.report.charts import LETTER, confirmation_chart, search_chart
 from rvsg.report.film import HOLD_S, RATE_HZ, Shot, check_film, strip, write_film
 from rvsg.report.run_facts import footprint_of
 from rvsg.robots.robot import shipped_robots
+from rvsg.simulation.run import RobotContact
 
 WIDE = [(-9.0, 1.0), (0.5, 40.0), (-1000.0, 1000.0)]
 
@@ -128,6 +129,19 @@ def test_a_strip_has_a_picture_for_each_moment() -> None:
     pixels = np.asarray(sheet)
     first, second = pixels[:, : int(each)], pixels[:, int(each) + 8 : 2 * int(each) + 8]
     assert (first != second).any()
+
+
+def test_contact_is_marked_from_its_begin_on() -> None:
+    shot = a_shot()
+    path = shot.run.trajectory
+    touch = RobotContact(
+        time_s=4.0, until_s=4.5, x=float(path.x[60]), y=float(path.y[60]), person=shot.run.human_names[0],
+        closing_speed_m_s=0.5, robot_part_m_s=0.5, person_part_m_s=0.0, bearing_rad=0.0, overlap_m=0.0,
+    )  # fmt: skip
+    touching = replace(shot, run=replace(shot.run, events=(touch,)), moments=(2.0, 5.0))
+    plain = replace(shot, run=replace(shot.run, events=()), moments=(2.0, 5.0))
+    marked = (np.asarray(strip(touching, WIDTH)) != np.asarray(strip(plain, WIDTH))).any(axis=(0, 2))
+    assert not marked[:WIDTH].any() and marked[WIDTH:].any()
 
 
 @pytest.mark.slow

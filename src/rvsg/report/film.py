@@ -22,7 +22,7 @@ from rvsg.report.words import quantity, shown_at
 from rvsg.robots.robot import Robot
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
-from rvsg.simulation.run import Run
+from rvsg.simulation.run import RobotContact, Run
 from rvsg.world.drawing.floor_plan import Picture, draw_plan
 from rvsg.world.drawing.sheet import NARROWEST_PX, font
 from rvsg.world.world import World
@@ -39,18 +39,23 @@ HOLD_S = 1.0
 """How long the last frame of a film stays."""
 WINDOW_M = (8.0, 5.6)
 LAYERS = frozenset({"objects", "areas"})
-ROBOT, GREY, INK = "#1559c9", "#8a94a0", "#1b2430"
+ROBOT, GREY, INK, TOUCH = "#1559c9", "#8a94a0", "#1b2430", "#b3261e"
+TOUCH_M = 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
 class Shot:
-    """What to film. `judged` says in words what the requirement measures up to a time, empty for nothing."""
+    """What to film. `judged` says in words what the requirement measures up to a time, empty for nothing.
+
+    `verdict`: what the requirement says of the whole run, for its end.
+    """
 
     run: Run
     world: World
     robot: Robot | None
     moments: Sequence[float] = ()
     judged: Callable[[float], str] = lambda _: ""
+    verdict: str = ""
 
 
 def shot_of_run(run: Run, measured: Measurement, requirement: Requirement, world: World, scenario: Scenario) -> Shot:
@@ -62,6 +67,9 @@ def shot_of_run(run: Run, measured: Measurement, requirement: Requirement, world
         robot=scenario.mission.robot_record,
         moments=still_times(facts),
         judged=lambda t_s: _judged(facts, requirement, t_s),
+        verdict=f"{requirement.name} {'' if facts.violated else 'not '}violated"
+        if requirement.threshold is not None
+        else "",
     )
 
 
@@ -184,6 +192,10 @@ class _Stage:
         self._shape(draw, outline * 1.1, pose, "white")
         self._shape(draw, outline, pose, ROBOT)
         self._nose(draw, float(outline[:, 0].max()), pose)
+        for touch in touches(run, t_s):
+            x, y = (float(v) for v in self._pixels(np.float64(touch.x), np.float64(touch.y)))
+            r = TOUCH_M * self.scale
+            draw.ellipse((x - r, y - r, x + r, y + r), outline=TOUCH, width=2 * FINE)
         for h, name, colour in people:
             if colour:
                 x, y = self._pixels(path.human_x[row, h], path.human_y[row, h])
@@ -231,14 +243,19 @@ class _Stage:
         first = f"{t_s:.1f} s   robot {run.trajectory.signed_speed[row]:.2f} m/s"
         if run.human_names:
             first += f"   {nearest_in_words(run, t_s, '{gap} from {who}')}"
-        ended = outcome_in_words(run.outcome) if row == len(run.trajectory) - 1 else ""
-        second = "   ".join(part for part in (self.shot.judged(t_s), ended) if part)
+        ended = (outcome_in_words(run.outcome), self.shot.verdict) if row == len(run.trajectory) - 1 else ()
+        second = "   ".join(part for part in (self.shot.judged(t_s), *ended) if part)
         width, height = self.size
         for text, top in ((first, 6), (second, 30)):
             size = 18
             while size > 10 and draw.textlength(text, font=font(size)) > width - 16:
                 size -= 1
             draw.text((8, height + top), text, fill=INK, font=font(size))
+
+
+def touches(run: Run, t_s: float) -> list[RobotContact]:
+    """Return the contacts of robot and people up to a time; a film marks their places."""
+    return [event for event in run.events if isinstance(event, RobotContact) and event.time_s <= t_s]
 
 
 def _points(pixels: Floats) -> list[tuple[float, float]]:
