@@ -13,6 +13,9 @@ import pytest
 from tests.cli.commands import Terminal
 from tests.recordings import CAMPAIGNS, FOLDERS
 
+import rvsg
+from rvsg.app.settings import read_campaign_file
+from rvsg.cli import main
 from rvsg.cli.demo import STORED, recording_folder, shipped_recordings, what_it_means
 from rvsg.evaluation.verdict import DEFAULT, Status
 from rvsg.scenario.requirement import load_requirement
@@ -74,6 +77,15 @@ def test_recorded_campaigns_hold_no_pictures_keys_or_paths_of_a_machine() -> Non
         assert len(text) < 400_000
 
 
+def test_a_demo_that_was_begun_is_not_shown_as_a_finished_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = recording_folder(None)
+    rvsg.Campaign.create(tmp_path / "begun", file=read_campaign_file(folder / "campaign.yaml"), replay=str(folder))
+    assert main(["demo", "--out", str(tmp_path / "begun")]) == 2
+    assert "demo-unfinished" in capsys.readouterr().err
+
+
 MEANING = {
     Status.PASS: "the model's 3 scenarios did not violate the requirement, but another scenario may",
     Status.FAIL: "makes the robot violate R1 (1.2 m) reliably, in 15 of 15 confirmation runs",
@@ -89,4 +101,5 @@ def test_a_demo_says_what_its_verdict_means(status: Status | None, told: str) ->
     confirmed = SimpleNamespace(verdict=verdict) if status is not None else None
     summary: Any = SimpleNamespace(confirmed=confirmed, ranking=[1, 2, 3])
     plan: Any = SimpleNamespace(requirement=load_requirement("R1"))
-    assert told in what_it_means(plan, summary)
+    said = what_it_means(plan, summary)
+    assert told in said and ("What VIOLATED means" in said) == (status is Status.INCONCLUSIVE)

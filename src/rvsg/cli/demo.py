@@ -12,7 +12,7 @@ import typer
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
 from rvsg.cli.options import AsJson, JobsPerCore
-from rvsg.core.errors import UnknownName
+from rvsg.core.errors import InputError, UnknownName
 
 if TYPE_CHECKING:
     from rvsg.campaign.attempt import Plan
@@ -86,6 +86,12 @@ def show_stored(recording: Path, out: Path, *, as_json: bool) -> None:
         out.mkdir(parents=True, exist_ok=True)
         write_whole(out / LEDGER, lzma.decompress((recording / STORED).read_bytes()))
     campaign = Campaign.open(out, replay=str(recording))
+    if not campaign.summary().complete:
+        raise InputError(
+            f"{out}: this campaign is not finished. Finish it: rvsg demo {recording.name} --simulate --out {out}. Or "
+            "show the stored one in another folder.",
+            code="demo-unfinished",
+        )
     page = campaign.report()
     if as_json:
         print_json(campaign.result())
@@ -116,6 +122,7 @@ def recording_folder(name: str | None) -> Path:
 def what_it_means(plan: Plan, summary: Summary) -> str:
     """Return what the verdict says and what it does not say, for a reader who sees one for the first time."""
     from rvsg.evaluation.verdict import Status, counted, number, still_open
+    from rvsg.report.answer import status_of
 
     confirmed, name = summary.confirmed, plan.requirement.name
     tried = "the model's " + (counted(len(summary.ranking), "scenario") if len(summary.ranking) != 1 else "scenario")
@@ -147,4 +154,4 @@ def what_it_means(plan: Plan, summary: Summary) -> str:
         f"{worst} violated {name} ({limit}) in {verdict.violations} of {runs}, which does not decide between "
         f"{between}. More --confirmations can"
     )
-    return f"What {verdict.status.value} means: {said.get(verdict.status, unsure)}."
+    return f"What {status_of(verdict)} means: {said.get(verdict.status, unsure)}."
