@@ -111,7 +111,7 @@ def removals(*people: tuple[str, float]) -> tuple[Removal, ...]:
     ("cause", "said"),
     [
         (removals(("Human 1", 0.001), ("Human 2", 0.2)), ("Human 1", "without Human 1: 0/5")),
-        (removals(("Human 1", 0.2), ("Human 2", 0.1)), ("open", "not told apart: without Human 2 0/5")),
+        (removals(("Human 1", 0.2), ("Human 2", 0.1)), ("open", "without Human 2 0/5 violate: not told apart")),
         (removals(*((f"Human {k}", 1.0) for k in range(20))), ("no single person", "none explains it (20 tried)")),
         (removals(*((f"Human {k}", 0.01) for k in range(5))), ("5 people", "without Human 0: 0/5")),
     ],

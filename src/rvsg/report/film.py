@@ -193,7 +193,7 @@ class _Stage:
         self._shape(draw, outline, pose, ROBOT)
         self._nose(draw, float(outline[:, 0].max()), pose)
         for touch in touches(run, t_s):
-            x, y = (float(v) for v in self._pixels(np.float64(touch.x), np.float64(touch.y)))
+            x, y = (float(v) for v in self._pixels(np.array(touch.x), np.array(touch.y)))
             r = TOUCH_M * self.scale
             draw.ellipse((x - r, y - r, x + r, y + r), outline=TOUCH, width=2 * FINE)
         for h, name, colour in people:
