@@ -371,3 +371,21 @@ def test_a_limit_is_named_only_where_enough_settings_were_tried(here: Path, sett
     assert ("end of its range" in text) == (found.limited_by == "wait_s") == (settings == 10)
     assert settings == 10 or "from 10 settings on" in text
     assert headline(made_tuning(cases)) == "None of the 5 settings tried fails less and holds the limits."
+
+
+@pytest.mark.parametrize(("before", "after", "helps"), [(9, 0, True), (9, 8, False), (6, 9, False)])
+def test_a_proposal_that_the_check_does_not_show_to_help_says_so(
+    here: Path, before: int, after: int, helps: bool
+) -> None:
+    suite = suite_of(cases=1)
+    cases = [TuningCase(suite.tested(case.name), Spec("embedded")) for case in suite.cases]
+    results = [
+        results_of(name, "suite", cases, [run("case-0", k, violated=k < count) for k in range(12)], Spec("x"))
+        for name, count in (("before", before), ("after", after))
+    ]
+    part = Part(name="tuned", comparison=compare(results))
+    worse = Part(name="held out", comparison=compare([results[1], results[0]]))
+    found = made_tuning(cases, proposal=3, parts=(part,))
+    assert found.helps == helps and headline(found).startswith("Shown to help." if helps else "Not shown to help.")
+    assert f"tuned {100 * before // 12} % to" in headline(found).replace("\N{NO-BREAK SPACE}", " ")
+    assert not helps or not found.replace(parts=(part, worse)).helps, "held-out cases fail clearly more"

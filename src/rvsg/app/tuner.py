@@ -273,8 +273,9 @@ class _Checks:
                 sweeps=tuple(self._sweeps(setting, found.importances)),
                 file=file,
                 diff=diff,
-                commands=tuple(self._commands(file, setting.values)),
             )
+            if found.helps:
+                found = found.replace(commands=tuple(self._commands(file, setting.values)))
             replayed = self._replayed(setting.values)
             held = found.part("held out", "tuned")
             note = TuningNote(

@@ -167,6 +167,13 @@ class Tuning(Record):
     commands: tuple[str, ...] = ()
     """What to run next."""
 
+    @property
+    def helps(self) -> bool:
+        """Whether the tuned cases, with other seeds, clearly fail less, and the held-out ones not clearly more."""
+        parts = self.part("tuned"), self.part("held out")
+        tuned, held = (part.difference if part is not None else None for part in parts)
+        return tuned is not None and tuned.interval[1] < 0.0 and (held is None or held.interval[0] <= 0.0)
+
     def part(self, *names: Check) -> Part | None:
         """Return the first of these checks that was made."""
         return next((each for name in names for each in self.parts if each.name == name), None)

@@ -24,17 +24,21 @@ ABOUT: Mapping[Check, str] = {
 
 
 def headline(found: Tuning) -> str:
-    """Return what came of a tuning, in a sentence or two."""
-    held, attacked = found.part("held out", "tuned"), found.part("attacked")
-    if found.proposal is None or held is None or held.difference is None:
+    """Return what came of a tuning, with the checks that decide it."""
+    if found.proposal is None:
         return f"None of the {found.settings} settings tried fails less and holds the limits."
-    where = "held-out cases" if held.name == "held out" else "the cases it was tuned on, with other seeds,"
-    verb = "fall" if held.difference.difference < 0 else "rise" if held.difference.difference > 0 else "stay"
-    said = f"On {where} violations {verb} from {percent(held.before.share)} to {percent(held.after.share)} of the runs"
-    said += "." if held.difference.is_clear else "; chance can explain that."
+    rows = [f"{part.name} {_shares(part)}" for part in found.parts if part.name in ("tuned", "held out")]
+    said = f"{'Shown to help' if found.helps else 'Not shown to help'}. Runs that violate: {'; '.join(rows)}."
+    attacked = found.part("attacked")
     if attacked and attacked.difference and attacked.difference.is_clear and attacked.difference.difference > 0:
         said += " A new search finds more violations of the proposal than of the stack before."
     return said
+
+
+def _shares(part: Part) -> str:
+    """Return the shares of violating runs before and after, with their difference."""
+    difference = part_row(part)["difference"]
+    return f"{percent(part.before.share)} to {percent(part.after.share)}, {difference}" if difference else "not judged"
 
 
 def part_row(part: Part) -> dict[str, str]:
