@@ -17,7 +17,7 @@ from rvsg.app.tuner import RUNS, Tuner
 from rvsg.campaign.parameter_search import SEEDS, Candidate, ParameterSearch, is_worse, score_of, unsolved
 from rvsg.campaign.setting_runs import SettingRun, SettingRuns, TuningCase, results_of
 from rvsg.campaign.suite import compare
-from rvsg.campaign.tuning import Part, Tuning, split
+from rvsg.campaign.tuning import Choice, Part, Tuning, split
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.core.plugins import Spec
@@ -388,4 +388,16 @@ def test_a_proposal_that_the_check_does_not_show_to_help_says_so(
     found = made_tuning(cases, proposal=3, parts=(part,))
     assert found.helps == helps and headline(found).startswith("Shown to help." if helps else "Not shown to help.")
     assert f"tuned {100 * before // 12} % to" in headline(found).replace("\N{NO-BREAK SPACE}", " ")
+    assert "Attacks are" not in tuning_page(found)
+    assert "Attacks are" in tuning_page(found.replace(parts=(part, part.replace(name="attacked", failures=(3, 0)))))
     assert not helps or not found.replace(parts=(part, worse)).helps, "held-out cases fail clearly more"
+
+
+def test_a_page_offers_another_setting_only_where_there_is_one(here: Path) -> None:
+    suite = suite_of(cases=1)
+    found = made_tuning([TuningCase(suite.tested(case.name), Spec("embedded")) for case in suite.cases])
+    as_it_is, other = (Choice(number=k, values={}, score=found.before) for k in (0, 4))
+    assert "--choose" not in tuning_page(found)
+    assert "--choose" not in tuning_page(found.replace(front=(as_it_is,)))
+    assert "--choose" not in tuning_page(found.replace(front=(as_it_is, other), proposal=4))
+    assert "--choose" in tuning_page(found.replace(front=(as_it_is, other)))
