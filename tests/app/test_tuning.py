@@ -215,12 +215,15 @@ def test_no_kind_of_failure_is_in_both_parts(here: Path) -> None:
 @pytest.mark.slow
 def test_a_tuning_proposes_a_setting_and_resumes_with_the_same_result(here: Path) -> None:
     suite_of()
-    asked = tuner(budget_runs=40, attack_runs=10)
+    said: list[str] = []
+    asked = tuner(budget_runs=40, attack_runs=10, out=here / "out", on_message=said.append)
     found = asked.run()
     assert found.proposal and found.changes and found.score is not None
     assert found.score.cost < found.before.cost and found.settings > 8
     assert {part.name for part in found.parts} >= {"tuned", "ordinary", "empty", "attacked"}
-    assert rvsg.Suite.open("suite").head.tunings[0].stack == "planner.py:Waits"
+    (note,) = rvsg.Suite.open("suite").head.tunings
+    assert (note.stack, note.folder) == ("planner.py:Waits", "../out")
+    assert any("suite.yaml now notes" in text for text in said)
     assert Tuning.from_json(Path("out/tuning.json").read_text()) == found
     assert headline(found) in Path("out/index.html").read_text().replace("\N{NO-BREAK SPACE}", " ")
     stored = json.loads(Path("out/stack.json").read_text())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import difflib
 import fnmatch
+import os
 import shlex
 import time
 from collections import deque
@@ -25,7 +26,7 @@ from rvsg.campaign.parameter_search import Candidate, Optimiser, ParameterSearch
 from rvsg.campaign.runner import Evaluator
 from rvsg.campaign.setting_runs import SettingRun, SettingRuns, TuningCase, Values, results_of
 from rvsg.campaign.suite import Case, CaseChange, Change, Comparison, SuiteResult, case_result, compare
-from rvsg.campaign.suite_folder import SuiteCase, TuningNote, requirement_source
+from rvsg.campaign.suite_folder import HEAD, SuiteCase, TuningNote, requirement_source
 from rvsg.campaign.tuning import Change as ValueChange
 from rvsg.campaign.tuning import Check, Choice, Part, Split, Sweep, Tuning, split
 from rvsg.core import permission
@@ -279,13 +280,14 @@ class _Checks:
             replayed = self._replayed(setting.values)
             held = found.part("held out", "tuned")
             note = TuningNote(
-                stack=self.tuner.stack,
+                stack=Path(self.tuner.stack).name if Path(self.tuner.stack).is_absolute() else self.tuner.stack,
                 date=datetime.date.today().isoformat(),
                 by=found.by,
-                folder=str(out),
+                folder=os.path.relpath(out.resolve(), self.suite.folder.resolve()),
                 result=part_text(held) if held else "",
             )
             self.suite.add_tuning(note)
+            tell(f"{self.suite.folder / HEAD} now notes this tuning under `tunings`.")
         write_whole(out / RESULT, found.to_json())
         write_whole(out / PAGE, tuning_page(found, replayed))
         return found

@@ -53,6 +53,7 @@ class TuningNote(Record):
     by: str
     """The version of RVSG."""
     folder: str
+    """Of the tuning, relative to the suite."""
     result: str = ""
     """What the check on held-out cases says."""
 
