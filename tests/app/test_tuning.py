@@ -13,7 +13,7 @@ import yaml
 from tests.coded import coded
 
 import rvsg
-from rvsg.app.tuner import RUNS, Tuner
+from rvsg.app.tuner import ASKED, RUNS, Tuner
 from rvsg.campaign.parameter_search import SEEDS, Candidate, ParameterSearch, is_worse, score_of, unsolved
 from rvsg.campaign.setting_runs import SettingRun, SettingRuns, TuningCase, results_of
 from rvsg.campaign.suite import compare
@@ -297,6 +297,20 @@ def test_a_stack_that_fails_as_it_is_and_other_bad_input_is_one_error(here: Path
     with pytest.raises(FileError) as damaged:
         tuner().run()
     assert damaged.value.line == 1
+
+
+def test_another_stack_or_seed_does_not_resume_a_tuning(here: Path) -> None:
+    suite_of(cases=1)
+    tuner(budget_runs=1, budget_minutes=1e-9).run()
+    known = Path("out", ASKED).read_bytes(), Path("out", RUNS).read_bytes()
+    for changes, named in (({"seed": 3}, "seed: 0, now 3"), ({"stack": "nav2-dwb"}, "stack.name: 'planner.py:Waits'")):
+        with pytest.raises(InputError, check=coded("other-settings")) as refused:
+            tuner(**changes).run()
+        assert named in str(refused.value)
+    assert known == (Path("out", ASKED).read_bytes(), Path("out", RUNS).read_bytes())
+    Path("out", ASKED).write_text("[")
+    with pytest.raises(FileError):
+        tuner().run()
 
 
 def test_a_file_without_an_inflation_layer_says_what_stays(here: Path) -> None:

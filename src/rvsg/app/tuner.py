@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import difflib
 import fnmatch
+import json
 import os
 import shlex
 import time
@@ -20,6 +21,7 @@ from pydantic import Field
 
 import rvsg
 from rvsg.app.campaign import Campaign
+from rvsg.app.record import differences, other_settings
 from rvsg.app.suites import Suite, subject
 from rvsg.campaign.attempt import Failure
 from rvsg.campaign.parameter_search import Candidate, Optimiser, ParameterSearch, unsolved
@@ -31,7 +33,7 @@ from rvsg.campaign.tuning import Change as ValueChange
 from rvsg.campaign.tuning import Check, Choice, Part, Split, Sweep, Tuning, split
 from rvsg.core import permission
 from rvsg.core.documents import read_document
-from rvsg.core.errors import InputError, SimulationError, UnknownName
+from rvsg.core.errors import FileError, InputError, SimulationError, UnknownName
 from rvsg.core.files import write_whole
 from rvsg.core.inputs import read_text
 from rvsg.core.plugins import Spec, ignore
@@ -52,7 +54,7 @@ from rvsg.simulation.stacks.parameter_file import has_place, place_of, skeleton,
 from rvsg.simulation.stacks.parameters import Parameter, value_at, with_values
 from rvsg.simulation.stacks.stack_choice import StackChoice
 
-RESULT, RUNS, PAGE = "tuning.json", "runs.jsonl", "index.html"
+RESULT, RUNS, ASKED, PAGE = "tuning.json", "runs.jsonl", "asked.json", "index.html"
 SWEPT, SWEEP_POINTS = 4, 5
 ORDINARY, FEW_SEEDS = 2, 3
 """Scenarios of ordinary traffic for each mission; seeds of each of them, and of each empty route."""
@@ -132,6 +134,9 @@ class Tuner:
             counts = counted(len(cases), "case"), counted(len(parameters), "parameter")
             self.on_message(f"{stack.name}: {counts[0]}, {counts[1]}.")
             present = {each.name: float(each.present or 0.0) for each in parameters}
+            asked = self._asked(suite, stack)
+            if found := differences(self._known() or asked, asked):
+                raise other_settings(self.out, found)
             with SettingRuns(stack, present, self.out / RUNS, jobs=self.jobs) as runs:
                 before = ParameterSearch(parameters, cases, runs, seed=self.seed).begin()
                 if not any(run.violated for run in before.runs.values()):
@@ -140,6 +145,7 @@ class Tuner:
                         f"{self.stack}. Attack it first: rvsg run --stack {shlex.quote(self.stack)}",
                         code="nothing-to-tune",
                     )
+                write_whole(self.out / ASKED, json.dumps(asked, indent=1) + "\n")
                 parts = split(cases, before.runs.values())
                 search = ParameterSearch(
                     parameters,
@@ -157,6 +163,29 @@ class Tuner:
                     if end is not None and time.monotonic() > end:
                         break
                 return _Checks(self, suite, cases, stack, search, parts, runs).tuning(notes)
+
+    def _asked(self, suite: Suite, stack: Spec) -> dict[str, Any]:
+        """Return what a resumed tuning must have been begun with; budgets, checks and the choice may change."""
+        return {
+            "suite": suite.head.title,
+            "stack": stack.model_dump(mode="json"),
+            "robot": self.robot,
+            "seed": self.seed,
+            "optimiser": self.optimiser,
+        }
+
+    def _known(self) -> dict[str, Any] | None:
+        """Return what the folder was begun with; None of a new one."""
+        file = self.out / ASKED
+        if not file.exists():
+            return None
+        try:
+            known = json.loads(read_text(file))
+        except ValueError as error:
+            raise FileError(file, f"this is no JSON: {error}.") from None
+        if not isinstance(known, dict):
+            raise FileError(file, "this does not hold what a tuning was begun with. Choose another --out.")
+        return known
 
     def _case(self, suite: Suite, case: Case) -> TuningCase:
         """Return a case with what runs it."""
