@@ -18,6 +18,7 @@ from rvsg.campaign.parameter_search import SEEDS, Candidate, ParameterSearch, is
 from rvsg.campaign.setting_runs import SettingRun, SettingRuns, TuningCase, results_of
 from rvsg.campaign.suite import compare
 from rvsg.campaign.tuning import Choice, Part, Tuning, split
+from rvsg.cli.tune import _Shown
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.core.plugins import Spec
@@ -224,6 +225,10 @@ def test_a_tuning_proposes_a_setting_and_resumes_with_the_same_result(here: Path
     (note,) = rvsg.Suite.open("suite").head.tunings
     assert (note.stack, note.folder) == ("planner.py:Waits", "../out")
     assert any("suite.yaml now notes" in text for text in said)
+    tuned = len(found.split.tuned)
+    (checked,) = (text for text in said if text.startswith("Checking tuned"))
+    assert checked.endswith(f"before and after: {4 * tuned} runs.")
+    assert any("at most" in text and "beside the search" in text for text in said)
     assert Tuning.from_json(Path("out/tuning.json").read_text()) == found
     assert headline(found) in Path("out/index.html").read_text().replace("\N{NO-BREAK SPACE}", " ")
     stored = json.loads(Path("out/stack.json").read_text())
@@ -252,6 +257,20 @@ def test_settings_in_which_the_stack_crashes_are_counted_and_never_proposed(here
     assert found.failed and all("failed" in each for each in found.failed)
     assert all(each.values.get("wait_s", 0.0) <= 6.5 for each in found.front)
     assert "refused" in tuning_page(found) or "fail" in tuning_page(found)
+
+
+def test_the_progress_of_a_search_names_what_it_ran(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    suite = suite_of(cases=1)
+    cases = [TuningCase(suite.tested(case.name), Spec("embedded")) for case in suite.cases]
+    parameter = Parameter(name="wait_s", low=0.0, high=8.0, present=6.0)
+    with SettingRuns(Spec("x"), {"wait_s": 6.0}, Path("runs.jsonl")) as runs:
+        search = ParameterSearch([parameter], cases, runs)
+        made = {("case-0", seed): run("case-0", seed, violated=True) for seed in search.seeds}
+        search.candidates.append(Candidate(0, {"wait_s": 6.0}, made, score=score_of(made, made)))
+        for spent, said in ((30, "search: 30 of 60 runs"), (88, "search: done, 88 runs (60 asked for")):
+            search.spent = spent
+            _Shown(60).show(search)
+            assert said in " ".join(capsys.readouterr().err.split())
 
 
 # What is refused

@@ -58,6 +58,8 @@ RESULT, RUNS, ASKED, PAGE = "tuning.json", "runs.jsonl", "asked.json", "index.ht
 SWEPT, SWEEP_POINTS = 4, 5
 ORDINARY, FEW_SEEDS = 2, 3
 """Scenarios of ordinary traffic for each mission; seeds of each of them, and of each empty route."""
+SHOWN_FROM = 40
+"""A check of so many runs says how far it is."""
 ATTACKED = 3
 """Missions that are attacked at most, those that violate most often first."""
 
@@ -289,12 +291,15 @@ class _Checks:
         )
         replayed = None
         if (proposed := self._proposed(front)) is not None:
-            tell("Taking back the changes that do not matter.")
+            whole = len(search.before.runs)
+            most = 2 * len(search.parameters) * whole
+            tell(f"Taking back the changes that do not matter: at most {counted(most, 'run')} beside the search.")
             setting = search.simplified(proposed)
             file, text, diff = self._file(setting.values)
             write_whole(out / file, text)
             parts = tuple(self._parts(setting.values))
-            tell("Trying one parameter at a time around the proposal.")
+            most = (min(SWEPT, len(search.parameters)) * (SWEEP_POINTS + 1) + len(search.parameters)) * whole
+            tell(f"Trying one parameter at a time around the proposal: at most {counted(most, 'run')}.")
             found = found.replace(
                 proposal=proposed.number,
                 score=setting.score,
@@ -396,7 +401,10 @@ class _Checks:
         ]
         for name, cases, seeds in named:
             if cases:
-                self.tuner.on_message(f"Checking {name}: {counted(len(cases), 'case')}, {counted(seeds, 'seed')} each.")
+                self.tuner.on_message(
+                    f"Checking {name}: {counted(len(cases), 'case')}, {counted(seeds, 'seed')} each, before and after: "
+                    f"{2 * len(cases) * seeds} runs."
+                )
                 yield Part(name=name, comparison=self._compared(cases, values, self._seeds(seeds)))
         if self.tuner.attack_runs:
             yield self._attacked(missions[:ATTACKED], values)
@@ -415,11 +423,14 @@ class _Checks:
         return compare(results)
 
     def _made(self, values: Values, cases: Sequence[TuningCase], seeds: Sequence[int]) -> list[SettingRun]:
-        made = []
+        made: list[SettingRun] = []
+        total = len(cases) * len(seeds)
         for run in self.runs.run((values, case, seed) for case in cases for seed in seeds):
             if isinstance(run, Failure):
                 raise SimulationError(f"seed {run.seed}: {run.reason}")
             made.append(run)
+            if total >= SHOWN_FROM and len(made) % (total // 4) == 0:
+                self.tuner.on_message(f"  {len(made)} of {total} runs {'after' if self._changed(values) else 'before'}")
         return made
 
     def _missions(self) -> list[TuningCase]:
@@ -453,10 +464,13 @@ class _Checks:
         """Search for failures of the stack before and of the proposal, with the same budget and seeds."""
         results, failures = [], []
         for label, setting in (("before", self.present), ("proposal", values)):
-            self.tuner.on_message(f"Attacking {counted(len(missions), 'route')}: {label}.")
+            budget = max(10, self.tuner.attack_runs // len(missions))
+            self.tuner.on_message(
+                f"Attacking {counted(len(missions), 'route')}: {label}, {counted(budget, 'run')} each, then confirms."
+            )
             cases, confirmed = [], 0
             for each in missions:
-                campaign = self._campaign(each, setting, max(10, self.tuner.attack_runs // len(missions)))
+                campaign = self._campaign(each, setting, budget)
                 deque(campaign.run(jobs=self.tuner.jobs), maxlen=0)
                 confirmed += sum(finding.violated for finding in campaign.findings)
                 cases += [

@@ -36,8 +36,12 @@ def tune(
     only: Annotated[
         list[str] | None, typer.Option(metavar="CASE", hidden=True, help="Only this case; repeatable.")
     ] = None,
-    budget_runs: Annotated[int, typer.Option(min=1, help="Runs of the search.")] = 3000,
-    budget_minutes: Annotated[float | None, typer.Option(min=0.1, help="End the search earlier.")] = None,
+    budget_runs: Annotated[
+        int, typer.Option(min=1, help="Runs of the search, which ends with its last four settings; checks come on top.")
+    ] = 3000,
+    budget_minutes: Annotated[
+        float | None, typer.Option(min=0.1, help="End the search earlier; checks come on top.")
+    ] = None,
     optimiser: Annotated[Optimiser, typer.Option(hidden=True, help="Optimiser of Optuna.")] = "tpe",
     more_time: Annotated[
         float, typer.Option(min=0.0, max=10.0, hidden=True, help="Largest share of more time.")
@@ -46,7 +50,8 @@ def tune(
         int, typer.Option(min=2, hidden=True, help="Runs of each case that check the proposal.")
     ] = 10,
     attack_runs: Annotated[
-        int, typer.Option(min=0, help="Runs of a search against the stack before and after; 0: none.")
+        int,
+        typer.Option(min=0, help="Runs, on top, of each of two searches: against the stack before and after; 0: none."),
     ] = 150,
     choose: Annotated[int | None, typer.Option(help="Propose this setting of the front.")] = None,
     jobs: JobsPerCore = None,
@@ -116,8 +121,11 @@ class _Shown:
         left = (time.monotonic() - self.begun) * max(0, self.budget - search.spent) / search.spent / 60.0
         before, best = search.before.score, search.best.score
         assert before is not None and best is not None
+        state = f"{search.spent} of {self.budget} runs, about {left:.0f} min of it left"
+        if search.spent >= self.budget:
+            state = f"done, {search.spent} runs ({self.budget} asked for; its last settings are finished)"
         say(
-            f"  {search.spent} of {self.budget} runs, {len(search.candidates)} settings, about {left:.0f} min left; "
+            f"  search: {state}; {len(search.candidates)} settings, "
             f"violations {before.violated} to {best.violated} of {best.runs}, contact {before.contacts} to "
             f"{best.contacts}, time {100 * (best.time - 1.0):+.0f} %"
         )
