@@ -11,9 +11,11 @@ import rvsg
 from rvsg.app.reconstruction import rebuild, recorded_cases, suite_of_recordings, world_of_recording
 from rvsg.campaign.nearness import nearest_violation
 from rvsg.core.errors import FileError
-from rvsg.recording.fidelity import compare, estimates
+from rvsg.evaluation.metrics.measurement import measure
+from rvsg.recording.fidelity import compare, estimates, recorded_as
 from rvsg.recording.intent import People, recorded_scenario
 from rvsg.recording.tracks import PersonTrack, Recording, load_recording
+from rvsg.report.run_facts import judged_curve
 from rvsg.robots.robot import load_robot
 from rvsg.scenario.validity import check
 from rvsg.scenario.variation import shifted
@@ -225,3 +227,20 @@ def test_a_shifted_person_does_the_same_later_and_elsewhere(world: World) -> Non
             at, before = aside.position(name, world.grid), human.position(old, world.grid)
             assert at is not None and before is not None and at[0] == pytest.approx(before[0] + 0.5, abs=1e-3)
     assert shifted(human.replace(track=None), world.grid, -1.0) is None
+
+
+@pytest.mark.parametrize("people", ["as-recorded", "blended"])
+def test_who_is_absent_counts_in_no_distance(world: World, people: str) -> None:
+    start = world.route("route_1").start
+    ann = walker((3, start.x + 1, start.y - 3), (8, start.x + 1, start.y))
+    found = rebuild(recording(world, ann), world, runs=1, people=people)
+    recorded = recorded_as(found.made.recording, found.runs[0])
+    for run in (recorded, found.runs[0]):
+        path = run.trajectory
+        there = np.abs(path.human_x[:, 0] - start.x) < 10.0
+        expected = np.hypot(path.human_x[:, 0] - path.x, path.human_y[:, 0] - path.y)[there].mean()
+        values = measure(run, world=world)
+        assert 0 < there.sum() < len(path) and values["dto"] == pytest.approx(expected) and expected < 5.0
+        assert values["max_distance"] is not None and values["max_distance"] < 10.0
+        curve = judged_curve(run, found.requirement, world).value
+        assert curve[-1] == pytest.approx(expected) and np.nanmax(curve) < 10.0

@@ -29,6 +29,8 @@ CONTACT_GAP_M = 0.02
 CONTACT_APART_S = 0.5
 """Contacts with one person with less time between them are one contact."""
 GROUP_SPACE_AHEAD_M = 1.5
+ABSENT_M = 1.0
+"""Who is nearer than this to where absent people stand is absent."""
 OUTLINE_STEP_M = 0.05
 """Two outlines are compared at points this far apart along each."""
 
@@ -171,6 +173,21 @@ class Sampled:
     def distance(self) -> Floats:
         """(N, H) metres between the centres of robot and human."""
         return np.hypot(*self.offset)
+
+    @cached_property
+    def present(self) -> Flags:
+        """(N, H) whether each human is there; who is absent stands far outside of the map and counts in no mean."""
+        flags: Flags = np.ones((len(self), self.people), dtype=np.bool_)
+        for name, (x, y) in self.run.absent_at.items() if self.people else ():
+            k = self.run.human_names.index(name)
+            flags[:, k] = np.hypot(self.series.human_x[:, k] - x, self.series.human_y[:, k] - y) > ABSENT_M
+        return flags
+
+    @cached_property
+    def nearest_distance(self) -> Floats:
+        """(N,) metres from the robot's centre to the nearest centre of a human; NaN where nobody is there."""
+        nearest: Floats = self.distance.min(axis=1)
+        return np.where(self.present.any(axis=1), nearest, np.nan)
 
     @cached_property
     def disc_gap(self) -> Floats:

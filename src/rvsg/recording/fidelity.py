@@ -104,7 +104,8 @@ def recorded_as(recording: Recording, run: Run) -> Run:
     reached = math.dist(robot[-1, 1:3], run.goal[:2]) <= NEAR_M
     return dataclasses.replace(
         run, simulator="recording", options={"recording": recording.source}, trajectory=trajectory, log=trajectory,
-        imu=np.empty(0), events=(), outcome=Outcome.REACHED if reached else Outcome.ABORTED, details={}, recoveries=0,
+        imu=np.empty(0), events=(), outcome=Outcome.REACHED if reached else Outcome.ABORTED,
+        details={"absent_at": dict.fromkeys(run.human_names, (-AWAY_M, -AWAY_M))}, recoveries=0,
     )  # fmt: skip
 
 

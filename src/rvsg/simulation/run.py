@@ -287,6 +287,12 @@ class Run:
         return tuple(map(str, told.get("warnings", ()))) if isinstance(told, dict) else ()
 
     @property
+    def absent_at(self) -> dict[str, tuple[float, float]]:
+        """Where people stand, far outside of the map, while they are absent; the others are always there."""
+        told = self.details.get("absent_at")
+        return {name: (x, y) for name, (x, y) in told.items()} if isinstance(told, dict) else {}
+
+    @property
     def completed(self) -> bool:
         """Whether the goal was reached in time."""
         return self.outcome is Outcome.REACHED

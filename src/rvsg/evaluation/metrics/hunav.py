@@ -31,8 +31,8 @@ _of_people = partial(_metric, of_people=True)
 
 @_of_people("max_distance", "Maximum distance to people", "m", "neither", Aim.SHARE, least=None)
 def maximum_distance(s: Sampled) -> float | None:
-    """Largest gap to any person over the run, surface to surface."""
-    return float(s.disc_gap.max())
+    """Largest gap to any person who is there over the run, surface to surface."""
+    return float(s.disc_gap[s.present].max()) if s.present.any() else None
 
 
 @_metric("acceleration_mean", "Mean change of speed", "m/s²", "larger", Aim.DISTURB, shown="acceleration")

@@ -24,8 +24,10 @@ _of_people = partial(_metric, of_people=True)
 
 
 def running_mean(values: Floats) -> Floats:
-    """Return the mean of the values up to each of them."""
-    return np.asarray(np.cumsum(values) / np.arange(1, len(values) + 1), dtype=np.float64)
+    """Return the mean of the values up to each of them; NaN counts nowhere."""
+    known = np.isfinite(values)
+    count, total = np.cumsum(known), np.cumsum(np.where(known, values, 0.0))
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 @_of_people(
@@ -35,11 +37,15 @@ def running_mean(values: Floats) -> Floats:
     "smaller",
     Aim.SHARE,
     shown="centre_distance",
-    so_far=lambda s: running_mean(s.distance.min(axis=1)) if s.people else np.full(len(s), np.nan),
+    so_far=lambda s: running_mean(s.nearest_distance) if s.people else np.full(len(s), np.nan),
 )
 def distance_to_obstacles(s: Sampled) -> float | None:
-    """dto = (1/T) sum_t min_i |p_robot(t) - p_i(t)|, centre to centre, over the humans i: people alone, no walls."""
-    return float(s.distance.min(axis=1).mean())
+    """dto = (1/T) sum_t min_i |p_robot(t) - p_i(t)|, centre to centre, over the humans i: people alone, no walls.
+
+    Samples in which nobody is there are left out; None where that is all of them.
+    """
+    known = s.nearest_distance[s.present.any(axis=1)]
+    return float(known.mean()) if len(known) else None
 
 
 def _jerk_so_far(s: Sampled) -> Floats:
@@ -176,11 +182,14 @@ def mean_inertial_acceleration(s: Sampled) -> float | None:
 
 @_of_people("human_speed", "Mean speed of the humans", "m/s", "neither", Aim.SHARE, shown="person_speed")
 def mean_human_speed(s: Sampled) -> float | None:
-    """Mean over samples and humans of their speed."""
-    return float(s.series.human_speed.mean())
+    """Mean over samples and humans of their speed, while they are there."""
+    if s.present.all():
+        return float(s.series.human_speed.mean())
+    return float(s.series.human_speed[s.present].mean()) if s.present.any() else None
 
 
 @_of_people("closest_human_speed", "Mean speed of the closest human", "m/s", "neither", Aim.SHARE, shown="person_speed")
 def mean_closest_human_speed(s: Sampled) -> float | None:
-    """Mean over samples of the speed of the human whose centre is closest."""
-    return float(s.series.human_speed[np.arange(len(s)), s.closest].mean())
+    """Mean over samples of the speed of the human whose centre is closest, while anybody is there."""
+    known = s.present.any(axis=1)
+    return float(s.series.human_speed[np.arange(len(s)), s.closest][known].mean()) if known.any() else None

@@ -293,6 +293,8 @@ def simulate_agents(
             outcome = outcome if driving.fault is None else Outcome.STACK_FAILED
     sideways = robot.limits.lateral_m_s > 0.0
     end = goals[-1] + (offset[0], offset[1], 0.0)
+    if recorded is not None:
+        details["absent_at"] = recorded.absent_at
     if recorded is not None and recorded.left_s:
         details["left_tracks_s"] = recorded.left_s
     details["map_from_world"] = [float(number) for number in own.frame[:3]]

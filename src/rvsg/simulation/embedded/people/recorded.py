@@ -50,11 +50,13 @@ class RecordedPeople:
         self._driven = None if driven is None else _arrays(driven)
         self.left_s: dict[str, float] = {}
         """When people turned from their tracks to their tasks, by name."""
+        self.absent_at: dict[str, tuple[float, float]] = {}
         self._names = [agent.name for agent in agents]
         self._followers: dict[int, Follower] = {}
         for i, agent in enumerate(agents):
             if agent.track is not None:
-                away = (crowd.raster_x - AWAY_M, crowd.raster_y - AWAY_M - 2.0 * i)
+                away = (float(crowd.raster_x) - AWAY_M, float(crowd.raster_y) - AWAY_M - 2.0 * i)
+                self.absent_at[agent.name] = away
                 self._followers[i] = _follower(agent, agent.track, float(crowd.speed[i]), float(crowd.walked[i]), away)
                 crowd.start_time[i], crowd.speed[i] = math.inf, FASTEST_M_S
         self.step(0.0, np.zeros(0))
