@@ -180,6 +180,9 @@ def test_a_folder_becomes_a_suite_and_what_cannot_be_read_is_told(bag: Path, wor
     assert case.name.startswith("01-") and "whole.mcap" in case.title
     with pytest.raises(FileError):
         recorded_cases(tmp_path / "suite", world)
+    for no_folder in (tmp_path / "absent", bag):
+        with pytest.raises(FileError):
+            recorded_cases(no_folder, world)
 
 
 def test_encounters_are_cut_out_of_a_long_drive(world: World, tmp_path: Path) -> None:

@@ -198,6 +198,8 @@ def recorded_cases(
     Args:
         options: those of `rebuild`.
     """
+    if not folder.is_dir():
+        raise FileError(folder, "this is no folder. Name a folder of recordings; of one: rvsg recording scenario.")
     paths = [path for path in sorted(folder.iterdir()) if path.suffix in SUFFIXES or (path / "metadata.yaml").is_file()]
     if not paths:
         raise FileError(folder, f"there is no recording here ({', '.join(SUFFIXES)}, or a rosbag2 folder).")
