@@ -79,6 +79,8 @@ def test_recorded_people_repeat_a_run_and_the_page_shows_both(bag: Path, run: Ru
     for each in found.fidelities:
         assert each.gap_m is not None and each.gap_m[0] == pytest.approx(each.gap_m[1], abs=0.1)
         assert each.time_s[0] == pytest.approx(each.time_s[1], rel=0.05) and each.path_m < 0.5
+        assert each.time_s[0] == round(float(found.made.recording.robot[-1, 0]), 2)
+    assert found.fidelities[0].time_s[1] == round(float(found.runs[0].trajectory.t[-1]), 2)
     assert found.estimates == ()
     page = found.page()
     assert "recorded" in page and found.verdict.split(":")[0] in page and "Human 1" not in page

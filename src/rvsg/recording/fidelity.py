@@ -16,7 +16,7 @@ from rvsg.core.records import Record
 from rvsg.evaluation.detection import events_of
 from rvsg.evaluation.run_events import Contact, HardBrake, NearMiss, StandStill
 from rvsg.evaluation.sampled import sampled
-from rvsg.recording.recorded_run import GOAL_TOLERANCE_M, speed_of
+from rvsg.recording.recorded_run import speed_of
 from rvsg.recording.tracks import GAP_S, Floats, Recording
 from rvsg.robots.robot import Robot
 from rvsg.simulation.run import Outcome, Run, Trajectory
@@ -59,7 +59,7 @@ class Fidelity(Record):
 
     seed: int
     time_s: tuple[float, float]
-    """When the robot comes to where it ends, recorded and simulated."""
+    """When the drive ends, as stories tell it, recorded and simulated."""
     path_m: float
     """The greatest distance of the simulated path from the recorded one."""
     gap_m: tuple[float, float] | None
@@ -124,7 +124,7 @@ def compare(recording: Recording, run: Run, world: World, limits: Limits | None 
         if min(m, now_m) <= NEAR_M:
             gaps.append(GapPair(person=name, recorded_m=m, simulated_m=now_m, recorded_s=s, simulated_s=now_s))
     smallest = (min(g.recorded_m for g in gaps), min(g.simulated_m for g in gaps)) if gaps else None
-    time_s = (_arrival_s(recorded.trajectory), _arrival_s(run.trajectory))
+    time_s = (round(float(recorded.trajectory.t[-1]), 2), round(float(run.trajectory.t[-1]), 2))
     path_m = round(_apart(run.trajectory, recorded.trajectory), 3)
     found = [events_of(each, world=world) for each in (recorded, run)]
     first, second = (Counter(TOLD[type(event)] for event in each if type(event) in TOLD) for each in found)
@@ -143,12 +143,6 @@ def compare(recording: Recording, run: Run, world: World, limits: Limits | None 
         seed=run.seed, time_s=time_s, path_m=path_m, gap_m=smallest, gaps=tuple(gaps), events=events,
         differences=tuple(said),
     )  # fmt: skip
-
-
-def _arrival_s(path: Trajectory) -> float:
-    """Return when the robot comes to where it ends and stays there, s."""
-    away = np.flatnonzero(np.hypot(path.x - path.x[-1], path.y - path.y[-1]) > GOAL_TOLERANCE_M)
-    return round(float(path.t[min(len(path) - 1, away[-1] + 1)]), 2) if len(away) else 0.0
 
 
 def _apart(path: Trajectory, other: Trajectory) -> float:
