@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +82,10 @@ def test_recorded_people_repeat_a_run_and_the_page_shows_both(bag: Path, run: Ru
         assert each.time_s[0] == pytest.approx(each.time_s[1], rel=0.05) and each.path_m < 0.5
         assert each.time_s[0] == round(float(found.made.recording.robot[-1, 0]), 2)
     assert found.fidelities[0].time_s[1] == round(float(found.runs[0].trajectory.t[-1]), 2)
+    half = replace(found, fidelities=(found.fidelities[0], found.fidelities[1].replace(differences=("Later.",))))
+    third = replace(half, fidelities=(*half.fidelities, half.fidelities[1]))
+    assert half.repeats and not third.repeats and "1 of 3 runs keep" in third.verdict
+    assert all("at least half have to" in each.verdict for each in (found, half, third))
     assert found.estimates == ()
     page = found.page()
     assert "recorded" in page and found.verdict.split(":")[0] in page and "Human 1" not in page
