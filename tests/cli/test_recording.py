@@ -42,7 +42,9 @@ def test_a_bag_becomes_a_scenario_without_a_world_at_hand(
         main(["recording", "scenario", str(bag), "--out", "made.json", "--html", "page.html", "--runs", "1", "--json"])
         == 0
     )
-    found = json.loads(capsys.readouterr().out)
+    told = capsys.readouterr()
+    assert "world: made-world" in told.err
+    found = json.loads(told.out)
     assert found["fidelity"][0]["gap_m"] is not None
     assert (tmp_path / "page.html").is_file() and (tmp_path / "made-world" / "world.yaml").is_file()
     assert main(["simulate", "made.json", "--out", "runs.jsonl"]) == 0

@@ -118,7 +118,8 @@ def scenario(
     place = as_world(world) if world is not None else None
     topics = {"people_topic": people_topic, "robot_topic": robot_topic, "people_frames": people_frames}
     recording = load_recording(file, world=place, **topics)
-    place = world_of_recording(recording, place, out.with_suffix("").with_name(f"{out.stem}-world"))
+    folder = out.with_suffix("").with_name(f"{out.stem}-world")
+    place = world_of_recording(recording, place, folder)
     made = rebuild(
         recording,
         place,
@@ -144,7 +145,8 @@ def scenario(
         said = " ".join(each.differences) or "repeats the recording."
         say(f"seed {each.seed}: {said}")
     say(made.verdict)
-    say(f"Scenario: {out}" + (f"; page: {html}" if html is not None else ""))
+    made_world = f"; world: {folder}" if world is None else ""
+    say(f"Scenario: {out}{made_world}" + (f"; page: {html}" if html is not None else ""))
 
 
 @app.command()
