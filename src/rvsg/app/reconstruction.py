@@ -65,7 +65,8 @@ class Rebuilt:
         said = "The scenario repeats the recording" if self.repeats else "The scenario does not repeat the recording"
         said += (
             f": {count} of {counted(len(self.fidelities), 'run')} keep the smallest gap within {limits.gap_m:g} m, the "
-            f"time within {limits.time_share:.0%}, the path within {limits.path_m:g} m, and contact or none; at least half have to."
+            f"time within {limits.time_share:.0%}, the path within {limits.path_m:g} m, and contact or none; "
+            "at least half have to."
         )
         if self.requirement.threshold is None:
             return said
