@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import importlib
 import os
@@ -283,8 +282,10 @@ def _debugging(arguments: Sequence[str]) -> bool:
 
 
 def _tell(message: str) -> None:
-    with contextlib.suppress(OSError):  # where nothing can be written, the exit code says it
+    try:
         print(message, file=sys.stderr, flush=True)
+    except OSError:  # where nothing can be written, the exit code says it, also when Python writes what is left
+        _nobody_reads()
 
 
 def _nobody_reads() -> None:

@@ -284,7 +284,8 @@ class Connection:
             raise StackError(f"{command} cannot be started: {error.strerror or error}", code="stack-start") from error
         assert self._child.stdin and self._child.stdout and self._child.stderr
         self.channel = Channel(self._child.stdout.fileno(), self._child.stdin.fileno())
-        threading.Thread(target=_keep, args=(self._child.stderr, self._lines), daemon=True).start()
+        self._reader = threading.Thread(target=_keep, args=(self._child.stderr, self._lines), daemon=True)
+        self._reader.start()
         self._end = weakref.finalize(self, _kill, self._child)
 
     def why(self) -> str:
@@ -295,6 +296,7 @@ class Connection:
             code = self._child.wait(0.2)
         except subprocess.TimeoutExpired:
             return ""
+        self._reader.join(1.0)  # its last words may still be in the pipe; a child of its own may hold that open
         said = " | ".join(self._lines)[-300:]
         how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
         return f" ({how}{': ' + said if said else ''})"
