@@ -16,7 +16,7 @@ from rvsg.campaign.observation import FailureMode, encounter_of, met, mode_of, o
 from rvsg.campaign.runner import Evaluator, FinishedRun, Runner
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.evaluation.verdict import judge
-from rvsg.report.answer import cause_of
+from rvsg.report.answer_row import cause_of
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Outcome, Run
 

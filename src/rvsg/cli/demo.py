@@ -122,7 +122,7 @@ def recording_folder(name: str | None) -> Path:
 def what_it_means(plan: Plan, summary: Summary) -> str:
     """Return what the verdict says and what it does not say, for a reader who sees one for the first time."""
     from rvsg.evaluation.verdict import Status, counted, number, still_open
-    from rvsg.report.answer import status_of
+    from rvsg.report.answer_row import status_of
 
     confirmed, name = summary.confirmed, plan.requirement.name
     tried = "the model's " + (counted(len(summary.ranking), "scenario") if len(summary.ranking) != 1 else "scenario")

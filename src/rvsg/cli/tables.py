@@ -13,7 +13,8 @@ from rich.text import Text
 from rvsg.campaign.attempt import Plan
 from rvsg.cli.console import as_started, console, say
 from rvsg.evaluation.verdict import counted, number
-from rvsg.report.answer import Answer, Row, Tone
+from rvsg.report.answer import Answer
+from rvsg.report.answer_row import Row, Tone
 from rvsg.report.summary import Summary
 from rvsg.report.terminal import describe_finding
 

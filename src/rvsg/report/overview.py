@@ -26,7 +26,8 @@ from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.core.outputs import check_writable
 from rvsg.evaluation.verdict import counted, number
-from rvsg.report.answer import Answer, Row
+from rvsg.report.answer import Answer
+from rvsg.report.answer_row import Row
 from rvsg.report.renderer import render
 from rvsg.report.stills import Turn, pin_radius, plan_markup, spread
 from rvsg.report.summary import Summary

@@ -12,7 +12,8 @@ from rvsg.campaign.ranking import best_attempt, confirmed_candidate, search_atte
 from rvsg.evaluation.verdict import counted, metres, number, outcome_in_words, percent, value_in_words
 from rvsg.generation.generator import Call
 from rvsg.generation.vlm.recording import RecordedCall, Recording
-from rvsg.report.answer import Answer, status_of
+from rvsg.report.answer import Answer
+from rvsg.report.answer_row import status_of
 from rvsg.report.replay_data import distinct_colours, people_colours
 from rvsg.report.run_facts import AttemptFacts, footprint_of
 from rvsg.report.stills import Look, Turn

@@ -17,7 +17,7 @@ from nicegui import run, ui
 from nicegui.elements.mixins.text_element import TextElement
 
 from rvsg.core.errors import RvsgError
-from rvsg.report.answer import Row
+from rvsg.report.answer_row import Row
 from rvsg_studio.workspace import Workspace
 
 PAGES = (

@@ -21,7 +21,7 @@ from rvsg.campaign.suite_folder import HEAD
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import write_whole
 from rvsg.core.records import Record
-from rvsg.report.answer import Row
+from rvsg.report.answer_row import Row
 from rvsg.report.summary import summarise, tried_of
 
 DEEPEST = 6

@@ -17,7 +17,8 @@ from rvsg.campaign.attempt import Attempt
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.plugins import ignore
 from rvsg.evaluation.verdict import how_sure
-from rvsg.report.answer import Answer, Row, answer_of_runs
+from rvsg.report.answer import Answer, answer_of_runs
+from rvsg.report.answer_row import Row
 from rvsg.scenario.builder import save_scenario, without_people
 from rvsg_exchange import formats as exchange
 from rvsg_studio.frame import (

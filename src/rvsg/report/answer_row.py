@@ -1,0 +1,295 @@
+"""The row of a configuration: what its runs show, in finished words and numbers, and what causes it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+from rvsg.campaign.attempt import Attempt, Measurement
+from rvsg.campaign.findings import Finding, Smallest
+from rvsg.campaign.observation import mode_of, usual
+from rvsg.core.records import Record
+from rvsg.evaluation.detection import contacts, place_namer
+from rvsg.evaluation.run_events import Contact, place_name
+from rvsg.evaluation.sampled import sampled
+from rvsg.evaluation.verdict import (
+    Status,
+    Verdict,
+    counted,
+    metres,
+    number,
+    percent,
+    still_open,
+    violated,
+)
+from rvsg.report.summary import Ranked, Standing
+from rvsg.scenario.requirement import Requirement
+from rvsg.simulation.run import Run
+from rvsg.world.world import World
+
+Violated = Literal["yes", "no", "open", "no limit"]
+Often = Literal["always", "sometimes", "rarely", "not settled"]
+Tone = Literal["bad", "warn", "good", "quiet"]
+MOVED = {
+    "robot": "the robot drives into the person",
+    "person": "the person walks into the robot",
+    "both": "both move",
+    "neither": "neither approaches",
+}
+"""Who moves where robot and person first touch."""
+OPEN_STATUS = "VIOLATED"
+"""The status where the requirement is violated, and FAIL or FLAKY is open."""
+LISTED = 3
+"""People that are named as a cause; of more, their number."""
+MANY = 4
+"""Of more people than this, none may explain a violation alone."""
+
+
+class Row(Record):
+    """A configuration, by its confirmation runs; without these by those of the search."""
+
+    number: str
+    """Scenario and configuration, from 1, e.g. `3.2`."""
+    attempt: int
+    """The attempt of the search."""
+    confirmation: int | None
+    """The attempt that confirms it."""
+    state: Standing
+    name: str
+    """What happens, where and to whom."""
+    who: str
+    """The person nearest to the robot in the run that is shown; empty without people."""
+    place: str
+    status: str
+    """The code of the verdict, VIOLATED where FAIL or FLAKY is open, `candidate` or `not violated`."""
+    tone: Tone
+    violated: Violated
+    often: Often
+    violations: int
+    runs: int
+    share: str
+    """E.g. `15/15`."""
+    interval: str
+    """The interval of the share, e.g. `78 to 100 %`; empty without a limit."""
+    bounds: tuple[float, float] | None
+    """The same as numbers from 0 to 1, for a bar."""
+    measured: str
+    """The judged quantity over the runs."""
+    contacts: int
+    contact: str
+    """Runs with contact, e.g. `1/15`."""
+    touch: str
+    """How fast and who moves where they touch; empty without contact."""
+    closest: str
+    """The smallest gap."""
+    arrived: str
+    others: str
+    """Runs that end before the goal or touch an obstacle; empty where none does."""
+    cause: str
+    """The people who cause it, in short."""
+    caused: str
+    """The runs that show it."""
+    shrunk: str
+    """What of the scenario does not matter, or why that is not known."""
+    run: str
+    """The id of the run that shows it: of those that fail as most do, with the longest contact, else the worst."""
+    moment_s: float
+    """When in that run it happens."""
+
+    @property
+    def counts(self) -> bool:
+        """Whether confirmation runs violate the requirement or touch a person."""
+        return self.state == "confirmed" and (self.violated == "yes" or self.contacts > 0)
+
+
+def share_of(runs: int, of: int) -> str:
+    """Return runs of a number of runs as `8/65`."""
+    return f"{runs}/{of}"
+
+
+def between(verdict: Verdict) -> str:
+    """Return the interval of the share of violating runs, e.g. `78 to 100 %`."""
+    if verdict.violation_interval is None:
+        return ""
+    low, high = verdict.violation_interval
+    return f"{100 * low:.0f} to {percent(high)}"
+
+
+def is_violated(verdict: Verdict) -> Violated:
+    """Return whether runs violate the requirement; `open` where they do not tell."""
+    if verdict.status is Status.UNJUDGED:
+        return "no limit"
+    return "yes" if violated(verdict) else "no" if verdict.status is Status.PASS else "open"
+
+
+def status_of(verdict: Verdict) -> str:
+    """Return the code of a verdict; VIOLATED where it surely is and only how often is open."""
+    return OPEN_STATUS if still_open(verdict) else verdict.status.value
+
+
+def how_often(verdict: Verdict) -> Often:
+    """Return how often runs violate the requirement."""
+    words: dict[Status, Often] = {Status.FAIL: "always", Status.FLAKY: "sometimes", Status.PASS: "rarely"}
+    return words.get(verdict.status, "not settled")
+
+
+def tone_of(verdict: Verdict, touched: int) -> Tone:
+    """Return the tone of a verdict: bad where it is violated, good where it passed and nobody is touched."""
+    return "bad" if violated(verdict) else "warn" if touched else "good" if verdict.status is Status.PASS else "quiet"
+
+
+class _Shown:
+    """The run that shows a configuration best, and what it shows."""
+
+    def __init__(
+        self,
+        measurements: Sequence[Measurement],
+        requirement: Requirement,
+        world: World,
+        run_of: Callable[[str], Run],
+    ) -> None:
+        touched = [m for m in measurements if (m.values.get("contacts") or 0.0) > 0.0]
+        bad = [m for m in measurements if m.objective is not None and requirement.violated_by(m.objective)]
+        chosen = touched if touched and 2 * len(touched) >= len(bad) else bad or list(measurements)
+        runs = {m.run_id: run_of(m.run_id) for m in chosen}
+        modes = {run_id: mode_of(run, world) for run_id, run in runs.items()}
+        self.mode = usual(modes.values())
+        usual_ones = [m for m in chosen if modes[m.run_id] == self.mode] or chosen
+
+        def worst(m: Measurement) -> tuple[float, float]:
+            badness = float("-inf") if m.objective is None else requirement.badness(m.objective)
+            return (m.values.get("contact_longest") or 0.0, badness)
+
+        self.run = runs[max(usual_ones, key=worst).run_id]
+        self.who, self.moment_s = _nearest(self.run)
+        self.touch = ""
+        if touched:
+            met = [_contacts(run_of(m.run_id), world) for m in touched]
+            first = [touches[0] for touches in met if touches]
+            speed = max((m.values.get("contact_speed") or 0.0) for m in touched)
+            moved = [MOVED[who] for who, _ in Counter(each.moved_by for each in first).most_common(1)]
+            self.touch = ", ".join([f"up to {number(speed, 'm/s')}", *moved])
+            if own := _contacts(self.run, world):
+                self.who, self.moment_s = own[0].person, own[0].time_s
+
+    def name(self, world: World) -> str:
+        """Return what happens, where and to whom."""
+        if self.mode is not None:
+            return f"{self.mode.name}: {self.who}"
+        path = self.run.trajectory
+        at = place_name(world, float(path.x[-1]), float(path.y[-1])) if len(path) else "the start"
+        return f"Ends at {at}, {self.run.outcome.value}"
+
+
+def _nearest(run: Run) -> tuple[str, float]:
+    """Return who comes nearest to the robot, and when (s)."""
+    if not run.human_names or not len(run.trajectory):
+        return "", 0.0
+    gap = sampled(run).gap
+    row = int(gap.min(axis=1).argmin())
+    return run.human_names[int(gap[row].argmin())], float(run.trajectory.t[row])
+
+
+def _contacts(run: Run, world: World) -> list[Contact]:
+    return sorted(contacts(sampled(run, world), place_namer(world)), key=lambda contact: contact.time_s)
+
+
+def row_of(
+    entry: Ranked,
+    shown: Attempt,
+    requirement: Requirement,
+    world: World,
+    run_of: Callable[[str], Run],
+    finding: Finding | None = None,
+) -> Row:
+    """Return the row of a configuration.
+
+    Args:
+        shown: The attempt whose runs are shown.
+        finding: What its confirmation means; None without one.
+    """
+    verdict, seen = entry.verdict, entry.seen
+    best = _Shown(shown.measurements, requirement, world, run_of)
+    cause, caused = cause_of(finding) if finding is not None else ("–", "not confirmed")
+    bounds = verdict.violation_interval
+    gap = metres(seen.least_clearance_m) if seen.least_clearance_m is not None else "–"
+    return Row(
+        number=entry.number,
+        attempt=entry.attempt,
+        confirmation=shown.index if shown.purpose == "confirmation" else None,
+        state=entry.state,
+        name=best.name(world),
+        who=best.who,
+        place=best.mode.place if best.mode is not None else "",
+        status=status_of(verdict) if entry.state == "confirmed" else entry.state,
+        tone=tone_of(verdict, seen.contacts.runs) if entry.state == "confirmed" else "quiet",
+        violated=is_violated(verdict),
+        often=how_often(verdict),
+        violations=verdict.violations,
+        runs=verdict.runs,
+        share=share_of(verdict.violations, verdict.runs) if bounds is not None else "–",
+        interval=between(verdict),
+        bounds=bounds,
+        measured=_measured(verdict, requirement),
+        contacts=seen.contacts.runs,
+        contact=share_of(seen.contacts.runs, seen.contacts.of) if seen.contacts.of else "–",
+        touch=best.touch,
+        closest=metres(0.0) if seen.contacts.runs else gap,
+        arrived=share_of(seen.arrived.runs, seen.arrived.of) if seen.arrived.of else "–",
+        others=_others(shown, seen.arrived.runs, seen.arrived.of),
+        cause=cause,
+        caused=caused,
+        shrunk=_shrunk(finding.smallest) if finding is not None and finding.smallest is not None else "",
+        run=best.run.id,
+        moment_s=round(best.moment_s, 1),
+    )
+
+
+def _others(shown: Attempt, arrived: int, of: int) -> str:
+    gaps = [gap for m in shown.measurements if (gap := m.values.get("obstacle_distance")) is not None]
+    hits, late = sum(gap <= 0.0 for gap in gaps), of - arrived
+    said = [f"{share_of(late, of)} do not arrive"] if late else []
+    return ", ".join([*said, f"{share_of(hits, len(gaps))} touch an obstacle"] if hits else said)
+
+
+def _measured(verdict: Verdict, requirement: Requirement) -> str:
+    """Return the mean of the judged quantity; where runs did not arrive, the median and their number."""
+    if not verdict.censored:
+        return f"{'mean ' if verdict.runs > 1 else ''}{number(verdict.mean, requirement.unit)}"
+    late = f"{share_of(verdict.censored, verdict.runs)} late"
+    return late if verdict.median is None else f"{number(verdict.median, requirement.unit)}, {late}"
+
+
+def cause_of(finding: Finding) -> tuple[str, str]:
+    """Return who causes a violation, as far as runs with fewer people tell it from chance, and which runs show it."""
+    alone, blamed = finding.without_people, finding.blamed
+    if not finding.violated:
+        return "–", "not violated"
+    if finding.about_people == "no" and alone is not None:
+        return "not the people", f"alone: {share_of(alone.violated, alone.of)}"
+    if blamed:
+        names = ", ".join(each.without for each in blamed)
+        first = blamed[0]
+        return (
+            names if len(blamed) <= LISTED else counted(len(blamed), "person", "people"),
+            f"without {first.without}: {share_of(first.violated, first.of)}",
+        )
+    if len(finding.cause) > MANY:
+        return "no single person", f"none explains it ({len(finding.cause)} tried)"
+    if finding.cause:
+        least = min(finding.cause, key=lambda each: each.p)
+        return "open", f"without {least.without} {share_of(least.violated, least.of)} violate: not told apart"
+    if finding.about_people == "yes" and alone is not None:
+        return "the people", f"alone: {share_of(alone.violated, alone.of)}"
+    return "open", "too few runs to tell" if alone is not None else "not tried"
+
+
+def _shrunk(smallest: Smallest) -> str:
+    """Return what of a scenario does not matter, where its rate is not told apart from that of the original."""
+    left = f"{share_of(smallest.violated, smallest.of)} runs violate, {share_of(smallest.before, smallest.of)} before"
+    if not smallest.holds:
+        return f"Could not be shrunk: {left}; that is too few, or fewer than before."
+    taken = "; ".join(smallest.taken_away)
+    same = f"{left}, not told apart (p {smallest.rarer:.2g})"
+    return f"Does not matter: {taken} ({same})." if taken else f"Everything in it matters ({same})."
