@@ -52,12 +52,6 @@ class Rebuilt:
         return 2 * sum(each.repeats for each in self.fidelities) >= len(self.fidelities)
 
     @property
-    def violations(self) -> int:
-        """How many runs violate the requirement."""
-        values = [measured.objective for measured in self.judged.measurements]
-        return sum(value is not None and self.requirement.violated_by(value) for value in values)
-
-    @property
     def verdict(self) -> str:
         """Whether the scenario repeats the recording, and how its runs are judged, in words."""
         count = sum(each.repeats for each in self.fidelities)
@@ -70,7 +64,8 @@ class Rebuilt:
         )
         if self.requirement.threshold is None:
             return said
-        return f"{said} {self.violations} of {counted(len(self.runs), 'run')} violate {self.requirement.name}."
+        bad = self.judged.verdict.violations
+        return f"{said} {bad} of {counted(len(self.runs), 'run')} violate {self.requirement.name}."
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -249,7 +244,7 @@ def suite_of_recordings(cases: Sequence[RecordedCase], suite: str | Path, requir
     made = Suite.create(suite)
     for number, case in enumerate(cases, start=1):
         if case.rebuilt is not None:
-            bad = case.rebuilt.violations * 2 > len(case.rebuilt.runs)
+            bad = case.rebuilt.judged.verdict.violations * 2 > len(case.rebuilt.runs)
             name = f"{number:02}-{(case.kinds or ('nobody-near',))[0].replace(' ', '-')}"
             made = made.add(
                 case.rebuilt.made.scenario, requirement, name=name, title=case.title[:120],

@@ -79,9 +79,7 @@ class _Search:
     most: float
 
     def violations(self, scenario: Scenario) -> int:
-        pending = [self.runner.submit(scenario, seed, trial=True) for seed in self.seeds]
-        found = [run.measurement() for run in pending]
-        values = [measured.objective for measured in found if measured is not None]
+        values = [measured.objective for measured in self.runner.measured(scenario, self.seeds)]
         return sum(value is not None and self.requirement.violated_by(value) for value in values)
 
     def changes(self) -> list[NearChange]:

@@ -316,6 +316,11 @@ class Runner:
                 pending._submitted = self._ready().submit(scenario, seed, trial=trial)
         return pending
 
+    def measured(self, scenario: Scenario, seeds: Iterable[int]) -> list[Measurement]:
+        """Return what trials of a scenario measure, one for each seed; those that could not be made are left out."""
+        found = [pending.measurement() for pending in [self.submit(scenario, seed, trial=True) for seed in seeds]]
+        return [each for each in found if each is not None]
+
     def _stored(self, pending: PendingRun) -> FinishedRun | None:
         """Return a run that the ledger holds; None if it has to be made."""
         run = None if pending.trial or self._ledger is None else self._ledger.find(pending.run_id)

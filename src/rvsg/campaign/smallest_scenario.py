@@ -163,10 +163,8 @@ class Shrinker:
         return violations, len(seeds)
 
     def _measured(self, scenario: Scenario, seeds: Sequence[int]) -> list[Measurement]:
-        pending = [self.runner.submit(scenario, seed, trial=True) for seed in seeds]
-        found = [run.measurement() for run in pending]
-        self.runs += len(found)
-        return [measured for measured in found if measured is not None]
+        self.runs += len(seeds)
+        return self.runner.measured(scenario, seeds)
 
 
 def size(people: HumanConfiguration) -> tuple[int, int, int, int, int]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from rvsg.core.errors import FileError
 from rvsg.core.records import text_id
+from rvsg.evaluation.sampled import wrap
 from rvsg.recording.tracks import GAP_S, Floats, Note, PersonTrack, Recording, gaps_of
 from rvsg.simulation.archive import RunHeader
 from rvsg.simulation.run import Outcome, Run, Trajectory
@@ -113,7 +114,7 @@ def _person(recording: Recording, person: PersonTrack, times: Floats, notes: lis
         [
             np.interp(times, seen, track[:, 1]),
             np.interp(times, seen, track[:, 2]),
-            np.arctan2(np.sin(yaw), np.cos(yaw)),
+            wrap(yaw),
             np.interp(times, seen, np.nan_to_num(speed)),
         ]
     )

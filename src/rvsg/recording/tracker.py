@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.recording.tracks import PersonTrack
+from rvsg.world.space import frame_of
 from rvsg.world.world import OCCUPIED, OccupancyMap
 
 Floats = NDArray[np.float64]
@@ -40,18 +41,12 @@ class _Filter:
 
     def expected(self, t: float) -> tuple[Floats, float]:
         """Return where the person is expected, and the standard deviation of that, m."""
-        dt = t - self.t
-        q = JERK_M_S2**2
-        return self.place + dt * self.velocity, math.sqrt(
-            self.p + 2.0 * dt * self.c + dt * dt * self.v + q * dt**4 / 4.0
-        )
+        place, p, _, _ = self._predicted(t)
+        return place, math.sqrt(p)
 
     def update(self, t: float, place: Floats) -> None:
-        dt, q = t - self.t, JERK_M_S2**2
-        expected = self.place + dt * self.velocity
-        p = self.p + 2.0 * dt * self.c + dt * dt * self.v + q * dt**4 / 4.0
-        c = self.c + dt * self.v + q * dt**3 / 2.0
-        v = self.v + q * dt * dt
+        """Take a place as that of the person."""
+        expected, p, c, v = self._predicted(t)
         gain, slope = p / (p + PLACE_M**2), c / (p + PLACE_M**2)
         change = place - expected
         self.place, self.velocity = expected + gain * change, self.velocity + slope * change
@@ -59,6 +54,12 @@ class _Filter:
         self.t = t
         self.rows.append((t, float(place[0]), float(place[1])))
         self.errors.append(math.sqrt(self.p))
+
+    def _predicted(self, t: float) -> tuple[Floats, float, float, float]:
+        """Return the place at a time, its variance, its covariance with the velocity, and the velocity's variance."""
+        dt, q = t - self.t, JERK_M_S2**2
+        p = self.p + 2.0 * dt * self.c + dt * dt * self.v + q * dt**4 / 4.0
+        return self.place + dt * self.velocity, p, self.c + dt * self.v + q * dt**3 / 2.0, self.v + q * dt * dt
 
 
 def track_places(frames: Iterable[tuple[float, Floats]], *, moving: bool = False) -> tuple[PersonTrack, ...]:
@@ -139,22 +140,12 @@ class LegDetector:
         points = np.column_stack(
             [x + ranges * np.cos(yaw + scan.angles[known]), y + ranges * np.sin(yaw + scan.angles[known])]
         )
-        points = points[self._unexplained(points)]
+        points = points[frame_of(self.occupancy).looked_up(self._far, points) > EXPLAINED_M]
         if not len(points):
             return np.empty((0, 2))
         near = [self._leg(part) for part in _parts(points)]
         legs = np.array([leg for leg in near if leg is not None]).reshape(-1, 2)
         return np.array([legs[group].mean(axis=0) for group in _pairs(legs)]).reshape(-1, 2)
-
-    def _unexplained(self, points: Floats) -> NDArray[np.bool_]:
-        origin, size = self.occupancy.origin, self.occupancy.resolution
-        columns = np.floor((points[:, 0] - origin.x) / size).astype(int)
-        rows = np.floor((points[:, 1] - origin.y) / size).astype(int)
-        high, wide = self._far.shape
-        inside = (rows >= 0) & (rows < high) & (columns >= 0) & (columns < wide)
-        free = np.zeros(len(points), bool)
-        free[inside] = self._far[rows[inside], columns[inside]] > EXPLAINED_M
-        return free
 
     def _leg(self, part: Floats) -> Floats | None:
         width = float(np.hypot(*(part[-1] - part[0])))

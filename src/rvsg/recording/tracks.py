@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from rvsg.core import plugins
 from rvsg.core.errors import FileError
 from rvsg.core.records import Record
+from rvsg.evaluation.sampled import wrap
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.archive import RunHeader
 from rvsg.simulation.run import Trajectory
@@ -149,7 +150,7 @@ class Recording:
         if not len(self.robot):
             return max((person.end_s for person in self.people), default=0.0)
         rest = self.robot[-1]
-        turned = np.abs(np.angle(np.exp(1j * (self.robot[:, 3] - rest[3]))))
+        turned = np.abs(wrap(self.robot[:, 3] - rest[3]))
         away = np.flatnonzero((np.hypot(*(self.robot[:, 1:3] - rest[1:3]).T) > STARTS_M) | (turned > STARTS_M))
         return min(float(rest[0]), float(self.robot[away[-1], 0]) + STARTS_S) if len(away) else float(rest[0])
 
