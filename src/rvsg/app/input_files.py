@@ -19,7 +19,7 @@ from rvsg.world.world_folder import file_names, shipped_worlds, world_folder
 
 INPUTS = "inputs"
 """The folder of the copies in the folder of a campaign."""
-COPIED = ("world", "requirement", "also", "robot", "moved", "stack")
+COPIED = ("world", "requirement", "also", "robot", "moved", "stack", "start_from")
 
 
 def paths_of(values: Mapping[str, Any], begun_in: str | None, folder: Path) -> dict[str, str]:

@@ -33,6 +33,7 @@ from rvsg.app.settings import (
     CampaignFile,
     called,
     effective,
+    of_start,
     option_of,
     safe_name,
 )
@@ -98,7 +99,7 @@ class Matrix:
         known = tuple((route, requirement) for route, requirement in stored.pop(PAIRS, product))
         paths = paths_of(stored, begun_in, Path(asked["out"])) if stored else {}
         asked = as_stored(asked, paths)
-        values = {**stored, **asked}
+        values = of_start({**stored, **asked})
         names = {key: _names(values.get(key, CampaignConfig.model_fields[key].default)) for key in LISTED}
         if not stored and all(len(each) == 1 and each != ["all"] for each in names.values()):
             return None

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import types
+from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from functools import cache
 from pathlib import Path
@@ -36,6 +37,7 @@ SEARCH = "How to find scenarios"
 RUNS = "How it is simulated"
 MODEL = "A vision language model"
 OUTPUT = "What comes out"
+NEAR = 0.5
 GROUPS = (TEST, SEARCH, RUNS, MODEL, OUTPUT)
 
 
@@ -132,6 +134,24 @@ class CampaignConfig(Record):
             file="path",
         ),
     ] = None
+    start_from: Annotated[
+        str | None,
+        Field(min_length=1, exclude_if=lambda path: path is None),
+        Setting(
+            "A scenario to search near, e.g. of a recording.",
+            SEARCH,
+            more="World, route, robot and number of people are those of the scenario where they are left out; more "
+            "people are added. The strategy is `study`.",
+            option="--from",
+            metavar="FILE",
+            file="path",
+        ),
+    ] = None
+    near: Annotated[
+        float,
+        Field(gt=0, le=10, exclude_if=lambda near: near == NEAR),
+        Setting("How far people may be from that scenario, metres and seconds.", SEARCH, more="And a fifth in m/s."),
+    ] = NEAR
     generator: Annotated[
         str | None,
         Setting(
@@ -337,9 +357,9 @@ class CampaignConfig(Record):
     @model_validator(mode="before")
     @classmethod
     def _usual_strategy(cls, values: Any) -> Any:
-        """Return where a model writes, a strategy that is left out is the study's."""
+        """Where a model writes, or a scenario is searched near, a strategy that is left out is the study's."""
         if isinstance(values, dict) and "strategy" not in values:
-            asked = values.get("generator") == "vlm" or values.get("model") or values.get("replay")
+            asked = values.get("generator") == "vlm" or any(map(values.get, ("model", "replay", "start_from")))
             return {**values, "strategy": "study"} if asked else values
         return values
 
@@ -375,6 +395,8 @@ class CampaignConfig(Record):
         """The generator that is used."""
         if self.generator:
             return self.generator
+        if self.start_from is not None:
+            return "near"
         if self.strategy == "random":
             return "random"
         return "vlm" if self.model or self.replay else "heuristic"
@@ -537,11 +559,34 @@ def file_of(reference: str) -> str:
     return re.sub(r"(\.(?:ya?ml|py))[#:].*", r"\1", reference)
 
 
+def of_start(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings with those that a scenario to start from stands for, where they are left out.
+
+    Raises:
+        FileError: the file holds no scenario.
+    """
+    path, left_out = values.get("start_from"), {"world", "route", "robot", "humans"} - values.keys()
+    if not isinstance(path, str) or not left_out:
+        return dict(values)
+    from rvsg.scenario.builder import load_scenario_in
+    from rvsg.scenario.world_lookup import folder_of
+
+    scenario, _ = load_scenario_in(path, values.get("world"))
+    mission, robot = scenario.mission, scenario.mission.robot
+    known = {
+        "world": str(folder_of(mission.world_id) or mission.world),
+        "route": mission.route.name,
+        "robot": robot if isinstance(robot, str) else robot.name,
+        "humans": max(1, len(scenario.people.humans)),
+    }
+    return {**values, **{key: known[key] for key in left_out}}
+
+
 def effective(stored: dict[str, Any] | None, from_file: dict[str, Any], from_options: dict[str, Any]) -> CampaignConfig:
     """Return the configuration: the stored settings or the defaults, then the file, then the options."""
     values = {**(stored or {}), **from_file, **from_options}
     try:
-        return CampaignConfig(**values)
+        return CampaignConfig(**of_start(values))
     except pydantic.ValidationError as error:
         empty = [e for e in error.errors() if e["loc"] and e["loc"][0] in BUDGETS and e["input"] in (0, "0")]
         messages = [f"{e['loc'][0]}: {NO_CALL}" for e in empty]

@@ -23,10 +23,12 @@ from rvsg.core.plugins import Spec
 from rvsg.evaluation.signals import doubts_of
 from rvsg.evaluation.verdict import Procedure, load_requirement
 from rvsg.generation.generator import Abilities, Generator, InformedGenerator
-from rvsg.scenario.builder import check_mission, check_route, mission_of
+from rvsg.generation.near import NearGenerator
+from rvsg.robots.robot import Robot
+from rvsg.scenario.builder import check_mission, check_route, mission_of, read_scenario
 from rvsg.scenario.requirement import Requirement
-from rvsg.scenario.scenario import Mission
-from rvsg.scenario.world_lookup import doors_in, load_moved, load_world
+from rvsg.scenario.scenario import Mission, Scenario
+from rvsg.scenario.world_lookup import doors_in, load_moved, load_world, world_of
 from rvsg.simulation.simulators import Simulator, make_simulator
 from rvsg.simulation.stacks.protocol import NavigationStack
 from rvsg.store.knowledge_base import read_remembered
@@ -125,15 +127,20 @@ def wire(
     Raises:
         InputError: the first thing that cannot be used.
     """
-    world, route = _route_of(config)
+    start = read_scenario(Path(config.start_from))[0] if config.start_from is not None else None
+    world, route = _route_of(config, start)
     strategy = strategy_class(config)
     plugins.check_complete("strategy", strategy, Strategy)
     own = simulator is None
     simulator = make_simulator(simulator or config.simulator_spec, stack or config.stack_spec())
-    mission, notes = mission_of(world, route, config.robot, simulator.robots)
+    mission, notes = mission_of(world, route, _robot_of(config, start), simulator.robots)
+    if start is not None:
+        mission = mission.replace(driven=start.mission.driven)
     check_mission(mission, world)
     requirement = load_requirement(config.requirement, mission.route)
     also = also_of(config, requirement, mission, several=strategy.needs_several)
+    if start is not None and generator is None:
+        generator = _near(config, start)
     generator = _generator_of(config, generator, simulator, world, requirement)
     plugins.check_options("store", config.store, config.store_options, given=1)
     shared = Plan.model_fields.keys() & CampaignConfig.model_fields.keys()
@@ -164,15 +171,37 @@ def strategy_class(config: CampaignConfig) -> type[Strategy]:
     return found
 
 
-def _route_of(config: CampaignConfig) -> tuple[World, Route]:
-    """Return the world, with objects and doors as asked, and the route in it."""
+def _route_of(config: CampaignConfig, start: Scenario | None) -> tuple[World, Route]:
+    """Return the world, with objects and doors as asked, and the route in it; by its name that of the scenario."""
     world = load_world(config.world)
+    if start is not None:
+        world = world_of(start.mission, world)
     if config.moved is not None:
         world = world.with_moved(load_moved(config.moved, world))
     world = doors_in(world, config.doors)
-    route = world.route(config.route)
+    same = start is not None and start.mission.route.name == config.route
+    route = start.mission.route if start is not None and same else world.route(config.route)
     check_route(route, world)
     return world, route
+
+
+def _robot_of(config: CampaignConfig, start: Scenario | None) -> str | Robot:
+    """Return the robot that is named; by its name that of the scenario."""
+    robot = start.mission.robot if start is not None else None
+    return robot if isinstance(robot, Robot) and robot.name == config.robot else config.robot
+
+
+def _near(config: CampaignConfig, start: Scenario) -> NearGenerator:
+    """Return the generator of scenarios near the one to start from."""
+    if config.generator is not None:
+        raise InputError(
+            f"--from makes its scenarios of the one given, so --generator {config.generator} has nothing to do. "
+            "Leave one of the two out."
+        )
+    if config.humans < len(start.people.humans):
+        count = len(start.people.humans)
+        raise InputError(f"The scenario of --from has {count} people, and --humans asks for {config.humans}.")
+    return NearGenerator(start, config.near)
 
 
 def _generator_of(
