@@ -61,6 +61,7 @@ SURVIVING: dict[str, Any] = {
     "generator_options": {"tries": 3},
     "moved": "moved.yaml",
     "knowledge": "knowledge.json",
+    "start_from": str(FOUND.parents[1] / "three_people.json"),
     "prompts": "prompts",
 }
 """Values of settings that name something."""

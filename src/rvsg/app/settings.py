@@ -140,8 +140,7 @@ class CampaignConfig(Record):
         Setting(
             "A scenario to search near, e.g. of a recording.",
             SEARCH,
-            more="World, route, robot and number of people are those of the scenario where they are left out; more "
-            "people are added. The strategy is `study`.",
+            more="World, route, robot and number of people are the scenario's where left out; more people are added.",
             option="--from",
             metavar="FILE",
             file="path",

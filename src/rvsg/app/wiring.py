@@ -23,7 +23,6 @@ from rvsg.core.plugins import Spec
 from rvsg.evaluation.signals import doubts_of
 from rvsg.evaluation.verdict import Procedure, load_requirement
 from rvsg.generation.generator import Abilities, Generator, InformedGenerator
-from rvsg.generation.near import NearGenerator
 from rvsg.robots.robot import Robot
 from rvsg.scenario.builder import check_mission, check_route, mission_of, read_scenario
 from rvsg.scenario.requirement import Requirement
@@ -191,8 +190,10 @@ def _robot_of(config: CampaignConfig, start: Scenario | None) -> str | Robot:
     return robot if isinstance(robot, Robot) and robot.name == config.robot else config.robot
 
 
-def _near(config: CampaignConfig, start: Scenario) -> NearGenerator:
+def _near(config: CampaignConfig, start: Scenario) -> Generator:
     """Return the generator of scenarios near the one to start from."""
+    from rvsg.generation.near import NearGenerator
+
     if config.generator is not None:
         raise InputError(
             f"--from makes its scenarios of the one given, so --generator {config.generator} has nothing to do. "
