@@ -139,19 +139,25 @@ def heading(page: Path) -> str:
     raise SystemExit(f"{page.relative_to(ROOT)}: expected a first line `# Title`")
 
 
+def doors() -> Iterator[tuple[str, list[str]]]:
+    """The parts of the site's navigation in mkdocs.yml, each with its pages of Markdown."""
+    for door in NAVIGATION["nav"]:
+        for title, paths in door.items():
+            yield title, [path for path in paths if isinstance(path, str)]
+
+
 def index_page() -> str:
     """The list of all pages by the doors of the site's navigation in mkdocs.yml."""
     parts = ["# RVSG documentation\n\n", GENERATED, "- [README](../README.md)\n"]
-    for door in NAVIGATION["nav"]:
-        for title, paths in door.items():
-            listed = [path for path in paths if (DOCS / path).exists() and path != "index.md"]
-            parts += [f"\n## {title}\n\n", *(f"- [{heading(DOCS / path)}]({path})\n" for path in listed)]
+    for title, paths in doors():
+        listed = [path for path in paths if (DOCS / path).exists() and path != "index.md"]
+        parts += [f"\n## {title}\n\n", *(f"- [{heading(DOCS / path)}]({path})\n" for path in listed)]
     return "".join(parts)
 
 
 def unlisted() -> Iterator[str]:
     """Pages that the navigation of the site does not name."""
-    listed = {DOCS / path for door in NAVIGATION["nav"] for paths in door.values() for path in paths}
+    listed = {DOCS / path for _, paths in doors() for path in paths}
     for page in sorted({*DOCS.rglob("*.md")} - listed):
         yield f"{page.relative_to(ROOT)}: add it to `nav` in mkdocs.yml"
 

@@ -1,8 +1,8 @@
 """Pages of the documentation site that MkDocs makes while it builds, and links that leave the site.
 
-Generated: the API of the public names and of navigation stacks (by mkdocstrings), the fields of a robot file, and a
-page for each code of an error, warning or finding. A link to a file outside `docs` leads to the repository where
-RVSG_REPOSITORY_URL names it; else the file's path stands in its place.
+Generated: the API of the public names and of navigation stacks (by mkdocstrings), the fields of a robot file, a page
+for each code of an error, warning or finding, and the viewer of `.rvsg` files. A link to a file outside `docs` leads to
+the repository where RVSG_REPOSITORY_URL names it; else the file's path stands in its place.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from mkdocs.structure.pages import Page
 
 import rvsg
 from rvsg import stacks
+from rvsg.app.view import viewer_page
 from rvsg.cli.codes import explanation, sources
 from rvsg.robots.robot import Robot
 
@@ -29,6 +30,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the generated pages."""
     for path, text in generated_pages():
         files.append(File.generated(config, path, content=text))
+    files.append(File.generated(config, "viewer.html", content=viewer_page()))
     return files
 
 

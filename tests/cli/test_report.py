@@ -64,6 +64,13 @@ def test_the_folder_of_separate_campaigns_has_an_overview_and_links_both_ways(te
         assert 'href="../report.html"' in Path(f"all/{name}/report.html").read_text(encoding="utf-8")
 
 
+def test_a_rvsg_file_is_unpacked_beside_it_and_reported(terminal: Terminal) -> None:
+    cut_off(terminal, 7, "--out one")
+    terminal("export one --to view --out sent.rvsg")
+    assert "3 of 6" in terminal("report sent.rvsg") and Path("sent/report.html").is_file()
+    terminal.refused("report sent.rvsg")
+
+
 @pytest.mark.slow
 def test_of_several_campaigns_each_that_was_cut_off_or_never_began_is_told(terminal: Terminal) -> None:
     terminal("run", SMALL, "--route route_1 --route route_2 --route route_3 --out all")

@@ -10,6 +10,7 @@ from urllib.parse import urlsplit
 from tests.studio.conftest import HOSTILE, Server, Show, waited
 
 import rvsg
+from rvsg.app.view import write_view
 from rvsg_studio.listing import Lister
 from rvsg_studio.workspace import notes_of
 
@@ -91,3 +92,17 @@ def test_campaigns_of_a_matrix_are_one_row(show: Show, studio: Server) -> None:
     tab = show()
     row = tab.locator("tr", has=tab.get_by_role("link", name="runs/all", exact=True))
     assert row.locator("a.chip").count() == 2
+
+
+def test_a_rvsg_file_that_is_dropped_on_home_opens_as_a_campaign(show: Show, studio: Server) -> None:
+    first = studio.folder / "runs" / "first"
+    write_view(first, studio.folder.parent / "sent.rvsg")
+    tab = show()
+    field = tab.locator("[data-studio=view][data-ready] input")
+    field.set_input_files(studio.folder.parent / "sent.rvsg")
+    tab.get_by_text(rvsg.Campaign.open(first).answer.headline).first.wait_for()
+    assert (studio.folder / "received" / "sent" / "ledger.sqlite").is_file()
+    studio.refuses = True
+    tab.goto(studio.base)
+    field.set_input_files(studio.folder.parent / "sent.rvsg")
+    tab.get_by_text("is there already").wait_for()

@@ -21,7 +21,12 @@ app = verb()
 
 @app.command()
 def report(
-    store: Annotated[Path, typer.Argument(help="The folder of a campaign or of several, or a ledger.")],
+    store: Annotated[
+        Path,
+        typer.Argument(
+            help="The folder of a campaign or of several, a ledger, or a .rvsg file, which is unpacked beside it."
+        ),
+    ],
     html: Annotated[Path | None, typer.Option(help="Write the page here. [report.html in the folder]")] = None,
     junit: Junit = None,
     tables: Annotated[
@@ -41,7 +46,9 @@ def report(
     """
     from rvsg.app.folder import holds_several
     from rvsg.app.matrix import folders_of, reported, write_junit, write_study_tables
+    from rvsg.app.view import SUFFIX, unpack_campaign
 
+    store = unpack_campaign(store) if store.suffix == SUFFIX and store.is_file() else store
     several = holds_several(store)
     paths = folders_of(store, begin=as_started(shlex.join(["rvsg", "run", "--out", str(store)])))
     if tables is not None:

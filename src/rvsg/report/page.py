@@ -188,7 +188,8 @@ def _shared(shown: Shown, replayed: Sequence[AttemptFacts], *, label: str = "") 
     data = data_of(replayed, mission=plan.mission, requirement=plan.requirement, world=world, floor=floor)
     if label:
         data["groups"][0] |= {"label": label, "purpose": "given"}
-    first = answer.rows[0] if answer.rows else None
+    if answer.rows:
+        data["opens"] = {"run": answer.rows[0].run, "t": answer.rows[0].moment_s}
     return {
         "answer": answer,
         "cards": failure_cards(shown),
@@ -199,7 +200,6 @@ def _shared(shown: Shown, replayed: Sequence[AttemptFacts], *, label: str = "") 
         "robot": robot_words(plan.mission),
         "place": f"{world.title}, {plan.mission.route.name}",
         "doors": plan.mission.doors,
-        "opens": {"run": first.run, "t": first.moment_s} if first else {},
         "replay": script_safe(data) if data["groups"] else None,
         "runs": run_rows(shown) if not label else run_rows_of(replayed[0], plan.requirement.unit),
         "component": Markup(component()),  # noqa: S704 - our own files

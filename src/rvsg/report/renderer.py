@@ -54,8 +54,13 @@ def script_safe(value: Any) -> Markup:
 
 
 def component() -> str:
-    """Return the JavaScript of the replay and its traces; the files in `static` say how to use them."""
-    return _texts("static", "replay.js", "trace.js")
+    """Return the JavaScript of the replay, its traces and report pages; the files in `static` say how to use them."""
+    return _texts("static", "replay.js", "trace.js", "page.js")
+
+
+def viewer_script(largest: int) -> str:
+    """Return the JavaScript of the viewer of `.rvsg` files of at most so many bytes, unpacked."""
+    return _texts("static", "viewer.js").replace("RVSG_LARGEST", str(largest))
 
 
 def look() -> str:

@@ -206,6 +206,11 @@ class SqliteLedger(Ledger):
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    def snapshot(self) -> bytes:
+        """Return the content of the file as it stands, the write-ahead log included."""
+        with self._lock, self._translated():
+            return bytes(self._db.serialize())
+
     def close(self) -> None:
         """Close the file."""
         if self._connection is not None:

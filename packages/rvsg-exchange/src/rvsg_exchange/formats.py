@@ -17,6 +17,7 @@ from jinja2 import Environment, PackageLoader
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from rvsg.app.view import viewer_page, write_view
 from rvsg.campaign.run_set import RunSet, simulate
 from rvsg.core import plugins
 from rvsg.core.errors import InputError, UnknownName, how_to_install
@@ -306,6 +307,8 @@ class FoxgloveLayout(Exporter):
         return ()
 
 
+VIEW, VIEWER = "view", "viewer"
+"""A campaign or the results of a suite as one file, and the page that opens it: no formats of another tool."""
 LONGEST_PAUSE_S = 600.0
 
 
@@ -327,7 +330,8 @@ def export(
 
     Args:
         source: a scenario, runs, or a file of either. A format of runs simulates a scenario first, with the seed.
-        format: a name registered under `rvsg.exporters`.
+            For `view` the folder of a campaign, or a file of results of `rvsg suite run --json`.
+        format: a name registered under `rvsg.exporters`; `view`, or `viewer`, the page that opens views.
         dialect: of `hunav`: flat, block, v2.
         release: of `nav2-goals`: humble, jazzy, kilted.
         trace: for `mcap`: simulate the run again and record scans, costmaps and plans, too.
@@ -336,8 +340,16 @@ def export(
         UnknownName: the format, dialect or release does not exist.
         InputError: the source does not fit the format, or a library is missing.
     """
-    if format not in plugins.names("exporter"):
-        raise UnknownName("format", format, plugins.names("exporter"))
+    if format not in (known := [*plugins.names("exporter"), VIEW, VIEWER]):
+        raise UnknownName("format", format, known)
+    if format == VIEWER:
+        write_whole(Path(out), viewer_page())
+        return ()
+    if format == VIEW:
+        if not isinstance(source, str | Path):
+            raise InputError("A view is of the folder of a campaign, or of a file of results of a suite.")
+        write_view(Path(source), Path(out))
+        return (f"{out} opens in viewer.html (rvsg export --to viewer) and with rvsg report or rvsg studio.",)
     options: dict[str, dict[str, Any]] = {"hunav": {"dialect": dialect}, "nav2-goals": {"release": release}}
     exporter: Exporter = plugins.make("exporter", format, options.get(format, {}))
     if exporter.takes == "nothing":

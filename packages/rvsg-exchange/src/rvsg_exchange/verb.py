@@ -23,18 +23,23 @@ def export(
     to: Annotated[
         str,
         typer.Option(
-            help="csv, parquet, mcap, rerun (runs); hunav, nav2-goals, initial-pose, osc, sdf; foxglove-layout."
+            help="view (a campaign or results of a suite), viewer; csv, parquet, mcap, rerun (runs); hunav, "
+            "nav2-goals, initial-pose, osc, sdf; foxglove-layout."
         ),
     ],
     out: Annotated[Path, typer.Option(help="The file to write.")],
-    source: Annotated[Path | None, typer.Argument(help="A scenario or runs, as JSON.")] = None,
+    source: Annotated[
+        Path | None, typer.Argument(help="A scenario or runs, as JSON; for view the folder of a campaign.")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the run that a scenario is simulated with.")] = 0,
     world: OtherWorld = None,
     dialect: Annotated[str, typer.Option(help="Of hunav: flat, block or v2.")] = "block",
     release: Annotated[str, typer.Option(help="Of nav2-goals: humble, jazzy or kilted.")] = "jazzy",
     trace: Annotated[bool, typer.Option("--trace", help="For mcap: record scans, costmaps and plans, too.")] = False,
 ) -> None:
-    """Write a scenario or its runs for another tool: Foxglove, HuNavSim, Nav2, Gazebo, OpenSCENARIO, pandas.
+    """Write a scenario or its runs for another tool, or a campaign as one .rvsg file that a browser opens.
+
+    Tools: Foxglove, HuNavSim, Nav2, Gazebo, OpenSCENARIO, pandas. The viewer of .rvsg files is a page, `--to viewer`.
 
     A format of runs simulates a scenario first, with --seed. What the format cannot hold is printed.
     """

@@ -23,6 +23,7 @@ import rvsg
 from rvsg import Scenario, Spec, World
 from rvsg.app.comparison import VersionComparison, compare_versions
 from rvsg.app.playback import kept_trace, trace_source
+from rvsg.app.view import SUFFIX
 from rvsg.campaign.run_set import RunSet
 from rvsg.core import permission
 from rvsg.core.errors import InputError, RvsgError
@@ -52,7 +53,17 @@ from rvsg_studio.scenario_editor import (
     try_out,
     with_person,
 )
-from rvsg_studio.workspace import LARGEST_FILE, Workspace, forget, listed, read_json, receive, typed, typed_keep
+from rvsg_studio.workspace import (
+    LARGEST_FILE,
+    Workspace,
+    forget,
+    listed,
+    read_json,
+    receive,
+    receive_view,
+    typed,
+    typed_keep,
+)
 from rvsg_studio.world_editor import History, editable_world, remarks_on
 
 Answer = Callable[[Workspace, dict[str, Any]], Any]
@@ -465,7 +476,8 @@ def add_data(app: FastAPI, workspace: Workspace) -> None:
         content = await _limited(request, LARGEST_FILE)
         if content is None:
             return JSONResponse({"error": f"{name}: the file has more than {LARGEST_FILE} bytes."}, status_code=413)
-        return await _answered(workspace, lambda place, _: receive(place, name, content), {})
+        taken = receive_view if name.endswith(SUFFIX) else receive
+        return await _answered(workspace, lambda place, _: taken(place, name, content), {})
 
 
 async def _limited(request: Request, most: int) -> bytes | None:

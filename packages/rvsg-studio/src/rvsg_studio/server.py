@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl, quote, urlencode
 
+from rvsg.app.view import SUFFIX, unpack_view
 from rvsg.core import plugins
 from rvsg.core.errors import FileError, InputError, how_to_install
 
@@ -29,7 +30,7 @@ OWN = ".rvsg-studio"
 
 
 def serve(folder: Path, *, port: int | None, browser: bool, say: Callable[[str], None]) -> None:
-    """Serve the studio of a folder until it is interrupted.
+    """Serve the studio of a folder, or of an unpacked `.rvsg` file, until it is interrupted.
 
     Args:
         port: the port; 0 is any free one, None the usual one or, where that is taken, any free one.
@@ -39,6 +40,8 @@ def serve(folder: Path, *, port: int | None, browser: bool, say: Callable[[str],
         InputError: NiceGUI is not installed, or the port is taken.
         FileError: the folder is missing or cannot be written.
     """
+    if folder.suffix == SUFFIX and folder.is_file():
+        folder = unpack_view(folder)
     if not folder.is_dir():
         raise FileError(folder, "this is no folder. Name an existing one: rvsg studio DIR")
     os.chdir(folder)  # relative paths of settings and command lines are read from the folder of the studio

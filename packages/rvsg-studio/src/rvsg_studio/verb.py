@@ -15,9 +15,9 @@ app = verb()
 
 @app.command()
 def studio(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder with your worlds, campaigns, suites.")] = (
-        Path()
-    ),
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="The folder with your worlds, campaigns, suites; or a .rvsg file.")
+    ] = (Path()),
     port: Annotated[
         int | None, typer.Option(min=0, max=65535, help="Port of 127.0.0.1; 0 is any free one. [8420, else any]")
     ] = None,

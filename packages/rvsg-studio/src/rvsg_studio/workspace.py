@@ -22,6 +22,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections import OrderedDict
@@ -30,10 +31,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
 from typing import Annotated, Any, Literal, TypeVar, cast
+from urllib.parse import urlencode
 
 import yaml
 from pydantic import Field
 
+from rvsg.app.folder import LEDGER
+from rvsg.app.view import unpack_view
 from rvsg.core.documents import read_document
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
@@ -359,6 +363,18 @@ def receive(workspace: Workspace, name: str, content: bytes) -> dict[str, Any]:
         raise InputError(f"{MOST} files wait already. Remove them first.")
     write_whole(_folder(workspace) / plain, content)
     return listed(workspace, {})
+
+
+def receive_view(workspace: Workspace, name: str, content: bytes) -> dict[str, Any]:
+    """Unpack a `.rvsg` file into a folder `received/NAME`, and return the address that shows what it holds."""
+    plain = Path(name.replace("\\", "/")).name
+    if plain.startswith(".") or "\0" in plain or len(plain.encode()) > 200:
+        raise InputError(f"{plain[:200]}: a file of this name cannot be unpacked. Rename it.")
+    with tempfile.TemporaryDirectory(dir=workspace.own) as draft:
+        Path(draft, plain).write_bytes(content)
+        folder = unpack_view(Path(draft, plain), workspace.path(f"received/{Path(plain).stem}"))
+    shown = urlencode({"folder": workspace.relative(folder)})
+    return {"address": f"/campaign?{shown}" if (folder / LEDGER).exists() else "/compare/versions"}
 
 
 def listed(workspace: Workspace, _: dict[str, Any]) -> dict[str, Any]:

@@ -116,6 +116,7 @@ class Home:
             if listing.cut:
                 tag("p", "The folder holds very many folders; only the first of them are shown.", cls="soft")
             _starts(self.workspace.folder, listing)
+            tag("div", data_studio="view", cls="small soft")
             _running([job for job in jobs if job.running])
             if listing.campaigns:
                 new = sum(self._status(each) == "new" for each in self.failures)

@@ -82,6 +82,22 @@
     element.dataset.ready = "true";
   };
 
+  /* A .rvsg file that is dropped on the page, or chosen: the studio unpacks it, and shows what it holds. */
+  parts.view = function (element) {
+    const chosen = labelled(element, "Open a .rvsg file, or drop it here", html(null, "input", { type: "file", accept: ".rvsg" }));
+    const told = html(element, "p", { class: "st-wrong small", role: "status" });
+    function take(file) {
+      told.textContent = "";
+      studio.request("/data/file?name=" + encodeURIComponent(file.name), { method: "POST", headers: { "content-type": "application/octet-stream" }, body: file })
+        .then(function (found) { location.href = found.address; }, function (error) { told.textContent = error.message; });
+      chosen.value = "";
+    }
+    chosen.addEventListener("change", function () { if (chosen.files.length) take(chosen.files[0]); });
+    document.addEventListener("dragover", function (event) { event.preventDefault(); });
+    document.addEventListener("drop", function (event) { event.preventDefault(); if (event.dataTransfer.files.length) take(event.dataTransfer.files[0]); });
+    element.dataset.ready = "true";
+  };
+
   /* A map on which the names of a text light up: buttons with data-name on the page. */
   parts.named = function (element) {
     ask("/data/world?world=" + encodeURIComponent(element.dataset.world)).then(function (data) {
