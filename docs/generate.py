@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import inspect
 import re
-import shlex
 import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -176,44 +175,6 @@ def broken_links() -> Iterator[str]:
                     yield f"{page.relative_to(ROOT)}:{number}: the link to {target} leads nowhere"
 
 
-def wrong_examples(commands: dict[tuple[str, ...], Any]) -> Iterator[str]:
-    """Shown `rvsg` commands that do not exist, or with an option their help does not know."""
-    for page in pages():
-        inside = False
-        for number, line in enumerate(page.read_text(encoding="utf-8").splitlines(), 1):
-            if line.startswith("```"):
-                inside = not inside and line.strip() in ("```console", "```sh", "```bash", "```shell")
-                continue
-            if not inside or not line.lstrip().startswith(("$", "rvsg", ".venv/bin/rvsg")):
-                continue
-            for shown in re.findall(r"(?:^|[\s/$])rvsg ([^|>]+)", line):
-                for problem in wrong_words(shown, commands):
-                    yield f"{page.relative_to(ROOT)}:{number}: {problem}"
-
-
-def wrong_words(shown: str, commands: dict[tuple[str, ...], Any]) -> Iterator[str]:
-    """What is wrong with one `rvsg` command, given as the words after `rvsg`."""
-    try:
-        words = shlex.split(shown.strip().rstrip("\\"), comments=True)
-    except ValueError:
-        return
-    verb: tuple[str, ...] = ()
-    for word in words:
-        if (*verb, word) not in commands:
-            break
-        verb = (*verb, word)
-    if not verb and words and not words[0].startswith("-"):
-        yield f"there is no command `rvsg {words[0]}`"
-    known = {"--version", "--debug", "--help", "--help-all"}
-    known |= {
-        name for option in (options_of(commands[verb]) if verb else ()) for name in option_row(option)[0].split(" / ")
-    }
-    for word in words:
-        option = word.split("=")[0]
-        if option.startswith("--") and option not in known:
-            yield f"`rvsg {' '.join(verb)}` has no option {option}"
-
-
 def main() -> int:
     """Write the generated pages, or with `--check` say which are stale and what is wrong."""
     check = "--check" in sys.argv[1:]
@@ -233,7 +194,7 @@ def main() -> int:
         problems.append("docs/index.md: stale; run `make docs`")
     elif not check:
         index.write_text(index_page(), encoding="utf-8")
-    problems += [*unlisted(), *broken_links(), *wrong_examples(commands)]
+    problems += [*unlisted(), *broken_links()]
     for problem in problems:
         print(problem, file=sys.stderr)
     return 1 if problems else 0

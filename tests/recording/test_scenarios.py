@@ -185,6 +185,9 @@ def test_a_folder_becomes_a_suite_and_what_cannot_be_read_is_told(bag: Path, wor
     suite = suite_of_recordings(cases, tmp_path / "suite", "R1", world)
     (case,) = suite.cases
     assert case.name.startswith("01-") and "whole.mcap" in case.title
+    (tmp_path / "suite" / f"{case.name}.yaml").rename(tmp_path / "suite" / "mine.yaml")
+    again = suite_of_recordings(cases, tmp_path / "suite", "R1", world)
+    assert [each.name for each in again.cases] == ["mine"], "a case keeps its name"
     with pytest.raises(FileError):
         recorded_cases(tmp_path / "suite", world)
     for no_folder in (tmp_path / "absent", bag):

@@ -240,14 +240,18 @@ def _encounters(recording: Recording, world: World) -> list[tuple[str, Recording
 
 
 def suite_of_recordings(cases: Sequence[RecordedCase], suite: str | Path, requirement: str, world: World) -> Suite:
-    """Keep cases in a suite, each expected to do what most of today's runs do; the given order is that of the files."""
+    """Keep cases in a suite, each expected to do what most of today's runs do; the given order is that of the files.
+
+    A scenario that the suite holds already keeps its name.
+    """
     made = Suite.create(suite)
-    for number, case in enumerate(cases, start=1):
+    for case in cases:
         if case.rebuilt is not None:
+            scenario, known = case.rebuilt.made.scenario, {each.scenario.id: each.name for each in made.cases}
             bad = case.rebuilt.judged.verdict.violations * 2 > len(case.rebuilt.runs)
-            name = f"{number:02}-{(case.kinds or ('nobody-near',))[0].replace(' ', '-')}"
+            name = f"{len(known) + 1:02}-{(case.kinds or ('nobody-near',))[0].replace(' ', '-')}"
             made = made.add(
-                case.rebuilt.made.scenario, requirement, name=name, title=case.title[:120],
+                scenario, requirement, name=known.get(scenario.id, name), title=case.title[:120],
                 expected="violation" if bad else "pass", world=world,
             )  # fmt: skip
     return made
