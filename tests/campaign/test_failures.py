@@ -56,6 +56,20 @@ def test_a_run_is_told_by_its_closest_approach(run: Run, person: str, robot: str
     assert mode is not None and (mode.person, mode.robot) == (person, robot)
 
 
+@pytest.mark.parametrize(
+    ("moved_by", "said"),
+    [
+        ("robot", "it stops and drives into the person"),
+        ("person", "it stops and is walked into"),
+        ("both", "it stops and collides with the person"),
+        ("neither", "it stops and touches the person"),
+    ],
+)
+def test_the_name_of_a_contact_says_who_moves_into_whom(moved_by: str, said: str) -> None:
+    mode = mode_of(run_of((0.0, 0.7), (0.0, 0.0), stops=True), warehouse())
+    assert mode is not None and mode.name(moved_by).endswith(said)
+
+
 def test_the_usual_mode_is_that_of_most_runs() -> None:
     stands, comes = (mode_of(run_of((0.0, 1.0), (speed, 0.0)), warehouse()) for speed in (0.0, -0.7))
     assert usual([comes, stands, None, stands]) == stands

@@ -47,21 +47,29 @@ def test_contact_in_other_configurations_is_marked_in_the_table_of_campaigns(fou
 
 
 @pytest.mark.parametrize("width", [80, 100, 160])
+@pytest.mark.parametrize("headline", ["It stops.", "It stops at Area 3 and is walked into by Human 1. " * 5])
 def test_the_answer_takes_at_most_23_lines_with_every_number_whole(
-    found: tuple[Plan, Answer], width: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    found: tuple[Plan, Answer],
+    headline: str,
+    width: int,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     first = found[1].rows[0]
     long = first.replace(number="17.125", share="142/145", contact="119/145", contacts=119, status="INCONCLUSIVE")
     long = long.replace(cause="Human 1, Human 2, Human 3", caused="without Human 1: 0/10")
     elsewhere = Elsewhere(text="Contact in 26 of 354 other runs; most: 19.8, 3/15." * 2, number="", attempt=1, runs=())
-    told = found[1].replace(rows=(long,) * 15, elsewhere=elsewhere, rest="18 more scenarios were not violated.")
+    told = found[1].replace(
+        headline=headline, rows=(long,) * 15, elsewhere=elsewhere, rest="18 more scenarios were not violated."
+    )
     monkeypatch.setattr(tables, "console", lambda: Console(width=width))
     monkeypatch.setenv("COLUMNS", str(width))
     show_answer(told, page="runs/first/report.html", again="rvsg run --seed 0")
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) <= 23
     rows = [line for line in lines if line.startswith("17.125")]
-    assert len(rows) == MOST_ROWS and all(long.share in row and long.contact in row for row in rows)
+    assert len(rows) == MOST_ROWS or len(lines) == 23
+    assert all(long.share in row and long.contact in row for row in rows)
     assert all(len(line) <= width for line in rows)
     assert lines[-3:] == [
         "  open      runs/first/report.html", "  next      rvsg replay X --trace --run " + first.run,

@@ -8,11 +8,16 @@ from typing import Any
 
 import pytest
 from rich.console import Console
-from tests.campaign.parts import warehouse
-from tests.report.test_page import _with_objectives, answer, default_campaign
+from tests.campaign.parts import MemoryLedger, warehouse
+from tests.report.test_page import _with_objectives, answer, campaign, default_campaign
 
 from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.observation import INTO
+from rvsg.campaign.runner import Evaluator
 from rvsg.cli import tables
+from rvsg.evaluation.detection import contacts, place_namer
+from rvsg.evaluation.sampled import sampled
+from rvsg.report.answer_row import MOVED
 from rvsg.report.overview import pins_of, render_overview
 from rvsg.report.page import render_page
 from rvsg.report.summary import summarise
@@ -65,3 +70,18 @@ def test_a_measured_mean_is_named_as_such_beside_the_limit_of_each_run(objective
     the_plan, _, ledger = default_campaign()
     measured = answer(the_plan, attempts_with(objective), ledger).figures[1]
     assert (measured.value, measured.note) == (said, "limit: at least 1 m in each run")
+
+
+def test_a_failure_with_contact_is_named_by_who_moves_into_whom() -> None:
+    ledger = MemoryLedger()
+    the_plan, attempts = campaign(ledger, confirmations=15)
+    judge = Evaluator(the_plan.requirement, warehouse())
+    measured = [
+        a.replace(measurements=tuple(judge.measure(ledger.run(m.run_id)) for m in a.measurements)) for a in attempts
+    ]
+    touched = [row for row in answer(the_plan, measured, ledger).rows if row.contacts]
+    assert touched
+    for row in touched:
+        (mover,) = [key for key, words in MOVED.items() if words in row.touch]
+        first = next(iter(contacts(sampled(ledger.run(row.run), warehouse()), place_namer(warehouse()))))
+        assert INTO[mover] in row.name and (first.moved_by, first.person) == (mover, row.who)

@@ -53,7 +53,7 @@ def test_a_campaign_is_told_by_its_fresh_runs_with_the_limit_they_are_judged_by(
     link, the_plan, summary, told = reported()
     text = page((link, the_plan, summary, told))
     assert unbroken(told.rows[0].measured) in text and told.rows[0].share in text
-    assert "≥ 1\N{NO-BREAK SPACE}m" in text and "12 + 5" in text
+    assert "at least 1\N{NO-BREAK SPACE}m" in text and "12 + 5" in text
     assert escape(told.headline.split(".")[0]) in text.replace("\N{NO-BREAK SPACE}", " ")
 
 

@@ -50,6 +50,14 @@ SHORT = {
     "crosses its way": "Crossing {side} the robot",
 }
 """The same as the beginning of a name."""
+TOUCHES = "touches the person"
+INTO = {
+    "robot": "drives into the person",
+    "person": "is walked into",
+    "both": "collides with the person",
+    "neither": TOUCHES,
+}
+"""How the name of a failure with contact says who moves into whom."""
 
 
 class FailureMode(Record):
@@ -67,10 +75,13 @@ class FailureMode(Record):
         """The failure in one sentence."""
         return f"At the closest approach, near {self.place}, a person {met(self.person)}; the robot {self.robot}."
 
-    @property
-    def name(self) -> str:
-        """The failure as a name, e.g. "Standing beside the robot at Shelf 5, it stops"."""
-        return f"{met(self.person, SHORT)} at {self.place}, it {self.robot}"
+    def name(self, moved_by: str = "neither") -> str:
+        """Return a name, e.g. "Standing beside the robot at Shelf 5, it stops".
+
+        Args:
+            moved_by: Who moves where robot and person touch; two runs in which that differs show the same failure.
+        """
+        return f"{met(self.person, SHORT)} at {self.place}, it {self.robot.replace(TOUCHES, INTO[moved_by])}"
 
 
 def met(kind: str, words: Mapping[str, str] = MOVES) -> str:
@@ -137,7 +148,7 @@ def _robot(run: Run, index: int, *, touched: bool) -> str:
     usual = float(np.median(moving)) if len(moving) else 0.0
     did = ["stops" if slowest < STOPS_M_S else "slows down" if slowest < SLOWS_TO * usual else "drives on"]
     if touched:
-        did.append("touches the person")
+        did.append(TOUCHES)
     if run.outcome is not Outcome.REACHED:
         did.append("does not arrive")
     return " and ".join([", ".join(did[:-1]), did[-1]] if len(did) > 1 else did)

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
 STYLES: dict[Tone, str] = {"bad": "bold red", "warn": "yellow", "good": "green", "quiet": "dim"}
 MOST_ROWS = 6
-"""Configurations in the table of one campaign; the others are in the report."""
+"""Configurations in the table of one campaign, where there is room; the others are in the report."""
+MOST_LINES = 23
 WIDE = 100
 """Characters of a terminal with room for the causes."""
 COLUMNS: dict[str, Callable[[Row], str]] = {
@@ -40,53 +41,68 @@ LABEL = 10
 
 
 def show_answer(answer: Answer, *, page: str, again: str) -> None:
-    """Print the answer of a campaign in at most 23 lines.
+    """Print the answer of a campaign in at most 23 lines, as many configurations as there is room for.
 
     Args:
         page: The path of the report.
         again: The command that repeats the campaign.
     """
-    say(Text.assemble((answer.status, STYLES[answer.tone]), "  ", answer.title, "  ", ("  ".join(answer.setup), "dim")))
-    _line("", answer.headline)
+    head = Text.assemble(
+        (answer.status, STYLES[answer.tone]), "  ", answer.title, "  ", ("  ".join(answer.setup), "dim")
+    )
+    above = [*head.wrap(console(), console().width), *_lines("", answer.headline)]
     if answer.changes:
-        _line("!", answer.changes, "warn")
+        above += _lines("!", answer.changes, "warn")
     if answer.alone is not None:
-        _line("alone", answer.alone.warning or answer.alone.text, "warn" if answer.alone.warning else None)
+        above += _lines("alone", answer.alone.warning or answer.alone.text, "warn" if answer.alone.warning else None)
     if answer.rows:
-        _facts(answer)
+        above += _facts(answer)
     if answer.elsewhere is not None:
-        _line("!", answer.elsewhere.text, "warn")
-    if answer.shown:
-        say(rows_table(answer.shown[:MOST_ROWS], console().width))
-    more = len(answer.shown) - MOST_ROWS
+        above += _lines("!", answer.elsewhere.text, "warn")
+    below = [*_lines("open", page), *(_command("next", step.command) for step in answer.next[:1])]
+    below.append(_command("again", again))
+    room = MOST_LINES - len(above) - len(_rest(answer, MOST_ROWS)) - len(below) - 1
+    rows = answer.shown[: max(0, min(MOST_ROWS, room))]
+    for line in above:
+        say(line, soft_wrap=True)
+    if rows:
+        say(rows_table(rows, console().width))
+    for line in (*_rest(answer, len(rows)), *below):
+        say(line, soft_wrap=True)
+
+
+def _rest(answer: Answer, rows: int) -> list[Text]:
+    """Return how many configurations the table leaves out."""
+    more = len(answer.shown) - rows
     left = [f"{counted(more, 'more configuration')} in the report."] if more > 0 else []
-    if rest := " ".join([*left, answer.rest]).strip():
-        _line("", rest)
-    _line("open", page)
-    for step in answer.next[:1]:
-        say(Text(f"  {'next':{LABEL}}{as_started(step.command)}"), soft_wrap=True)
-    say(Text(f"  {'again':{LABEL}}{as_started(again)}"), soft_wrap=True)
+    text = " ".join([*left, answer.rest]).strip()
+    return _lines("", text) if text else []
 
 
-def _facts(answer: Answer) -> None:
-    """Print the figures of the most severe configuration."""
+def _facts(answer: Answer) -> list[Text]:
+    """Return the figures of the most severe configuration."""
     often, measured, closest, cause = answer.figures
     limit = f", {measured.note}" if measured.note else ""
-    _line("often", f"{often.value} runs violate, {often.note}   {measured.value}{limit}")
     row = answer.rows[0]
     where = f"{row.place}, {row.moment_s:.1f} s" if row.place else f"{row.moment_s:.1f} s"
-    _line("where", f"{where}   who  {row.who or 'nobody'}   cause  {cause.value} ({cause.note})")
-    _line(
-        "contact", f"{closest.note.removeprefix('contact ')}, closest {closest.value}", "bad" if row.contacts else None
-    )
+    touch = f"{closest.note.removeprefix('contact ')}, closest {closest.value}"
+    return [
+        *_lines("often", f"{often.value} runs violate, {often.note}   {measured.value}{limit}"),
+        *_lines("where", f"{where}   who  {row.who or 'nobody'}   cause  {cause.value} ({cause.note})"),
+        *_lines("contact", touch, "bad" if row.contacts else None),
+    ]
 
 
-def _line(label: str, text: str, tone: Tone | None = None) -> None:
-    """Print a labelled text, its further lines under its first; paths and commands are not broken."""
+def _command(label: str, command: str) -> Text:
+    return Text(f"  {label:{LABEL}}{as_started(command)}")
+
+
+def _lines(label: str, text: str, tone: Tone | None = None) -> list[Text]:
+    """Return a labelled text, its further lines under its first; paths and commands are not broken."""
     width = max(40, console().width)
     lines = textwrap.wrap(text, width - LABEL - 2, break_long_words=False, break_on_hyphens=False) or [""]
-    for k, line in enumerate(lines):
-        say(Text(f"  {label if k == 0 else '':{LABEL}}{line}", style=STYLES[tone] if tone else ""), soft_wrap=True)
+    style = STYLES[tone] if tone else ""
+    return [Text(f"  {label if k == 0 else '':{LABEL}}{line}", style=style) for k, line in enumerate(lines)]
 
 
 def rows_table(rows: Sequence[Row], width: int) -> Table:

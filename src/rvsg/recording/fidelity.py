@@ -16,6 +16,7 @@ from rvsg.core.records import Record
 from rvsg.evaluation.detection import events_of
 from rvsg.evaluation.run_events import Contact, HardBrake, NearMiss, StandStill
 from rvsg.evaluation.sampled import sampled
+from rvsg.evaluation.verdict import counted
 from rvsg.recording.recorded_run import speed_of
 from rvsg.recording.tracks import GAP_S, Floats, Recording
 from rvsg.robots.robot import Robot
@@ -138,7 +139,7 @@ def compare(recording: Recording, run: Run, world: World, limits: Limits | None 
         said.append(f"The path leaves the recorded one by up to {path_m:.2f} m.")
     touched, touches = events[TOLD[Contact]]
     if bool(touched) != bool(touches):
-        said.append(f"There are {touches} contacts, recorded {touched}.")
+        said.append(f"{counted(touches, 'contact')}, recorded {touched}.")
     return Fidelity(
         seed=run.seed, time_s=time_s, path_m=path_m, gap_m=smallest, gaps=tuple(gaps), events=events,
         differences=tuple(said),

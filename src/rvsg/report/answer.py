@@ -19,7 +19,6 @@ from rvsg.evaluation.verdict import (
     Status,
     Verdict,
     counted,
-    number,
     percent,
     summarise_safety,
     value_in_words,
@@ -38,6 +37,7 @@ from rvsg.report.answer_row import (
     tone_of,
 )
 from rvsg.report.summary import Ranked, Summary, configuration_number
+from rvsg.report.words import limit_in_words
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.run import Run
@@ -289,10 +289,8 @@ def _counts(rows: Sequence[Row]) -> str:
 
 def _figures(row: Row, requirement: Requirement) -> tuple[Figure, ...]:
     """Return the four figures of the most severe configuration."""
-    limit = ""
-    if requirement.threshold is not None:
-        side = "at least" if requirement.worse == "smaller" else "at most"
-        limit = f"limit: {side} {number(requirement.threshold, requirement.unit)}" + " in each run" * (row.runs > 1)
+    known = limit_in_words(requirement)
+    limit = f"limit: {known}{' in each run' if row.runs > 1 else ''}" if known else ""
     often = f"{row.interval} of runs" if row.interval else "no limit"
     touch = f"contact {row.contact} runs" + (f", {row.touch}" if row.touch else "")
     return (

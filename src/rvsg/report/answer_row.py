@@ -156,6 +156,11 @@ class _Shown:
         modes = {run_id: mode_of(run, world) for run_id, run in runs.items()}
         self.mode = usual(modes.values())
         usual_ones = [m for m in chosen if modes[m.run_id] == self.mode] or chosen
+        met = {m.run_id: each[0] for m in touched if (each := _contacts(run_of(m.run_id), world))}
+        movers = Counter(met[m.run_id].moved_by for m in usual_ones if m.run_id in met)
+        movers = movers or Counter(each.moved_by for each in met.values())
+        self.mover = max(movers, key=movers.__getitem__, default="neither")
+        usual_ones = [m for m in usual_ones if m.run_id in met and met[m.run_id].moved_by == self.mover] or usual_ones
 
         def worst(m: Measurement) -> tuple[float, float]:
             badness = float("-inf") if m.objective is None else requirement.badness(m.objective)
@@ -165,18 +170,15 @@ class _Shown:
         self.who, self.moment_s = _nearest(self.run)
         self.touch = ""
         if touched:
-            met = [_contacts(run_of(m.run_id), world) for m in touched]
-            first = [touches[0] for touches in met if touches]
             speed = max((m.values.get("contact_speed") or 0.0) for m in touched)
-            moved = [MOVED[who] for who, _ in Counter(each.moved_by for each in first).most_common(1)]
-            self.touch = ", ".join([f"up to {number(speed, 'm/s')}", *moved])
-            if own := _contacts(self.run, world):
-                self.who, self.moment_s = own[0].person, own[0].time_s
+            self.touch = ", ".join([f"up to {number(speed, 'm/s')}", *([MOVED[self.mover]] if met else [])])
+        if self.run.id in met:
+            self.who, self.moment_s = met[self.run.id].person, met[self.run.id].time_s
 
     def name(self, world: World) -> str:
         """Return what happens, where and to whom."""
         if self.mode is not None:
-            return f"{self.mode.name}: {self.who}"
+            return f"{self.mode.name(self.mover)}: {self.who}"
         path = self.run.trajectory
         at = place_name(world, float(path.x[-1]), float(path.y[-1])) if len(path) else "the start"
         return f"Ends at {at}, {self.run.outcome.value}"

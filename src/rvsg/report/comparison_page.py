@@ -17,7 +17,7 @@ from rvsg.campaign.suite import CaseChange, Change, Comparison, VariantPair, cou
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.core.outputs import check_writable
-from rvsg.evaluation.verdict import counted, number, percent
+from rvsg.evaluation.verdict import counted, percent
 from rvsg.recording.fidelity import Fidelity
 from rvsg.report.charts import COLOURS, Scale, ticks
 from rvsg.report.page_contents import manner
@@ -25,7 +25,7 @@ from rvsg.report.renderer import component, render, script_safe
 from rvsg.report.replay_data import ReplayGroup, replay_payload
 from rvsg.report.run_facts import RunFacts
 from rvsg.report.stills import Turn, floor_svg, plan_markup
-from rvsg.report.words import dependence, trend
+from rvsg.report.words import dependence, limit_in_words, trend
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.variation import Range
@@ -320,7 +320,7 @@ def response_page(found: Exploration) -> str:
         "picture": response_svg(found),
         "probability": f"{found.violations / found.runs:.0%}",
         "interval": f"{low:.0%} to {high:.0%}",
-        "limit": number(found.requirement.threshold or 0.0, found.requirement.unit),
+        "limit": limit_in_words(found.requirement),
         "rows": [
             (ranges[each.name], each, dependence(each, ranges[each.name], flat=True), trend(each)) for each in ordered
         ],

@@ -18,7 +18,7 @@ from rvsg.evaluation.verdict import number, outcome_in_words
 from rvsg.report.replay_data import people_colours
 from rvsg.report.run_facts import RunFacts, footprint_of, row_at, run_facts
 from rvsg.report.stills import nearest_in_words
-from rvsg.report.words import quantity, shown_at
+from rvsg.report.words import limit_in_words, quantity, shown_at
 from rvsg.robots.robot import Robot
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
@@ -96,8 +96,8 @@ def _judged(facts: RunFacts, requirement: Requirement, t_s: float) -> str:
     known = [float(v) for t, v in zip(facts.curve.t, facts.curve.value, strict=True) if t <= t_s and v == v]
     if not known:
         return ""
-    limit = requirement.threshold
-    beside = f" (limit {number(limit, requirement.unit)})" if limit is not None else ""
+    limit = limit_in_words(requirement)
+    beside = f" (limit: {limit})" if limit else ""
     return f"{quantity(requirement)} so far: {number(known[-1], requirement.unit)}{beside}"
 
 

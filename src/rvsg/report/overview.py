@@ -25,13 +25,13 @@ from rvsg.campaign.exploration import Coverage
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.core.outputs import check_writable
-from rvsg.evaluation.verdict import counted, number
+from rvsg.evaluation.verdict import counted
 from rvsg.report.answer import Answer
 from rvsg.report.answer_row import Row
 from rvsg.report.renderer import render
 from rvsg.report.stills import Turn, pin_radius, plan_markup, spread
 from rvsg.report.summary import Summary
-from rvsg.report.words import robot_words
+from rvsg.report.words import limit_in_words, robot_words
 from rvsg.simulation.run import Run
 from rvsg.world.drawing import png_bytes
 from rvsg.world.drawing.floor_plan import draw_plan
@@ -201,14 +201,13 @@ def _tiles(reported: Sequence[Reported]) -> list[dict[str, str]]:
 
 def _row(link: str, plan: Plan, summary: Summary, answer: Answer) -> dict[str, Any]:
     """Return the row of a campaign: its most severe configuration."""
-    requirement, account = plan.requirement, summary.accounting
-    limit, worse = requirement.threshold, requirement.worse
+    account = summary.accounting
     return {
         "link": quote(link),
         "route": plan.mission.route.name,
         "answer": answer,
         "first": answer.rows[0] if answer.rows else None,
-        "limit": "–" if limit is None else f"{'≥' if worse == 'smaller' else '≤'} {number(limit, requirement.unit)}",
+        "limit": limit_in_words(plan.requirement) or "–",
         "runs": f"{account.search_runs} + {account.confirmation_runs}",
     }
 

@@ -47,7 +47,7 @@ from rvsg.report.replay_data import ReplayGroup, replay_payload
 from rvsg.report.run_facts import AttemptFacts, RunFacts, facts_of, run_facts
 from rvsg.report.stills import frame, plan_markup
 from rvsg.report.summary import Summary, summarise, tried_of
-from rvsg.report.words import direction, quantity, robot_words, under_test, untimed
+from rvsg.report.words import direction, limit_in_words, quantity, robot_words, under_test, untimed
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.scenario.world_lookup import as_world, world_of
@@ -158,7 +158,7 @@ def render_page(
         "page.html",
         **_shared(shown, in_order(shown)),
         plan=plan,
-        limit=number(requirement.threshold, requirement.unit) if requirement.threshold is not None else "",
+        limit=limit_in_words(requirement),
         summary=summary,
         sure=how_sure(final) if final is not None else "",
         ended=why_ended(final) if final is not None else "",

@@ -26,7 +26,7 @@ from rvsg.evaluation.sampled import sampled
 from rvsg.evaluation.verdict import number, outcome_in_words
 from rvsg.report.renderer import unbroken
 from rvsg.report.run_facts import INVOLVED_M, RunFacts, footprint_of
-from rvsg.report.words import quantity, untimed
+from rvsg.report.words import limit_in_words, quantity, untimed
 from rvsg.robots.robot import Robot
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
@@ -118,7 +118,7 @@ def replay_payload(
             "unit": requirement.unit,
             "worse": requirement.worse,
             "limit": requirement.threshold,
-            "limitText": number(requirement.threshold, requirement.unit) if requirement.threshold is not None else "",
+            "limitText": limit_in_words(requirement),
         },
         "groups": [_group(group, robot, requirement.unit) for group in groups],
     }

@@ -22,12 +22,12 @@ from rvsg.evaluation.verdict import (
     counted,
     how_sure,
     metres,
-    number,
     status_in_words,
     summarise_safety,
     value_in_words,
     violated,
 )
+from rvsg.report.words import limit_in_words
 from rvsg.scenario.scenario import Scenario
 
 Standing = Literal["confirmed", "candidate", "not violated"]
@@ -228,8 +228,8 @@ def _case(suite: str, name: str, entry: Ranked, plan: Plan, *, decides: bool) ->
     """Return a case. A verdict of the search counts only where it `decides`."""
     verdict, properties = entry.verdict, _properties(entry)
     said = f"{status_in_words(verdict)}: {value_in_words(verdict, plan.requirement.unit)}"
-    if plan.requirement.threshold is not None:
-        said += f", limit {number(plan.requirement.threshold, plan.requirement.unit)}"
+    if limit := limit_in_words(plan.requirement):
+        said += f", limit: {limit}"
     whole = f"{said}. {how_sure(verdict)}"
     if "contacts" in properties and "arrived" in properties:
         whole += f". Contact with people in {properties['contacts']}; {properties['arrived']} arrived"

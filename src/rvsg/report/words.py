@@ -10,7 +10,7 @@ from typing import Any
 from rvsg.evaluation.metrics.measurement import find_metric
 from rvsg.evaluation.statistics import Sensitivity
 from rvsg.evaluation.story import Sentence
-from rvsg.evaluation.verdict import counted
+from rvsg.evaluation.verdict import counted, number
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.scenario.variation import Range
@@ -31,6 +31,15 @@ def quantity(requirement: Requirement) -> str:
 def direction(requirement: Requirement) -> str:
     """Return which values are worse, e.g. `lower is worse`."""
     return "lower is worse" if requirement.worse == "smaller" else "higher is worse"
+
+
+def limit_in_words(requirement: Requirement) -> str:
+    """Return what keeps the requirement, e.g. `at least 1.2 m`; empty without a limit."""
+    side, share = "at least" if requirement.worse == "smaller" else "at most", requirement.limit_share
+    if share is not None:
+        return f"{side} {share:g} of the time limit"
+    limit = requirement.threshold
+    return "" if limit is None else f"{side} {number(limit, requirement.unit)}"
 
 
 def shown_at(t_s: float) -> str:

@@ -30,6 +30,7 @@ from rvsg.evaluation.story import story_of
 from rvsg.report.answer import Answer
 from rvsg.report.film import shot_of_run, strip
 from rvsg.report.terminal import describe_case, describe_judgement
+from rvsg.report.words import limit_in_words
 from rvsg.robots.robot import shipped_robots
 from rvsg.scenario.builder import load_scenario_in, save_scenario
 from rvsg.scenario.requirement import shipped_requirements
@@ -274,10 +275,7 @@ class Tools:
 
 
 def _described(requirement: rvsg.Requirement) -> str:
-    limit = requirement.limit if requirement.limit is not None else f"{requirement.limit_share} of the time limit"
-    return (
-        f"{requirement.text} {requirement.measured_as}; {requirement.worse} is worse, limit {limit} {requirement.unit}"
-    )
+    return f"{requirement.text} {requirement.measured_as}; limit: {limit_in_words(requirement) or 'none'}"
 
 
 def _in_words(human: Human) -> str:

@@ -666,7 +666,7 @@
         const x = Math.round((limit - low) / (high - low) * (width - size - 8)) + 4 + size / 2;
         const line = html(strip, "span", { class: "rp-strip-limit", "aria-hidden": "true" });
         line.style.left = x + "px";
-        const text = html(strip, "span", { class: "rp-strip-text", "aria-hidden": "true" }, "limit " + data.requirement.limitText);
+        const text = html(strip, "span", { class: "rp-strip-text", "aria-hidden": "true" }, "limit: " + data.requirement.limitText);
         if (x > width / 2) text.style.right = width - x + 5 + "px"; else text.style.left = x + 5 + "px";
       }
     }
@@ -692,7 +692,7 @@
         text += " Nearest: " + state.group.people[h].name + ", " + (touching ? "in contact" : gap < 1 ? Math.max(1, Math.round(gap * 100)) + " cm away" : gap.toFixed(1) + " m away") + ".";
       }
       const judged = state.run.judged ? curveAt(state.run.judged, t) : null;
-      if (judged !== null) text += " " + r.quantity.charAt(0).toUpperCase() + r.quantity.slice(1) + ": " + number(judged, r.unit) + (r.limit !== null ? " (limit " + r.limitText + ")" : "") + ".";
+      if (judged !== null) text += " " + r.quantity.charAt(0).toUpperCase() + r.quantity.slice(1) + ": " + number(judged, r.unit) + (r.limit !== null ? " (limit: " + r.limitText + ")" : "") + ".";
       layers.forEach(function (each) {
         if (each.layer.say && each.box.checked && each.layer.has(state.run.id)) text += " " + each.layer.say(view());
       });
