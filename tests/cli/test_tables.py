@@ -30,10 +30,16 @@ def test_several_campaigns_with_long_names_and_values_fit_a_terminal(found: tupl
     route = the_plan.mission.route.replace(name="from_the_loading_dock")
     requirement = the_plan.requirement.replace(name="keeps_its_distance", unit="m/s^3")
     long = the_plan.replace(mission=the_plan.mission.replace(route=route), requirement=requirement)
-    lines = on_paper(matrix_table([(long, told), found]), width).splitlines()
+    first = told.rows[0].replace(
+        name="Oncoming ahead of the robot at Large Shelf 4, it stops: Human 1", measured="mean 15.2 s"
+    )
+    first = first.replace(contact="12/15", contacts=12, share="14/15", status="INCONCLUSIVE")
+    told = told.replace(rows=(first,), status="INCONCLUSIVE")
+    lines = on_paper(matrix_table([(long, told), (the_plan, told)]), width).splitlines()
     assert all(len(line) <= width for line in lines)
     assert lines[1].split()[:5] == ["campaign", "verdict", "violated", "measured", "contact"]
-    assert told.rows[0].share in "".join(lines)
+    assert all(each in "".join(lines) for each in (told.status, first.share, first.measured, first.contact))
+    assert len(lines) <= 2 * 12 and "Human 1" in "".join(lines) and "…" not in "".join(lines)
     empty = told.replace(rows=(), status="no result")
     assert "no result" in on_paper(matrix_table([(the_plan, empty)]), width)
 

@@ -144,7 +144,7 @@ def test_page_terminal_and_json_say_in_the_same_words_how_far_people_go(objectiv
     motion = rarest(motions(ledger.run(least.run_id)))
     (found,) = findings(the_plan, attempts, run_of=ledger.run, world=warehouse())
     assert motion is not None and found.realism == f"With seed {least.seed}, {motion.sentence}"
-    assert f"  {found.realism}" in list(describe_finding(found, the_plan.requirement, brief=True))
+    assert f"  {found.realism}" in list(describe_finding(found, the_plan.requirement))
     text = html.unescape(page(the_plan, attempts, ledger))
     assert text.count(unbroken(found.realism)) == 1
 

@@ -104,14 +104,14 @@ def test_the_judged_quantity_ends_at_the_objective() -> None:
 def test_a_mean_is_decided_where_the_run_adds_most_to_it_and_a_minimum_where_it_passes_its_limit() -> None:
     run, world = a_run(), warehouse()
     curve = judged_curve(run, REQUIREMENT, world)
-    decided = decisive(run, REQUIREMENT, curve).time_s
+    decided = decisive(run, REQUIREMENT, curve)
     away = Sampled(run, run.trajectory).closest_gap
     assert away[np.searchsorted(run.trajectory.t, decided - 0.5)] < np.quantile(away, 0.25)
 
     gap = Sampled(run, run.trajectory).closest_gap
     limit = float(np.quantile(gap, 0.2))
     least = REQUIREMENT.replace(metric="min_distance", limit=limit)
-    decided = decisive(run, least, judged_curve(run, least, world)).time_s
+    decided = decisive(run, least, judged_curve(run, least, world))
     first = float(run.trajectory.t[int((gap < limit).argmax())])
     assert abs(decided - first) <= float(run.trajectory.t[-1]) / 70
 

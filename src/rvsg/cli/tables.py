@@ -127,24 +127,23 @@ def rows_table(rows: Sequence[Row], width: int) -> Table:
 
 def matrix_table(found: Sequence[tuple[Plan, Answer]]) -> Table:
     """Return the table of several campaigns, with the most severe configuration of each."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, caption_justify="left")
-    table.add_column("campaign", overflow="fold", min_width=len("campaign"))
-    for name in ("verdict", "violated", "measured", "contact"):
-        table.add_column(name, no_wrap=True)
-    table.add_column("what happens", overflow="ellipsis", no_wrap=True)
-    elsewhere = False
+    table, rows, elsewhere = Table(box=SIMPLE_HEAD, pad_edge=False, caption_justify="left"), [], False
     for plan, answer in found:
         name, verdict = f"{plan.mission.route.name} {plan.requirement.name}", Text(answer.status, STYLES[answer.tone])
-        if not answer.rows:
-            table.add_row(name, verdict, "", "", "", "")
-            continue
-        row = answer.rows[0]
+        row = answer.rows[0] if answer.rows else None
+        what = f"\n{row.name}" if row is not None and row.counts else ""
         mark = "‡" if answer.elsewhere is not None else ""
         elsewhere = elsewhere or bool(mark)
-        contact = Text(
-            row.contact + mark, style=STYLES["bad" if row.contacts else "warn"] if row.contacts or mark else ""
+        touch = Text(
+            f"{row.contact if row else ''}{mark}", "bold red" if row and row.contacts else "yellow" * bool(mark)
         )
-        table.add_row(name, verdict, row.share, row.measured, contact, row.name if row.counts else "")
+        numbers = (row.share, row.measured) if row is not None else ("", "")
+        rows.append((Text.assemble(name, (what, "dim")), verdict, *numbers, touch))
+    table.add_column("campaign", overflow="fold")
+    for place, name in enumerate(("verdict", "violated", "measured", "contact"), 1):
+        table.add_column(name, no_wrap=True, min_width=max(len(each) for each in (name, *(row[place] for row in rows))))
+    for each in rows:
+        table.add_row(*each)
     table.caption = "‡ contact in other configurations of the campaign" if elsewhere else None
     return table
 

@@ -11,18 +11,14 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.campaign.attempt import Attempt, Measurement
-from rvsg.campaign.findings import rarest_motion
 from rvsg.evaluation.detection import events_of, place_namer
 from rvsg.evaluation.metrics.measurement import find_metric
-from rvsg.evaluation.realism import Motion
-from rvsg.evaluation.run_events import Contact, Event, ObstacleContact, Place, Recovery, StandStill, place_name
+from rvsg.evaluation.run_events import Contact, Event, Place, Recovery, StandStill
 from rvsg.evaluation.sampled import sampled, stretches
 from rvsg.evaluation.story import Sentence, story_of
 from rvsg.evaluation.verdict import objective
@@ -85,20 +81,8 @@ def judged_curve(run: Run, requirement: Requirement, world: World | None) -> Cur
     return Curve(run.trajectory.t[ends - 1], values)
 
 
-Why = Literal["limit", "worst", "time", "share", "closest"]
-
-
-class Decisive(NamedTuple):
-    """The moment that decides a requirement in a run."""
-
-    time_s: float
-    why: Why
-    """`limit`: the limit is passed. `worst`: the final value is reached. `time`: the robot loses most time. `share`:
-    the run adds most to a mean. `closest`: the closest approach, where the curve tells nothing."""
-
-
-def decisive(run: Run, requirement: Requirement, curve: Curve) -> Decisive:
-    """Return the moment that decides the requirement in this run.
+def decisive(run: Run, requirement: Requirement, curve: Curve) -> float:
+    """Return the moment (s) that decides the requirement in this run.
 
     A quantity that only gets worse (a minimum, a count) is decided where it passes its limit, else where it got its
     final value. A quantity that rises with the clock is decided where the robot loses most time. A mean is decided
@@ -106,22 +90,22 @@ def decisive(run: Run, requirement: Requirement, curve: Curve) -> Decisive:
     """
     known = np.isfinite(curve.value)
     t, worse = curve.t[known], np.array([requirement.badness(float(v)) for v in curve.value[known]])
-    closest = Decisive(closest_approach(run), "closest")
+    closest = closest_approach(run)
     if len(t) < 3 or np.ptp(worse) == 0.0:
         return closest
     limit = requirement.badness(requirement.threshold) if requirement.threshold is not None else None
     if np.allclose(worse[:-1] - worse[0], t[:-1] - t[0], atol=0.15):
         lost = _longest_standstill(run)
-        return Decisive(lost, "time") if lost is not None else closest
+        return lost if lost is not None else closest
     if (np.diff(worse) >= -1e-9).all():
         if limit is not None and worse[-1] > limit:
-            return Decisive(float(t[int(np.argmax(worse > limit))]), "limit")
-        return Decisive(float(t[int(np.argmax(worse >= worse[-1] - 1e-9))]), "worst")
+            return float(t[int(np.argmax(worse > limit))])
+        return float(t[int(np.argmax(worse >= worse[-1] - 1e-9))])
     contribution = np.diff(t * worse) / np.diff(t)  # of a running mean: the mean over each step
     contribution[t[1:] < SETTLED_S] = -np.inf
     if not np.isfinite(contribution).any():
         return closest
-    return Decisive(float(t[1:][int(contribution.argmax())]), "share")
+    return float(t[1:][int(contribution.argmax())])
 
 
 def row_at(run: Run, t_s: float) -> int:
@@ -149,7 +133,7 @@ def _longest_standstill(run: Run) -> float | None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunFacts:
-    """A run and what happened in it. `closest_m`, `closest_to`, `closest_s`: the smallest gap, to whom and when."""
+    """A run and what happened in it. `closest_m`, `closest_s`: the smallest gap to a person, and when."""
 
     run: Run
     measurement: Measurement
@@ -158,31 +142,14 @@ class RunFacts:
     story: tuple[Sentence, ...]
     curve: Curve
     decisive_s: float
-    decisive_why: Why
-    """What makes this moment decide the requirement."""
-    decisive_with: str
-    """The person nearest to the robot at the decisive moment; empty where nobody is within 2 m then."""
     decisive_at: Place
-    world: World
     closest_m: float | None
-    closest_to: str
     closest_s: float
 
     @property
     def id(self) -> str:
         """The id of the run."""
         return self.run.id
-
-    @cached_property
-    def decisive_near(self) -> str:
-        """The name of the place where the robot is at the decisive moment, as failures and maps name it."""
-        return place_name(self.world, self.decisive_at.x, self.decisive_at.y)
-
-    @cached_property
-    def closest_near(self) -> str:
-        """The name of the place where the robot is at the smallest gap to a person."""
-        at = _where(self.run, self.closest_s, self.world)
-        return place_name(self.world, at.x, at.y)
 
     @property
     def arrived(self) -> bool:
@@ -193,11 +160,6 @@ class RunFacts:
     def contacts(self) -> tuple[Contact, ...]:
         """The contacts of the robot with people."""
         return tuple(event for event in self.events if isinstance(event, Contact))
-
-    @property
-    def obstacle_contacts(self) -> tuple[ObstacleContact, ...]:
-        """The contacts of the robot with walls and things."""
-        return tuple(event for event in self.events if isinstance(event, ObstacleContact))
 
     @property
     def lanes(self) -> dict[str, list[tuple[float, float]]]:
@@ -219,37 +181,6 @@ class AttemptFacts:
 
     attempt: Attempt
     runs: tuple[RunFacts, ...]
-
-    @property
-    def with_contact(self) -> tuple[RunFacts, ...]:
-        """The runs in which the robot and a person touch."""
-        return tuple(run for run in self.runs if run.contacts)
-
-    @property
-    def violating(self) -> tuple[RunFacts, ...]:
-        """The runs that violate the requirement."""
-        return tuple(run for run in self.runs if run.violated)
-
-    @property
-    def not_arrived(self) -> tuple[RunFacts, ...]:
-        """The runs that end before the goal."""
-        return tuple(run for run in self.runs if not run.arrived)
-
-    @cached_property
-    def rarest_motion(self) -> tuple[Run, Motion] | None:
-        """What the fewest recorded people do as far, of the people in the violating runs, or in all."""
-        shown = {run.id: run for run in self.violating or self.runs}
-        return rarest_motion((each.measurement for each in shown.values()), lambda run_id: shown[run_id].run)
-
-    def worst(self, requirement: Requirement) -> RunFacts | None:
-        """Return the run with the worst objective; the first of equals."""
-        valued = [run for run in self.runs if run.measurement.objective is not None]
-        return max(valued, key=lambda run: requirement.badness(run.measurement.objective or 0.0), default=None)
-
-    def nearest(self) -> RunFacts | None:
-        """Return the run with the smallest gap to a person; the first of equals."""
-        met = [run for run in self.runs if run.closest_m is not None]
-        return min(met, key=lambda run: run.closest_m if run.closest_m is not None else 0.0, default=None)
 
 
 def facts_of(
@@ -277,15 +208,11 @@ def run_facts(
         world = scenario.mission.place(world)
     curve = judged_curve(run, requirement, world)
     events = events_of(run, world=world, scenario=scenario)
-    decides = decisive(run, requirement, curve)
+    decisive_s = decisive(run, requirement, curve)
     objective = measurement.objective
-    closest, person, at, with_whom = None, "", 0.0, ""
+    closest, at = None, 0.0
     if run.human_names and len(run.trajectory):
-        gap = sampled(run).gap
-        row, nearest = (int(k) for k in np.unravel_index(int(gap.argmin()), gap.shape))
-        closest, person, at = float(gap[row, nearest]), run.human_names[nearest], float(run.trajectory.t[row])
-        then = gap[row_at(run, decides.time_s)]
-        with_whom = run.human_names[int(then.argmin())] if then.min() <= INVOLVED_M else ""
+        closest, at = float(sampled(run).closest_gap.min()), closest_approach(run)
     bad = np.array([np.isfinite(v) and requirement.violated_by(float(v)) for v in curve.value], np.bool_)
     return RunFacts(
         run=run,
@@ -294,13 +221,9 @@ def run_facts(
         events=events,
         story=story_of(run, world=world, scenario=scenario, events=events),
         curve=curve,
-        decisive_s=decides.time_s,
-        decisive_why=decides.why,
-        decisive_with=with_whom,
-        decisive_at=_where(run, decides.time_s, world),
-        world=world,
+        decisive_s=decisive_s,
+        decisive_at=_where(run, decisive_s, world),
         closest_m=closest,
-        closest_to=person,
         closest_s=at,
         beyond=[(float(curve.t[a]), float(curve.t[b])) for a, b in stretches(bad)],
     )

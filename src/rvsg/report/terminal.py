@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
 from rvsg.campaign.exploration import FEWEST, Exploration
-from rvsg.campaign.findings import Finding, Removal, rarest_motion, realism_in_words
+from rvsg.campaign.findings import Finding, rarest_motion, realism_in_words
 from rvsg.campaign.run_set import Judgement
 from rvsg.campaign.suite import CaseResult
 from rvsg.evaluation.verdict import (
@@ -35,18 +35,14 @@ NEXT_STEP = {
 }
 
 
-def describe_finding(finding: Finding, requirement: Requirement, *, brief: bool = False) -> Iterator[str]:
-    """Yield what a confirmation says: how often, with and without people, what else was seen, what happened.
-
-    Args:
-        brief: leave out the comparison with fewer people and the story.
-    """
+def describe_finding(finding: Finding, requirement: Requirement) -> Iterator[str]:
+    """Yield what a confirmation says: how often, with and without people, what else was seen, what happened."""
     verdict = finding.verdict
     runs = counted(verdict.runs + verdict.undefined, "confirmation run")
     which = f"{finding.number} (attempt {finding.attempt})"
     yield f"{which} in {runs}: {status_in_words(verdict)}; {value_in_words(verdict, requirement.unit)}"
-    yield f"  {how_sure(verdict)}.{'' if brief else ' ' + why_ended(verdict)}".rstrip()
-    if not brief and (compared := describe_difference(finding)) is not None:
+    yield f"  {how_sure(verdict)}. {why_ended(verdict)}".rstrip()
+    if (compared := describe_difference(finding)) is not None:
         yield f"  {compared}"
     contacts, arrived = finding.contacts, finding.arrived
     if contacts.runs:
@@ -59,17 +55,11 @@ def describe_finding(finding: Finding, requirement: Requirement, *, brief: bool 
         yield f"  {arrived.of - arrived.runs} of {counted(arrived.of, 'run')} did not reach the goal."
     if finding.realism:
         yield f"  {finding.realism}"
-    if brief:
-        return
-    yield from _removals(finding.cause)
-    if finding.violated and finding.story:
-        yield f"  {' '.join(finding.story)}"
-
-
-def _removals(cause: Iterable[Removal]) -> Iterator[str]:
-    for each in cause:
+    for each in finding.cause:
         many = f"{each.violated} of {counted(each.of, 'run')}"
         yield f"  Without {each.without}: {many} violate it; with everybody {each.before}."
+    if finding.violated and finding.story:
+        yield f"  {' '.join(finding.story)}"
 
 
 def describe_difference(finding: Finding) -> str | None:
