@@ -11,6 +11,7 @@ from rvsg.campaign.hybrid import HybridStrategy, MapElitesStrategy
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.core.errors import BudgetSpent, GenerationError
 from rvsg.generation.generator import Call, Proposal
+from rvsg.generation.people_sampler import box
 from rvsg.report.summary import summarise
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.rules import Finding
@@ -79,6 +80,23 @@ def test_a_configuration_that_is_proposed_again_is_told_and_not_run_again() -> N
     assert [a.same_as for a in attempts] == [None, *[0] * (len(attempts) - 1)]
     assert runs == the_plan().repeats
     assert len({m.run_id for a in attempts for m in a.measurements}) == runs
+
+
+class Mover(Stubborn):
+    """A model that leaves the people as they are and moves an object at every answer."""
+
+    def propose(self, brief: Brief, world: World) -> Proposal:
+        made = super().propose(brief, world)
+        assert made.scenario is not None
+        cart = box("cart", (1.0 + 0.1 * len(self.briefs), 1.0), (0.4, 0.4, 1.0), 0.0, world.lidar_height_m)
+        mission = made.scenario.mission.replace(moved=(cart,))
+        return made.replace(scenario=made.scenario.replace(mission=mission))
+
+
+def test_the_same_people_beside_another_object_are_another_configuration() -> None:
+    attempts, _ = run(MemoryLedger(), StudyStrategy, Mover())
+    assert [a.same_as for a in attempts] == [None] * len(attempts)
+    assert len({a.proposal.scenario.situation for a in attempts if a.proposal.scenario}) == len(attempts)
 
 
 class Paid(WalkGenerator):

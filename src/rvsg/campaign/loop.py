@@ -106,14 +106,14 @@ class _Known:
         if attempt.purpose == "search":
             self.begin(attempt)
         if attempt.proposal.scenario is not None:
-            key = attempt.proposal.scenario.people.id
+            key = attempt.proposal.scenario.situation
             first, seeds = self._first.get(key, (attempt, attempt.seeds))
             self._first[key] = (summary if first.index == attempt.index else first, seeds)
 
     def first(self, attempt: Attempt, seeds: tuple[int, ...]) -> tuple[Attempt | AttemptSummary, tuple[int, ...]]:
-        """Return the first attempt with the same people, which may be this one, and the seeds of its runs."""
+        """Return the first attempt with the same people and objects, perhaps this one, and the seeds of its runs."""
         scenario = attempt.proposal.scenario
-        return (attempt, seeds) if scenario is None else self._first.setdefault(scenario.people.id, (attempt, seeds))
+        return (attempt, seeds) if scenario is None else self._first.setdefault(scenario.situation, (attempt, seeds))
 
 
 def _search(plan: Plan, strategy: Strategy, known: _Known, parts: Parts) -> Iterator[Event]:

@@ -386,14 +386,14 @@ def compare_attempts(campaigns: Sequence[tuple[Plan, str, Sequence[Attempt]]]) -
 
 
 def _measured(attempts: Sequence[Attempt]) -> dict[str, Attempt]:
-    """Return the attempts with runs by what their people do; a confirmation before the search it confirms."""
+    """Return the attempts with runs by their situation; a confirmation before the search it confirms."""
     found: dict[str, Attempt] = {}
     for attempt in attempts:
         scenario = attempt.proposal.scenario
         if scenario is None or attempt.verdict is None or attempt.purpose not in ("search", "confirmation"):
             continue
-        if scenario.people.id not in found or attempt.purpose == "confirmation":
-            found[scenario.people.id] = attempt
+        if scenario.situation not in found or attempt.purpose == "confirmation":
+            found[scenario.situation] = attempt
     return found
 
 
@@ -403,7 +403,7 @@ def case_result(attempt: Attempt, requirement: Requirement) -> CaseResult:
     assert scenario is not None and verdict is not None
     flags = [None if m.objective is None else requirement.violated_by(m.objective) for m in attempt.measurements]
     return CaseResult(
-        case=f"case-{scenario.people.id}",
+        case=f"case-{scenario.situation}",
         title=scenario.description[:200] or "Without a description",
         requirement=requirement.name,
         expected="pass",

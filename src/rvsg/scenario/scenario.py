@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import Enum
+from functools import cached_property
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer, model_validator
 
-from rvsg.core.records import Record
+from rvsg.core.records import Record, content_id
 from rvsg.robots.robot import DEFAULT_ROBOT, Robot, shipped_robots
 from rvsg.world.grid import Grid
 from rvsg.world.lattice import place_of
@@ -345,6 +346,12 @@ class Scenario(Record):
     description: str = ""
     idea: Annotated[str, Field(exclude_if=lambda idea: not idea)] = ""
     """The part of the description that does not depend on the tasks, which a refinement keeps. Empty: all of it."""
+
+    @cached_property
+    def situation(self) -> str:
+        """Id of what the robot meets: of the people, and of the objects that were moved, where there are any."""
+        moved = self.mission.moved
+        return content_id("situation", [self.people.id, *(each.id for each in moved)]) if moved else self.people.id
 
 
 def begin_at(tasks: tuple[Task, ...], k: int, at: int) -> tuple[Task, ...]:
