@@ -1,9 +1,8 @@
 """Writes the generated pages of the documentation and checks the rest: `python docs/generate.py [--check]`.
 
-Generated: `reference/command-line.md` from the commands, `index.md` from the navigation of the
-site and the pages' headings, and the tables of
-settings, metrics and requirements between their marks. Checked: relative links and pictures, and that every shown
-`rvsg` command and its options exist.
+Generated: `reference/command-line.md` from the commands, `index.md` from the navigation of the site and the pages'
+headings, and the tables of settings, metrics and requirements between their marks. Checked: relative links and
+pictures. The commands that pages show are checked by tests/docs.
 """
 
 from __future__ import annotations

@@ -7,8 +7,9 @@ from tests.report.test_page import answer, campaign
 
 from rvsg.campaign.attempt import Plan
 from rvsg.cli import tables
-from rvsg.cli.tables import MOST_ROWS, matrix_table, rows_table, show_answer
+from rvsg.cli.tables import MAP_LINES, MOST_ROWS, map_text, matrix_table, rows_table, show_answer
 from rvsg.report.answer import Answer, Elsewhere
+from rvsg.world.world_folder import load_world
 
 
 @pytest.fixture(scope="module")
@@ -87,3 +88,20 @@ def test_the_causes_stand_in_a_wide_table_alone(found: tuple[Plan, Answer]) -> N
     rows = [found[1].rows[0].replace(cause="Human 7")]
     assert "Human 7" in on_paper(rows_table(rows, 120), 120)
     assert "cause" not in on_paper(rows_table(rows, 80), 80)
+
+
+@pytest.mark.parametrize("name", ["warehouse", "office", "hospital"])
+@pytest.mark.parametrize("width", [72, 20])
+def test_the_map_fits_and_shows_walls_start_and_goal_where_they_are(name: str, width: int) -> None:
+    world = load_world(name)
+    route = world.routes[0]
+    lines = map_text(world, route, width).splitlines()
+    assert 2 < len(lines) <= MAP_LINES and max(map(len, lines)) <= width
+    assert [sum(line.count(letter) for line in lines) for letter in "SG"] == [1, 1]
+    (start, row), (goal, other) = ((line.index(c), k) for c in "SG" for k, line in enumerate(lines) if c in line)
+    for before, after, low, high in (
+        (start, goal, route.start.x, route.goal.x),
+        (other, row, route.start.y, route.goal.y),
+    ):
+        assert before == after or (before < after) is (low < high)
+    assert lines[0][0] not in " \u2800" and lines[-1][-1] not in " \u2800", "the walls around"

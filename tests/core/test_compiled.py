@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numba
@@ -107,6 +109,20 @@ class TestFolder:
         mine.rename(home / "elsewhere")
         mine.symlink_to(home / "elsewhere")
         assert folder().parent == home.parent / "other" / "rvsg"
+
+
+def test_a_quarter_of_the_functions_is_told_with_the_time_left(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    place = folder()
+    monkeypatch.setattr(kernels, "cache_folder", lambda: place)
+    (place / "a" / "b").mkdir(parents=True)
+    (place / "a" / "b" / "old.nbc").touch()
+    told = list[str]()
+    with kernels.compilation_reported(8, told.append, period_s=0.01):
+        for k in range(9):
+            (place / "a" / "b" / f"{k}.nbc").touch()
+            time.sleep(0.05)
+    counts = [int(re.match(r"compiled (\d) of about 8 functions, about \d+ s left", text)[1]) for text in told]
+    assert counts == [2, 4, 6]
 
 
 class TestNumba:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rvsg.app.settings import BUDGETS, LISTED, CampaignConfig, effective, option_of, read_campaign_file
-from rvsg.cli.console import as_started, print_json, say
+from rvsg.cli.console import as_started, console, print_json, say
 from rvsg.cli.frame import verb
 from rvsg.cli.options import AsJson, Verbose, setting_options
 
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 
 app = verb()
+WIDEST_MAP = 72
+"""Characters of the map on a terminal."""
 
 
 @app.command()
@@ -99,12 +101,19 @@ def _run(campaign: Campaign, *, resumed: bool) -> None:
     from rvsg.app.commands import resume_command
     from rvsg.cli.interruption import interruptible
     from rvsg.cli.progress import CampaignProgress
+    from rvsg.cli.tables import map_text
     from rvsg.core.errors import BudgetSpent, GenerationError, Interrupted, SimulationError
     from rvsg.evaluation.verdict import counted
+    from rvsg.simulation.simulators import stack_name
 
     plan, folder = campaign.plan, campaign.folder
     known = campaign.attempts()
     say(_what_it_does(campaign))
+    if console().is_terminal and console().encoding.startswith("utf") and not campaign.finished:
+        mission, generator = plan.mission, campaign.config.generator_name
+        driven = ", ".join(filter(None, (mission.robot_name, stack_name(campaign.record.simulator))))
+        say(f"{driven}; scenarios by {generator}, seed {plan.seed}. S is the start, G the goal:")
+        say(map_text(campaign.shown_world, mission.route, min(WIDEST_MAP, console().width - 1)))
     if resumed:
         there = counted(len(known), "attempt is", "attempts are")
         say(f"Resuming {folder}: {there} stored." if known else f"Starting again in {folder}.")

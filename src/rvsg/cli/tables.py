@@ -6,6 +6,7 @@ import textwrap
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
@@ -17,6 +18,7 @@ from rvsg.report.answer import Answer
 from rvsg.report.answer_row import Row, Tone
 from rvsg.report.summary import Summary
 from rvsg.report.terminal import describe_finding
+from rvsg.world.world import OCCUPIED, UNKNOWN, Route, World
 
 if TYPE_CHECKING:
     from rvsg.app.campaign import Campaign
@@ -36,8 +38,33 @@ COLUMNS: dict[str, Callable[[Row], str]] = {
     "contact": lambda row: row.contact,
     "cause": lambda row: row.cause,
 }
+MAP_LINES = 12
+BRAILLE = np.array([[1, 8], [2, 16], [4, 32], [64, 128]])
+"""The bits of the dots of a character of braille, from the top left."""
 LABEL = 10
 """Characters of the labels on the left."""
+
+
+def map_text(world: World, route: Route, width: int) -> str:
+    """Return the map of a world in braille with `S` at the start and `G` at the goal of a route, 12 lines at most.
+
+    The picture shows the part of the map that is known, at most `width` characters wide.
+    """
+    known = np.argwhere(world.occupancy.cells != UNKNOWN)
+    low, high = known.min(axis=0), known.max(axis=0) + 1
+    size = max(1.0, *((high - low) / (4 * MAP_LINES, 2 * width)))
+    lines, columns = np.ceil((high - low) / size / (4, 2)).astype(int)
+    dots = np.zeros((4 * lines, 2 * columns), dtype=int)
+    dots[tuple(((np.argwhere(world.occupancy.cells == OCCUPIED) - low) / size).astype(int).T)] = 1
+    blocks = dots[::-1].reshape(lines, 4, columns, 2)
+    shown = [[chr(0x2800 + code) for code in line] for line in np.einsum("lycx,yx->lc", blocks, BRAILLE)]
+    origin, offset = world.occupancy.origin, world.map_offset
+    for letter, pose in (("S", route.start), ("G", route.goal)):
+        at = np.array([pose.y - offset[1] - origin.y, pose.x - offset[0] - origin.x]) / world.occupancy.resolution - low
+        row, column = (at / size / (4, 2)).astype(int)
+        if 0 <= row < lines and 0 <= column < columns:
+            shown[int(lines - 1 - row)][column] = letter
+    return "\n".join("".join(line).rstrip("\u2800") for line in shown)
 
 
 def show_answer(answer: Answer, *, page: str, again: str) -> None:

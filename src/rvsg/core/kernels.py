@@ -16,6 +16,8 @@ import stat
 import subprocess
 import sys
 import tempfile
+import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache, partial
@@ -35,6 +37,8 @@ F = TypeVar("F", bound=Callable[..., object])
 FORMAT = 4
 """Raise it to make every compiled kernel obsolete."""
 MANIFEST = "manifest.json"
+LATER_LARGER = 1.45
+"""The share of functions to the power of this is the share of the time, as measured: callers come last."""
 _PACKAGE = __name__.split(".", maxsplit=1)[0]
 
 
@@ -148,6 +152,29 @@ def seal_cache() -> None:
         write_whole(
             folder / MANIFEST, json.dumps({str(p.relative_to(folder)): _digest(p) for p in _data_files(folder)})
         )
+
+
+@contextlib.contextmanager
+def compilation_reported(functions: int, report: Callable[[str], None], *, period_s: float = 0.5) -> Iterator[None]:
+    """Report at each quarter how many of about so many functions the cache has received, and the time left."""
+    before, started, done = len(_data_files(cache_folder())), time.monotonic(), threading.Event()
+
+    def watch() -> None:
+        quarter = 1
+        while not done.wait(period_s):
+            share = (len(_data_files(cache_folder())) - before) / functions
+            if quarter <= 4 * share < 4:
+                left = (time.monotonic() - started) * (share**-LATER_LARGER - 1)
+                report(f"compiled {share * functions:.0f} of about {functions} functions, about {left:.0f} s left")
+                quarter = int(4 * share) + 1
+
+    watching = threading.Thread(target=watch, daemon=True)
+    watching.start()
+    try:
+        yield
+    finally:
+        done.set()
+        watching.join()
 
 
 def _is_private(folder: Path) -> bool:

@@ -6,6 +6,7 @@ import math
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from functools import lru_cache
 from typing import Any
 
@@ -14,7 +15,7 @@ import shapely
 from numpy.typing import NDArray
 
 from rvsg.core.errors import InputError, SimulationError
-from rvsg.core.kernels import cache_folder, is_cached, seal_cache
+from rvsg.core.kernels import cache_folder, compilation_reported, is_cached, seal_cache
 from rvsg.core.records import Pose
 from rvsg.core.seeds import stream
 from rvsg.robots.polygons import rectangle
@@ -412,6 +413,10 @@ def _trajectory(rows: Floats, humans: Floats, count: int, sideways: bool) -> Tra
     )  # fmt: skip
 
 
+FUNCTIONS = 72
+"""Kernels of a run, of all profiles of people together; a stack other than DWB compiles its own besides."""
+
+
 def warm_up(report: Callable[[str], None] | None = None) -> float:
     """Load or compile every kernel; says so through `report` only if there is something to compile. Seconds taken."""
     started = time.perf_counter()
@@ -419,8 +424,9 @@ def warm_up(report: Callable[[str], None] | None = None) -> float:
     if fresh and report is not None:
         report("compiling the simulator for this machine; this happens once and takes up to a minute")
     world, route, humans = rehearsal()
-    for name in PROFILES:
-        simulate_agents(world, route, humans, options=profile(name))
+    with compilation_reported(FUNCTIONS, report) if fresh and report is not None else nullcontext():
+        for name in PROFILES:
+            simulate_agents(world, route, humans, options=profile(name))
     taken = time.perf_counter() - started
     if fresh:
         seal_cache()
