@@ -189,7 +189,9 @@ def test_the_generator_is_told_its_ideas_at_their_best(turns: tuple[list[Attempt
     first = next(a for a in known if a.brief.kind == "new")
     assert first.mean is not None
     assert plan().requirement.badness(second.untold.mean) >= plan().requirement.badness(first.mean)
-    assert third.feedback is not None and third.lessons == ("Corners hold it up.",)
+    # The second proposal said what the first scenario had taught, which a refinement of the other one is told.
+    assert third.feedback is not None and third.lessons == (("Corners hold it up.",) if third.scenario_index else ())
+    assert [remembered.lesson for remembered in third.memory] == ["Corners hold it up." if third.scenario_index else ""]
     assert any(brief.feedback is not None and brief.feedback.tuned for brief in generator.briefs)
 
 
@@ -245,7 +247,10 @@ def test_a_refinement_is_told_what_the_optimiser_changed(turns: tuple[list[Attem
         told = brief.feedback or brief.untold
         assert told is not None and told.tuning is not None and told.best is None
         known = attempts[: next(k for k, a in enumerate(attempts) if a.brief == brief)]
-        (own,) = (a for a in measured(known) if a.brief.kind == "new" and is_of(a, told.scenario, known))
+        assert told.tuning.origin is not None and told.tuning.origin.number is not None
+        origin = attempts[told.tuning.origin.number]
+        assert origin.brief.kind != "tune"
+        (own,) = (a for a in measured(known) if a.scenario_id == origin.scenario_id)
         assert own.mean is not None and told.tuning.mean == pytest.approx(own.mean)
         assert told.tuning.runs == len(own.measurements)
         assert told.tuning.forms > 0
@@ -300,12 +305,6 @@ def test_a_refinement_is_told_why_the_last_answer_was_weaker() -> None:
             assert feedback.weaker.rows
             told.append(k)
     assert told and told[0] > 0, "the first refinement goes on from the only answer"
-
-
-def is_of(attempt: Attempt, scenario: Scenario, known: list[Attempt]) -> bool:
-    """Whether a configuration belongs to the scenario of an attempt."""
-    at = next(a.brief for a in known if a.proposal.scenario is not None and a.proposal.scenario.id == scenario.id)
-    return at.scenario_index == attempt.brief.scenario_index
 
 
 def test_an_encounter_says_where_on_the_way_it_is_and_who_is_met() -> None:

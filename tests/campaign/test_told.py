@@ -2,25 +2,39 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
+import numpy as np
 import pytest
-from tests.campaign.parts import REQUIREMENT, plan, warehouse
+from tests.campaign.parts import REQUIREMENT, Distance, MemoryLedger, parts, plan, searched, warehouse
 from tests.campaign.test_hybrid import Dear, hybrid
 
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.candidates import REHEARSAL, Candidate, badness_of, last_written, tried, with_others
-from rvsg.campaign.feedback import FeedbackSource
-from rvsg.campaign.hybrid import HybridStrategy
+from rvsg.campaign.feedback import FeedbackSource, StoredFeedback, rehearsing
+from rvsg.campaign.hybrid import LEAST_FORMS, HybridStrategy
+from rvsg.campaign.ledger import CachedLedger
+from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.observation import acting, observe
-from rvsg.generation.generator import Proposal
-from rvsg.generation.prompts import Prompts
-from rvsg.generation.result_facts import feedback_facts
+from rvsg.campaign.runner import Runner
+from rvsg.campaign.strategies import Batches
+from rvsg.generation.conversation import VlmGenerator
+from rvsg.generation.generator import Proposal, Rehearsal
+from rvsg.generation.heuristic import HeuristicGenerator
+from rvsg.generation.prompts import Prompts, number
+from rvsg.generation.result_facts import configuration_object, feedback_facts
+from rvsg.generation.vlm.model import Answer, Request
 from rvsg.scenario.brief import Brief, Feedback
 from rvsg.scenario.requirement import Requirement
-from rvsg.scenario.scenario import Human, HumanConfiguration, Pause, Scenario, Task
+from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Scenario, Task
+from rvsg.simulation.kinematic import KinematicSimulator
+from rvsg.simulation.run import Run
 from rvsg.simulation.simulators import make_simulator
+from rvsg.world.world import World
+from rvsg.world.world_folder import load_world
 
 TIME = Requirement(name="R3", title="Time", text="Arrive.", metric="trg", worse="larger", limit=50.0, unit="s")
 
@@ -57,7 +71,7 @@ def prompt(candidate: Candidate, own: Sequence[Candidate], requirement: Requirem
     feedback, last = with_others(told(candidate), candidate, own, requirement), last_written(own)
     if last is not candidate and last is not None:
         feedback = feedback.replace(weaker=told(last).replace(standing=tried(last, own, requirement)))
-    facts = {"feedback": feedback_facts(feedback, requirement, {}), "lessons": [], "drive": None, "tunes": True}
+    facts = {"feedback": feedback_facts(feedback, requirement, {}), "lessons": [], "memory": [], "drive": None}
     given = {"unit": requirement.unit, "worse": requirement.worse, "limit": requirement.threshold}
     return Prompts().render("compact-refine", {**facts, "requirement": given})
 
@@ -69,9 +83,9 @@ def contradictions(text: str, requirement: Requirement = REQUIREMENT) -> list[st
     worst = max(badness.values())
     found = [] if list(badness.values()) == sorted(badness.values(), reverse=True) else ["the list is not in order"]
     found += [f"#{n} is not listed" for n in set(re.findall(r"#(\d+)", text)) - badness.keys()]
-    for number, estimate in re.findall(r"#(\d+):? ?\(?[^()]*?estimate ([\d.]+)", text):
-        if badness.get(number) != requirement.badness(float(estimate)):
-            found.append(f"#{number} has two estimates")
+    for n, estimate in re.findall(r"#(\d+):? ?\(?[^()]*?estimate ([\d.]+)", text):
+        if badness.get(n) != requirement.badness(float(estimate)):
+            found.append(f"#{n} has two estimates")
     first = re.search(r"Measured #(\d+)", text)
     assert first is not None
     base = badness[first[1]]
@@ -133,7 +147,7 @@ def test_every_configuration_is_listed_or_counted() -> None:
 def test_no_prompt_of_a_campaign_contradicts_itself(seed: int) -> None:
     generator = Dear()
     hybrid(generator=generator, scenarios=1, refinements=4, proposals=5, budget_runs=50, seed=seed)
-    facts = {"lessons": [], "drive": None, "tunes": True}
+    facts = {"lessons": [], "memory": [], "drive": None}
     given = {"unit": "m", "worse": "smaller", "limit": 1.0}
     for brief in generator.briefs[1:]:
         assert brief.feedback is not None
@@ -247,3 +261,130 @@ def test_what_acts_after_the_end_of_a_run_changes_no_bit_of_it() -> None:
     assert same and (before.trajectory.x == run(late).trajectory.x).all()
     changed = run(early).trajectory.human_x
     assert len(changed) != len(before.trajectory.human_x) or (changed != before.trajectory.human_x).any()
+
+
+class Planner:
+    """A model that answers each request with the configuration of the offline generator."""
+
+    name = "planner"
+
+    def __init__(self) -> None:
+        self.brief, self.world, self.asked = Brief(mission=plan().mission, requirement=None, seed=0), warehouse(), []
+
+    def ask(self, request: Request) -> Answer:
+        self.asked.append((self.brief, request))
+        scenario = HeuristicGenerator().propose(self.brief, self.world).scenario
+        assert scenario is not None
+        answer = configuration_object(scenario.people, "Somebody does the ordinary work of this place. " * 8)
+        for human in answer["humans"]:  # nobody is there so early
+            human["plan"] = [{"at": human["tasks"][0]["path"][-1], "time_s": 0.2}]
+            human["tuning"] = {"speed_m_s": "0.9 to 1.3", "pause_s": "fixed"}
+        said = {"analysis": "They meet on the way. " * 30, "lesson": "It waits for nobody, and people pass it. " * 4}
+        return Answer(text=json.dumps({**said, **answer}), model="planner")
+
+
+class Planned(VlmGenerator):
+    """Tells its model what it is asked for."""
+
+    def __init__(self) -> None:
+        self.made = Planner()
+        super().__init__(self.made)
+
+    def propose(self, brief: Brief, world: World) -> Proposal:
+        self.made.brief, self.made.world = brief, world
+        return super().propose(brief, world)
+
+
+@pytest.fixture(scope="module")
+def hospital() -> tuple[Planner, list[Attempt], MemoryLedger]:
+    """A campaign with three people, what its model was asked, and its runs."""
+    world, ledger = load_world("hospital"), MemoryLedger()
+    mission = Mission(world=world.name, world_id=world.id, route=world.route("route_1"))
+    given = {"mission": mission, "requirement": REQUIREMENT, "humans": 3, "proposals": 5, "budget_runs": 60}
+    the_plan = plan(scenarios=2, refinements=2, confirmations=0, **given)
+    simulator, generator, cached = KinematicSimulator(), Planned(), CachedLedger(ledger)
+    simulated = rehearsing(simulator, world, seed=1, requirement=REQUIREMENT)
+
+    def rehearse(mission: Mission, people: HumanConfiguration) -> Rehearsal:
+        """Rehearse, and say that nobody meets the robot, so that what is planned counts."""
+        found = simulated(mission, people)
+        return found.replace(people={name: walked.replace(met_s=None) for name, walked in found.people.items()})
+
+    generator.allow_rehearsals(rehearse)
+    runner = Runner(simulator, world, measuring=Distance(), jobs=1, ledger=cached)
+    made = replace(parts(ledger), generator=generator, runner=runner, ledger=cached)
+    strategy = HybridStrategy(the_plan, StoredFeedback(cached, the_plan, world), world)
+    with runner:
+        return generator.made, run_campaign(the_plan, strategy, made), ledger
+
+
+def test_no_request_has_more_than_three_thousand_words(hospital: tuple[Planner, list[Attempt], MemoryLedger]) -> None:
+    asked = [request for _, request in hospital[0].asked]
+    assert {request.purpose for request in asked} == {"new", "refine", "rehearse"}
+    assert max(sum(len(message.text.split()) for message in request.messages) for request in asked) <= 3000
+    assert all(len(table(request.messages[-1].text)) >= 4 for request in asked if request.purpose == "refine")
+
+
+def table(text: str) -> list[str]:
+    """The lines of the first table of a prompt."""
+    return re.findall(r"^\|\d.*$", text.split("Your last answer")[0], re.MULTILINE)
+
+
+def test_tables_tell_where_everybody_is_in_a_run(hospital: tuple[Planner, list[Attempt], MemoryLedger]) -> None:
+    planner, attempts, ledger = hospital
+    refined = [(brief, request) for brief, request in planner.asked if request.purpose == "refine"]
+    for brief, request in refined:
+        text = request.messages[-1].text
+        ids = {m.run_id for a in attempts for m in a.measurements if a.scenario_id == brief.feedback.scenario.id}
+        shown = re.search(r"^\|s\|robot\|value\|(.*)\|$", text, re.MULTILINE)
+        names = [name.strip('"') for name in shown[1].split("|")]
+        assert any(all(tells(line, names, ledger.run(run_id)) for line in table(text)) for run_id in ids)
+        assert contradictions(text) == []
+        (others,) = re.findall(r"^The other scenarios, at their best:\n- ([\d.]+) m: ", text, re.MULTILINE)
+        assert others == number(brief.memory[0].mean) and len(brief.memory) == 1
+        assert brief.memory[0].scenario.id != brief.feedback.scenario.id
+
+
+def tells(line: str, names: Sequence[str], run: Run) -> bool:
+    """Whether a line of a table is true of a run."""
+    time, robot, value, *people = line.strip("|").split("|")
+    path = run.trajectory
+    k = int(path.t.searchsorted(float(time.split(" to ")[0]) - 1e-6))
+    near = np.hypot(path.human_x[k] - path.x[k], path.human_y[k] - path.y[k])
+    true = [abs(float(value) - near.min()) < 0.02, at(robot) == pytest.approx((path.x[k], path.y[k]), abs=0.06)]
+    for name, told in zip(names, people, strict=True):
+        h = run.human_names.index(name)
+        true.append((told == "-") == (near[h] > 6.0))
+        if told != "-":
+            true.append(abs(float(told.rsplit(", ", 1)[1].split()[0]) - near[h]) < 0.02)
+            true.append(("(" in told) == (near[h] <= 5.0))
+        if "(" in told:
+            true.append(at(told) == pytest.approx((path.human_x[k, h], path.human_y[k, h]), abs=0.06))
+    return all(true)
+
+
+def at(told: str) -> tuple[float, ...]:
+    """The position in a cell of a table."""
+    return tuple(float(each) for each in told.split("(")[1].split(")")[0].split(","))
+
+
+@pytest.mark.parametrize("seed", [7, 9])
+def test_what_a_model_wrote_gets_five_other_forms_while_it_may_be_the_best(seed: int) -> None:
+    attempts = hybrid(generator=Dear(), scenarios=2, refinements=1, proposals=4, budget_runs=60, seed=seed)
+    first, second, *_ = [a.index for a in attempts if a.brief.kind != "tune"]
+    assert len({a.scenario_id for a in attempts[first + 1 : second]}) >= LEAST_FORMS
+
+
+class Idle(HybridStrategy):
+    """Finds nothing to do for its second batch."""
+
+    def search(self) -> Batches:
+        yield from self._draft(1)
+        yield []
+        yield from self._draft(1)
+
+
+def test_a_batch_for_which_nothing_is_found_ends_no_search() -> None:
+    """A campaign ended after one of sixty runs, without a word, where the numbers of a proposal could not change."""
+    made = [attempt for attempt in searched(Idle) if attempt.purpose == "search"]
+    assert [attempt.brief.scenario_index for attempt in made] == [0, 1]

@@ -136,13 +136,28 @@ def test_differences_name_what_changed_and_nothing_else() -> None:
     faster = HumanConfiguration(humans=(walker(speed_m_s=1.4),))
     assert differences(one, faster) == "Human 1 walks at 1.4 m/s (was 1)"
     waits = HumanConfiguration(humans=(paused(walker(), 1, 4.0),))
-    assert differences(one, waits) == "Human 1 pauses 4 s at E4"
+    assert differences(one, waits) == "Human 1 pauses 4 s at E4 (leg 1)"
     way, other, work = (
         HumanConfiguration(humans=(walker(tasks=(Task(name=name, path=("G12", middle, "G14")),)),))
         for name, middle in (("a", "F13"), ("a", "H13"), ("b", "H13"))
     )
-    assert differences(way, other) == "Human 1 goes G12 H13 G14 instead of G12 F13 G14"
+    assert differences(way, other) == "Human 1 goes G12 H13 G14 (from leg 1) instead of G12 F13 G14"
     assert differences(way, work) == "Human 1 now does b, no longer a"
+
+    # A pause is told with the leg at whose end it is held, and a stop that moved by its waypoints.
+    twice = paused(walker(), 1, 4.0)
+    twice = twice.replace(tasks=(twice.tasks[0], twice.tasks[1].replace(pauses=twice.tasks[0].pauses)))
+    again, legs = HumanConfiguration(humans=(twice,)), 2 * (len(twice.tasks[0].path) - 1)
+    assert differences(waits, again) == f"Human 1 pauses 4 s at E4 (leg {legs - 1})"
+    assert differences(again, waits) == "Human 1 no longer pauses 4 s at E4"
+    onward = Task(name="b", path=("G15", "G16"))
+    moved, stayed = (
+        HumanConfiguration(
+            humans=(walker(tasks=(Task(name="a", path=("G12", "F13", at)), onward.replace(path=(at, "G16")))),)
+        )
+        for at in ("G15", "G14")
+    )
+    assert differences(stayed, moved) == "Human 1 stops at G15 instead of G14"
 
     # No task is named by the waypoint where it is cut.
     out = Task(name="A to B", path=("G12", "H13", "G14"), start_area="A", end_area="B")

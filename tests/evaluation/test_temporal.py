@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from tests.evaluation.runs import run_of, trajectory
 
 from rvsg.evaluation.metrics.measurement import METRICS
-from rvsg.evaluation.signals import SIGNALS, aim_of, robustness, series_name, series_of
-from rvsg.evaluation.temporal import FormulaError, parse
+from rvsg.evaluation.signals import SIGNALS, aim_of, formula, least_room, robustness, series_name, series_of
+from rvsg.evaluation.temporal import FormulaError, body_of, joined_in, parse
 from rvsg.evaluation.verdict import objective
 from rvsg.scenario.requirement import Aim, Requirement, load_requirement, shipped_requirements
 from rvsg.world.world_folder import load_world
@@ -252,3 +252,23 @@ def test_the_series_of_a_formula_is_the_room_left_at_each_moment() -> None:
 
     assert np.isnan(series_of(run_of(trajectory(T, 0.0)), asking("dto"))).all()
     assert len(series_of(run_of(trajectory(np.empty(0), np.empty(0))), asking("dto"))) == 0
+
+
+def test_a_formula_tells_when_it_has_least_room_and_the_room_of_each_part() -> None:
+    run = run_of(trajectory(T, 0.0, v=np.linspace(0.5, 0.1, len(T)), humans=[(np.linspace(6.0, 2.0, len(T)), 0.0)]))
+    text = "always (centre_distance > 1 and (speed < 0.3 or centre_distance > 5) and abs(turn_rate) < 2)"
+    found = least_room(run, asking(formula=text))
+    assert found is not None
+    time, parts = found
+    k = int(np.nanargmin(series_of(run, asking(formula=text))))
+    assert time == pytest.approx(T[k], abs=0.05) and list(parts) == [
+        "(centre_distance > 1)", "(0.3 > speed)", "(centre_distance > 5)", "(2 > abs(turn_rate))",
+    ]  # fmt: skip
+    room = list(parts.values())
+    away, speed = 6.0 - 4.0 * k / (len(T) - 1), 0.5 - 0.4 * k / (len(T) - 1)
+    assert room == pytest.approx([away - 1.0, 0.3 - speed, away - 5.0, 2.0], abs=0.01)
+    again = formula(f"always ({' and '.join(parts)})")
+    assert [str(part) for part in joined_in(body_of(again))] == list(parts)
+    assert least_room(run, asking("dto")) is None and least_room(run, asking(formula="always speed < 1")) is None
+    nested = "always[0, 2] (not (speed < 1) until[1, 3] -x > min(y, 1))"
+    assert str(formula(str(formula(nested)))) == str(formula(nested))

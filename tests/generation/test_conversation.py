@@ -20,7 +20,7 @@ from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.generation.replies import LESSON_CHARACTERS
 from rvsg.generation.reply_json import configuration_schema
 from rvsg.generation.result_facts import configuration_object
-from rvsg.generation.vlm.model import Answer, Scripted, picture_tokens
+from rvsg.generation.vlm.model import Answer, Scripted
 from rvsg.generation.vlm.recording import Recording
 from rvsg.scenario.brief import (
     Arrival,
@@ -175,25 +175,20 @@ def test_a_truncated_answer_is_told_to_be_and_an_extra_human_left_out(ask: Askin
     assert [r.human for r in proposal.repairs] == ["Boss"]
 
 
-def test_calls_of_a_kind_begin_alike_and_a_refinement_shows_a_small_map(brief: Brief, warehouse: World) -> None:
+def test_all_calls_of_a_campaign_begin_alike_with_both_pictures(brief: Brief, warehouse: World) -> None:
     model = Scripted([GOOD] * 4)
     generator = VlmGenerator(model)
     first = generator.propose(brief, warehouse).scenario
     generator.propose(refining(brief, first), warehouse)
     generator.propose(brief.replace(memory=(remembered(first),), scenario_index=1), warehouse)
     generator.propose(refining(brief, first).replace(configuration_index=2), warehouse)
-    prefixes: dict[str, set[tuple[str, ...]]] = {}
+    prefixes = set[tuple[str, ...]]()
     for request in model.asked:
-        prefixes.setdefault(request.purpose, set()).add(tuple(m.id for m in request.messages[:2]))
+        prefixes.add(tuple(m.id for m in request.messages[:2]))
         assert request.messages[1].stable
         assert not any(m.pictures for m in (request.messages[0], *request.messages[2:]))
-    assert {purpose: len(found) for purpose, found in prefixes.items()} == {"new": 1, "refine": 1}
-    new, refined = (request.messages[1].pictures for request in model.asked[:2])
-    assert [[p.name for p in shown] for shown in (new, refined)] == [
-        ["labelled map", "grid of waypoints"],
-        ["labelled map"],
-    ]
-    assert picture_tokens(refined[0].width, refined[0].height) < picture_tokens(new[0].width, new[0].height) / 2
+    assert len(prefixes) == 1
+    assert [p.name for p in model.asked[1].messages[1].pictures] == ["labelled map", "grid of waypoints"]
     assert "Boxes 1" in model.asked[1].messages[1].text
 
 
@@ -215,7 +210,7 @@ CUT_OFF = "2 runs: 25, 24 m; mean 24.5. 1 of 2 runs ended at the time limit, whi
 @pytest.mark.parametrize(
     ("objectives", "capped", "violated", "words"),
     [
-        ((25.0, 24.0), 1, 0.0, [CUT_OFF, "It fails in 1 of 2 runs", "fewer than 5 runs", "Make it reliable first"]),
+        ((25.0, 24.0), 1, 0.0, [CUT_OFF, "It fails in 1 of 2 runs", "fewer than 5 do not", "Make it reliable first"]),
         ((25.0,), 1, 0.0, ["It fails in 1 of 1 runs", "Make it reliable first"]),
         ((25.0, 25.0, 25.0, 25.0, 20.0), 4, 0.0, ["It fails in 4 of 5 runs. Make it reliable first"]),
         ((25.0,) * 5, 5, 0.0, ["It fails in all 5 runs", "Show the same with less", "one person fewer"]),
@@ -260,7 +255,7 @@ def test_a_refinement_is_told_its_analysis_and_its_plan(brief: Brief, warehouse:
     for words in (
         "G11 4.9 s (planned 3)",
         'Planned, but not reached: E5 by "Human 1" (9 s).',
-        "| 8 | F13 +5 s | 0.5 |",
+        "|8|F13 +5 s|0.5|",
         '"Slow people hold it up."',
     ):
         assert words in told(model)
@@ -279,7 +274,7 @@ def test_a_new_scenario_is_told_the_last_values(
     proposal, model = ask(*replies[:-1], learnt, brief=new, conversation=conversation)
     assert proposal.lesson == "Corners hold it up."
     text = "".join(message.text for message in model.asked[0].messages)
-    assert "| 4 | F13 | 0.5 | D20, pausing, 1.25 left |" in text
+    assert "|4|F13|0.5|D20 pausing, 1.25 left|" in text
     assert "sums up what that scenario taught" in text
 
 
@@ -340,7 +335,7 @@ def test_a_model_says_what_an_optimiser_may_change(brief: Brief, warehouse: Worl
 @pytest.mark.parametrize("tunes", [False, True])
 def test_numbers_are_said_to_be_tuned_where_an_optimiser_follows(tunes: bool, brief: Brief, warehouse: World) -> None:
     prompts = VlmGenerator(Scripted([])).first_prompts(brief.replace(tunes=tunes), warehouse)
-    assert ("optimiser" in prompts[-1].text) == tunes
+    assert ("optimiser" in prompts[1].text) == tunes
 
 
 def test_feedback_tells_the_truth(ask: Asking, brief: Brief, first: Scenario) -> None:
@@ -386,14 +381,14 @@ def test_feedback_tells_the_truth(ask: Asking, brief: Brief, first: Scenario) ->
         'in the other first at 9 s "Human 1" at E3.',
         "In 1 of 2 runs somebody did what fewer than 1 in 100 recorded people did: "
         '"Human 2 accelerates with 5.1 m/s² at 4.2 s; no recorded people go as far."',
-        "| 4 | F13, stands: Human 2 before it | 0.5 | D20, leg 3 of 12, 1.25 left |",
+        "|4|F13, stands: Human 2 before it|0.5|D20 leg 3/12, 1.25 left|",
         "also stands from 6.5 to 7.6 s at F14 (recovery)",
         '4.2 s at F13 "Human 2" head-on, 0.31 m left.',
         "0 to 5 s 1.1; in the mildest (1.5): 0 to 5 s 1.9.",
         '- (2 runs: 1.4 m; mean 1.4): "first configuration"\n',
         '- (1 run: 1.2 m; 1 violates): tuned, the best of 7 forms of the one before, "walks at 1 m/s"',
         "Your last answer (1 run: 1.9 m) stands behind the configuration above, from which you go on",
-        "| 2 | F12 | 1.9 | D20, leg 3 of 12, 1.25 left |",
+        "|2|F12|1.9|D20 leg 3/12, 1.25 left|",
         "with a mean of 1.1 (1 run); start from it",
         '"task":',
         '"standing still": held up for 2 s or longer)',

@@ -158,7 +158,7 @@ def test_things_of_a_bare_map_have_a_size_and_the_way_has_its_free_width(bare: W
     facts = brief_facts(Brief(mission=mission, requirement=load_requirement("R1"), seed=3), bare, undisturbed=drive)
     lines = Prompts().render("compact-context", world_facts(bare) | facts).splitlines()
     (told,) = (line for line in lines if "Without people it is" in line)
-    widths = [float(width) for width in re.findall(r"\(([\d.]+) m\)", told)]
+    widths = [float(width) for width in re.findall(r"\(([\d.]+)\)", told)]
     assert len(widths) == len(drive.robot)
     ways = np.array([(x, y) for _, x, y in drive.way])
     beside = min(free_width_m(bare, x, y, yaw=0.0) for x, y in ways)  # beside the pillar

@@ -9,7 +9,16 @@ from tests.coded import coded
 
 from rvsg.core.errors import FileError, UnknownName
 from rvsg.generation.facts import route_facts
-from rvsg.generation.prompts import SHIPPED, Prompts, block, declared_variables, number, quoted, shipped_prompts
+from rvsg.generation.prompts import (
+    SHIPPED,
+    Prompts,
+    block,
+    declared_variables,
+    number,
+    positions,
+    quoted,
+    shipped_prompts,
+)
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.scenario.scenario import Mission
 from rvsg.world.world_folder import load_world
@@ -18,7 +27,7 @@ from rvsg.world.world_folder import load_world
 @pytest.mark.parametrize("path", sorted(SHIPPED.glob("*.md.j2")), ids=lambda path: path.name)
 def test_a_template_declares_exactly_what_it_and_its_parts_use(path: Path) -> None:
     environment = Environment()
-    environment.filters |= {"quoted": quoted, "block": block, "num": number}
+    environment.filters |= {"quoted": quoted, "block": block, "num": number, "positions": positions}
 
     def used(name: str) -> set[str]:
         tree = environment.parse((SHIPPED / f"{name}.md.j2").read_text())

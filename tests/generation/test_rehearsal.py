@@ -100,7 +100,7 @@ def test_the_first_message_says_where_the_robot_is_without_people(
     for seed in (3, 4):
         made.propose(brief.replace(seed=seed), warehouse)
     assert asked == [0]
-    assert "0 s E1, 2 s E3; it arrives at 19.5 s" in model.asked[0].messages[1].text
+    assert "0:E1, 2:E3; it arrives at 19.5 s" in model.asked[0].messages[1].text
 
 
 def test_a_rehearsal_gives_a_value_and_asks_for_no_repair_where_the_time_limit_sets_it(

@@ -7,7 +7,7 @@ from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.generation.search_space import LONGEST_PAUSE_S, SPEEDS_M_S, Mutations, TuningSpace
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import load_requirement
-from rvsg.scenario.scenario import Mission, Scenario
+from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
 from rvsg.scenario.validity import check
 from rvsg.world.world_folder import load_world
 
@@ -94,3 +94,14 @@ def test_what_is_fixed_stays_and_a_range_is_kept() -> None:
     limits[first] = dict.fromkeys(ALL)
     nothing = TuningSpace(scenario.people, scenario.mission, space.world, limits)
     assert Mutations(nothing, np.random.default_rng(3)).draw() == (None, "")
+
+
+def test_a_group_whose_pace_is_outside_of_a_range_may_still_be_tuned() -> None:
+    """Nobody's number could change where two people of a group walk slower than the model lets an optimiser choose."""
+    scenario, space = drafted(1)
+    first, second, *_ = scenario.people.humans
+    pace = {"group": 1, "speed_m_s": 0.7, "start_delay_s": 0.0}
+    people = HumanConfiguration(humans=tuple(human.model_copy(update=pace) for human in (first, second)))
+    limits = {human.name: {"speed_m_s": (0.9, 1.3)} for human in people.humans}
+    space = TuningSpace(people, scenario.mission, space.world, limits)
+    assert Mutations(space, np.random.default_rng(3)).draw()[0] is not None

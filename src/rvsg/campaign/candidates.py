@@ -90,7 +90,7 @@ def badness_of(attempt: Attempt, requirement: Requirement) -> dict[int, float]:
 
 TUNED = "tune"
 """The operator of a candidate that the generator did not write."""
-LAST, MOST_LISTED = 3, 4
+LAST, MOST_LISTED = 2, 4
 """The last so many written configurations are listed, and the first so many of all."""
 
 
@@ -133,7 +133,7 @@ def tuning_of(candidate: Candidate, own: Sequence[Candidate], requirement: Requi
         own: The candidates of the scenario that have runs.
     """
     origin = written(candidate)
-    forms = _forms(origin, own)
+    forms = forms_of(origin, own)
     if not forms:
         return None
     change = _difference(origin, candidate) if candidate is not origin else ""
@@ -152,7 +152,7 @@ def tried(candidate: Candidate, own: Sequence[Candidate], requirement: Requireme
         change=_difference(before, candidate) if before is not None else "first configuration",
         runs=len(values),
         violations=sum(map(requirement.violated_by, values)) if requirement.threshold is not None else None,
-        best_of=len(_forms(origin, own)) if origin is not candidate else 0,
+        best_of=len(forms_of(origin, own)) if origin is not candidate else 0,
         number=candidate.index,
         made_from=before.index if before is not None else None,
         objectives=values,
@@ -185,7 +185,8 @@ def _difference(before: Candidate, after: Candidate) -> str:
     return differences(before.scenario.people, after.scenario.people)
 
 
-def _forms(origin: Candidate, own: Sequence[Candidate]) -> list[Candidate]:
+def forms_of(origin: Candidate, own: Sequence[Candidate]) -> list[Candidate]:
+    """Return the forms with other numbers of a configuration that the generator wrote."""
     return [c for c in own if c is not origin and written(c) is origin]
 
 

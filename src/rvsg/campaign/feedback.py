@@ -34,7 +34,7 @@ from rvsg.core.seeds import seed_for
 from rvsg.evaluation.realism import rarest
 from rvsg.evaluation.run_events import WaypointNames
 from rvsg.evaluation.sampled import sampled, stretches
-from rvsg.evaluation.signals import series_name, series_of
+from rvsg.evaluation.signals import least_room, series_name, series_of
 from rvsg.evaluation.statistics import welch
 from rvsg.evaluation.verdict import Verdict, judge, objective
 from rvsg.generation.generator import MET_M, Abilities, Rehearsal, Rehearse, Walked
@@ -146,6 +146,7 @@ def _feedback(
         series_of=series_name(requirement),
         rows=_rows(worst, walks, world, values),
         parts=_parts(worst, values),
+        least_room=least_room(worst, requirement, world=world),
         stops=stops_of(worst, world),
         reactions=_reactions(worst),
         passings=passings_of(worst, world),
@@ -449,6 +450,7 @@ def _rehearsed(run: Run, people: HumanConfiguration, world: World) -> Rehearsal:
             human.name: _walked(run, h, walk) for h, (human, walk) in enumerate(zip(people.humans, walks, strict=True))
         },
         rows=_rows(run, walks, world) if people.humans else (),
+        stops=stops_of(run, world) if people.humans else (),
     )
 
 

@@ -30,14 +30,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rvsg.campaign.attempt import Attempt, Plan
-from rvsg.campaign.candidates import Candidate, in_order, last_written, tried, with_others, written
+from rvsg.campaign.candidates import Candidate, forms_of, in_order, last_written, tried, with_others, written
 from rvsg.campaign.feedback import FeedbackSource
 from rvsg.campaign.mutation import CandidateStrategy, Kinds, Met
 from rvsg.campaign.race import estimate, in_the_race
 from rvsg.campaign.ranking import Tried, lessons_of, remember, tried_by, undominated
 from rvsg.campaign.strategies import Ask, Batches
 from rvsg.core.seeds import seed_for
-from rvsg.scenario.brief import Brief, Encounter, Feedback, Remembered
+from rvsg.scenario.brief import Brief, Encounter, Feedback, Remembered, mechanism_of
 from rvsg.world.world import World
 
 KEEN = 0.35
@@ -45,6 +45,9 @@ KEEN = 0.35
 
 TURN = 4
 """Configurations that are tuned at a time between two proposals."""
+
+LEAST_FORMS = 5
+"""So many forms with other numbers are run of a proposal that may still be the best."""
 
 
 class HybridStrategy(CandidateStrategy):
@@ -54,7 +57,8 @@ class HybridStrategy(CandidateStrategy):
         drafts: Share of the runs that go to first runs of new scenarios.
         refine: Share of the changed configurations that the generator refines at first; the others are tuned. The
             share follows how often each of the two makes a configuration worse for the robot.
-        turns: Share of the runs, less those of the finalists, that go to the turns of a generator with few proposals.
+        turns: Share of the runs, less those of the finalists, that go to the turns of a generator with few proposals,
+            unless `LEAST_FORMS` of each proposal take more.
         explore: Share of the changed configurations that are not the best but stand for their kind of failure.
         spread: Whether that share looks for kinds of failure that nothing shows yet, and races make kinds certain.
             Without it, that share is the worst with their kind of encounter.
@@ -96,7 +100,7 @@ class HybridStrategy(CandidateStrategy):
         if self.plan.proposals is None:
             yield from self._first_drafts()
         else:
-            yield from self._take_turns(self.plan.proposals, self.turns * (self.plan.search_runs - reserve))
+            yield from self._take_turns(self.plan.proposals, self.plan.search_runs - reserve)
         if not self.measured:
             return
         yield from self._race(self.batch)
@@ -128,17 +132,19 @@ class HybridStrategy(CandidateStrategy):
                 self._add(attempt, None, "new")
         estimate(self.candidates)
 
-    def _memory(self) -> tuple[Remembered, ...]:
-        """Return the memory for a new scenario: of each scenario the configuration that all else calls its best."""
+    def _memory(self, without: int | None = None) -> tuple[Remembered, ...]:
+        """Return the memory, perhaps without one scenario: of each the configuration that all else calls its best."""
         best = self._best_of_each()
-        met = {c.scenario.id: cell for c in best if (cell := self._cells.get(c.index)) is not None}
+        met = {c.scenario.id: found for c in best if (found := self.feedback_of.encounter(c.last.record)) is not None}
         chosen = {c.scenario_index: c.last for c in best}
-        memory = remember(self.attempts, self.plan.requirement, last=self.plan.memory, best=chosen)
-        cells = ((each, met.get(each.scenario.id)) for each in memory)
-        return tuple(e if cell is None else e.replace(mechanism=f"{cell.kind}, at {cell.place}") for e, cell in cells)
+        others = (attempt for attempt in self.attempts if attempt.scenario_index != without)
+        memory = remember(others, self.plan.requirement, last=self.plan.memory, best=chosen)
+        seen = ((each, met.get(each.scenario.id)) for each in memory)
+        return tuple(e if found is None else e.replace(mechanism=mechanism_of(found)) for e, found in seen)
 
-    def _take_turns(self, proposals: int, runs: float) -> Batches:
-        """Let the generator propose, and tune what it proposes, in about so many runs together."""
+    def _take_turns(self, proposals: int, most: int) -> Batches:
+        """Let the generator propose, and tune what it proposes, in at most about so many runs together."""
+        runs = min(most, max(self.turns * most, (1 + LEAST_FORMS) * proposals))
         drafts = -(-proposals // self.plan.configurations)
         for turn in range(proposals):
             if self.left <= 0:
@@ -157,15 +163,25 @@ class HybridStrategy(CandidateStrategy):
                 yield from self._propose(self._refining(parent, self._seeds(1)), parent)
             if self.spent:
                 return
-            yield from self._tune(scenario, self.plan.search_runs - (turn + 1) * runs / proposals)
+            least = self.plan.search_runs - runs
+            yield from self._tune(scenario, self.plan.search_runs - (turn + 1) * runs / proposals, least)
 
-    def _tune(self, scenario: int, until: float) -> Batches:
-        """Change the numbers of a scenario's configurations and race them until so many runs are left."""
-        while self.left > until and self.left > 0:
+    def _tune(self, scenario: int, until: float, least: float) -> Batches:
+        """Change the numbers of a scenario's configurations and race them until so many runs are left.
+
+        What the generator wrote last gets `LEAST_FORMS` forms if it may still be the best, until `least` runs are left.
+        """
+        while self.left > 0:
             own, before = self._of(scenario), self.left
-            if not own:
+            last = last_written(own)
+            owed = LEAST_FORMS - len(forms_of(last, own)) if last in in_the_race(self.candidates) else 0
+            owed = min(owed, math.ceil(self.left - least))
+            if not own or (self.left <= until and owed <= 0):
                 return
-            yield from self._change(min(TURN, math.ceil(self.left - until)), own)
+            if last is not None and owed > 0:
+                yield from self._change(owed, [last])
+            else:
+                yield from self._change(min(TURN, math.ceil(self.left - until)), own)
             if self.left > until:
                 yield from self._race(min(TURN // 2, math.ceil(self.left - until)), among=self._of(scenario))
             if self.left == before:
@@ -214,9 +230,9 @@ class HybridStrategy(CandidateStrategy):
     def _refining(self, parent: Candidate, seeds: tuple[int, ...]) -> Ask:
         scenario = parent.scenario_index
         others = [a for a in self.attempts if a.scenario_index != scenario]
-        lessons = lessons_of(others, last=self.plan.memory)
-        feedback = self._feedback(parent)
-        brief = self._brief("refine", scenario, self._next(parent), feedback=feedback, lessons=lessons)
+        memory = self._memory(scenario) if self.plan.proposals is not None else ()
+        told = {"feedback": self._feedback(parent), "lessons": lessons_of(others, last=self.plan.memory)}
+        brief = self._brief("refine", scenario, self._next(parent), memory=memory, **told)
         return Ask(brief=brief, seeds=seeds)
 
     def _change(self, count: int, among: Sequence[Candidate] | None = None) -> Batches:

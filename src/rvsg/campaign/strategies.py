@@ -122,12 +122,13 @@ class BatchStrategy(Strategy):
         if self._search is None:
             self._search = self.search()
             self._take(next(self._search, []))
-        elif self._batch and len(self._results) == len(self._batch):
+        while len(self._results) == len(self._batch):  # a batch for which nothing was found ends no search
             results, self._results = self._results, []
             try:
                 self._take(self._search.send(results))
             except StopIteration:
                 self._batch = []
+                break
         return tuple(self._batch[len(self._results) :])
 
     def tell(self, attempt: Attempt) -> None:

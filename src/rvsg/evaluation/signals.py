@@ -12,7 +12,7 @@ import numpy as np
 from rvsg.core.registry import Registry
 from rvsg.evaluation.metrics.measurement import find_metric
 from rvsg.evaluation.sampled import Floats, Sampled, sampled
-from rvsg.evaluation.temporal import Node, Range, body_of, bounds, parse, signals_of
+from rvsg.evaluation.temporal import Node, Range, body_of, bounds, joined_in, parse, signals_of
 from rvsg.scenario.requirement import Aim, Requirement
 from rvsg.scenario.scenario import FASTEST_M_S, Mission
 from rvsg.simulation.run import Run
@@ -241,3 +241,19 @@ def series_of(run: Run, requirement: Requirement, *, world: World | None = None)
         return SIGNALS[known.shown if known is not None else NEARNESS].values(s)
     except NotKnown:
         return np.full(len(s), np.nan)
+
+
+def least_room(
+    run: Run, requirement: Requirement, *, world: World | None = None
+) -> tuple[float, dict[str, float]] | None:
+    """Return when a formula has least room in a run (s), and the room of each part that it joins there.
+
+    None for a metric, a formula of one part, and where the formula has no value.
+    """
+    values = series_of(run, requirement, world=world)
+    parts = joined_in(body_of(formula(requirement.formula))) if requirement.formula is not None else ()
+    if len(parts) < 2 or not np.isfinite(values).any():
+        return None
+    k, time, signals = int(np.nanargmin(values)), run.trajectory.t, _Lazily(sampled(run, world))
+    room = {str(part): round(float(part.values(time, signals)[k]), 3) for part in parts}
+    return round(float(time[k]), 1), {part: value for part, value in room.items() if math.isfinite(value)}

@@ -72,6 +72,22 @@ class Node:
     name: str = ""
     """Of a signal."""
 
+    def __str__(self) -> str:
+        """Return the part as a formula."""
+        words = [str(part) for part in self.parts]
+        within = "" if self.interval.is_everything else f"[{self.interval.low:g}, {self.interval.high:g}]"
+        match self.kind:
+            case "number":
+                return f"{self.value:g}"
+            case "signal":
+                return self.name
+            case "min" | "max" | "abs":
+                return f"{self.kind}({', '.join(words)})"
+            case "not" | "always" | "eventually" | "negative":
+                return f"{'-' if self.kind == 'negative' else f'{self.kind}{within} '}{words[0]}"
+            case kind:
+                return f"({words[0]} {'>' if kind == 'room' else kind + within} {words[1]})"
+
     def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
         """Return (N,) the value at each of the N samples."""
         parts = [part.values(time, signals) for part in self.parts]
@@ -191,6 +207,11 @@ def body_of(node: Node) -> Node:
 
 
 LONGEST = 2000
+
+
+def joined_in(node: Node) -> tuple[Node, ...]:
+    """Return the parts that `and` and `or` join in a formula; the formula itself where they join none."""
+    return tuple(each for part in node.parts for each in joined_in(part)) if node.kind in ("and", "or") else (node,)
 
 
 class FormulaError(InputError):

@@ -18,13 +18,13 @@ from rvsg.core.errors import BudgetSpent, InputError, StoreError
 from rvsg.core.records import canonical_json
 from rvsg.generation.descriptions import Described, described_scenario
 from rvsg.generation.environment import description_of
-from rvsg.generation.facts import brief_facts, human_names, offered, pictures_of, small_map_of, world_facts
+from rvsg.generation.facts import brief_facts, human_names, offered, pictures_of, told_facts, world_facts
 from rvsg.generation.generator import Generator, Proposal, Rehearsal, Rehearse, surprises
 from rvsg.generation.people_sampler import added, placed
 from rvsg.generation.prompts import Dialogue, Prompts, number
 from rvsg.generation.replies import Reply, read_configuration, read_description, read_path_lines
 from rvsg.generation.reply_json import configuration_schema
-from rvsg.generation.result_facts import answer_object, configuration_object, passes_of, rehearsal_facts
+from rvsg.generation.result_facts import MOST_ROWS, answer_object, configuration_object, passes_of, rehearsal_facts
 from rvsg.generation.vlm.access import Tell, model_access
 from rvsg.generation.vlm.model import Access, Answer, Message, Model, Picture
 from rvsg.generation.vlm.recording import MEASURED, place_of
@@ -40,6 +40,13 @@ DRIVE = "drive"
 
 TOLD = ("feedback", "memory", "untold", "lessons")
 """The fields of a brief that tell of runs that were made."""
+
+MOST_WORDS = 3000
+"""A request of the compact conversation has at most so many words, as far as fewer lines of its tables help."""
+ROWS, REHEARSED_ROWS = (MOST_ROWS, 12, 10, 9, 7, 5, 4, 3), 10
+"""Lines of a table of runs, fewer and fewer, and of that of a rehearsal."""
+CONTEXT = 2
+"""The messages that every request of a campaign begins with."""
 
 
 class VlmGenerator(Generator):
@@ -183,16 +190,12 @@ class Conversation(ABC):
         self.drive = generator.undisturbed_drive(brief)
         facts = world_facts(world, description_of(world))
         facts |= brief_facts(brief, world, provoking=generator.provoking, undisturbed=self.drive)
-        self.dialogue = Dialogue(
-            generator.access, generator.prompts, session_of(brief), facts, self._pictures(self.drive)
-        )
+        pictures = pictures_of(world, brief.mission.route, self.drive.way if self.drive else ())
+        self.dialogue = Dialogue(generator.access, generator.prompts, session_of(brief), facts, pictures)
         self.replies: list[Reply] = []
         self.rehearsals: list[tuple[HumanConfiguration, float]] = []
         self.description = ""
         """That of the scenario, where an answer before the configuration gives it."""
-
-    def _pictures(self, drive: Rehearsal | None) -> tuple[Picture, ...]:
-        return pictures_of(self.world, self.brief.mission.route, drive.way if drive else ())
 
     @abstractmethod
     def first_question(self) -> tuple[str, tuple[Picture, ...]]:
@@ -268,19 +271,24 @@ class CompactConversation(Conversation):
         self.dialogue.tell("system", role="system")
         self.dialogue.tell("compact-context", shown=self.dialogue.pictures.values(), stable=True)
 
-    def _pictures(self, drive: Rehearsal | None) -> tuple[Picture, ...]:
-        if self.brief.feedback is None:
-            return super()._pictures(drive)
-        return (small_map_of(self.world, self.brief.mission.route, drive.way if drive else ()),)
-
     def first_question(self) -> tuple[str, tuple[Picture, ...]]:
         """A refinement answers on top of the configuration that was simulated, in the form answers have."""
         feedback = self.brief.feedback
-        if feedback is None:
-            return "compact-new", ()
-        moved = added(self.brief.mission, feedback.scenario.mission)
-        self.dialogue.tell_text("assistant", canonical_json(answer_object(feedback, moved)))
-        return "compact-refine", ()
+        if feedback is not None:
+            moved = added(self.brief.mission, feedback.scenario.mission)
+            self.dialogue.tell_text("assistant", canonical_json(answer_object(feedback, moved)))
+        template = "compact-new" if feedback is None else "compact-refine"
+        for rows in ROWS:
+            self.dialogue.facts |= told_facts(self.brief, self.world, self.drive, rows)
+            if self.dialogue.words(template) <= MOST_WORDS:
+                break
+        return template, ()
+
+    def _ask_again(self, purpose: str, template: str, **more: Any) -> Reply:
+        """Ask about the last answer; where the request gets too long, without the question before it."""
+        if self.dialogue.words(template, **more) > MOST_WORDS:
+            del self.dialogue.messages[CONTEXT:-1]
+        return self._read(self.dialogue.ask(purpose, template, shape=self.shape, **more))
 
     def hold(self) -> None:
         """Ask, correct, and rehearse."""
@@ -288,11 +296,10 @@ class CompactConversation(Conversation):
         self.replies = [self._read(self.dialogue.ask(template.removeprefix("compact-"), template, shape=self.shape))]
         while (last := self.replies[-1]).findings and len(self.replies) <= self.generator.corrections:
             if last.people is None:
-                answer = self.dialogue.ask("correct", "reply-unreadable", shape=self.shape, problem=_unreadable(last))
+                self.replies.append(self._ask_again("correct", "reply-unreadable", problem=_unreadable(last)))
             else:
                 findings = [str(finding) for finding in last.findings]
-                answer = self.dialogue.ask("correct", "compact-correction", shape=self.shape, findings=findings)
-            self.replies.append(self._read(answer))
+                self.replies.append(self._ask_again("correct", "compact-correction", findings=findings))
         for _ in range(self.generator.rehearsals):
             last = self.replies[-1]
             revised = self._rehearsed(last, last.people) if last.people is not None and not last.findings else None
@@ -320,14 +327,13 @@ class CompactConversation(Conversation):
             wanted = any(call.key.endswith(ending) and place_of(call.session) == place for call in calls)
         if not wanted:
             return None
-        told = rehearsal_facts(rehearsal, passes_of(self.drive, self.world.grid), self.brief.requirement)
+        told = rehearsal_facts(
+            rehearsal, passes_of(self.drive, self.world.grid), self.brief.requirement, REHEARSED_ROWS
+        )
         try:
-            answer = dialogue.ask(
-                "rehearse", "compact-rehearsal", shape=self.shape, surprises=list(found), rehearsal=told
-            )
+            return self._ask_again("rehearse", "compact-rehearsal", surprises=list(found), rehearsal=told)
         except BudgetSpent:
             return None  # the valid answer is paid for, and stands
-        return self._read(answer)
 
 
 class StudyConversation(Conversation):

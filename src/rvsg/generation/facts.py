@@ -12,9 +12,9 @@ import numpy as np
 
 from rvsg.generation.generator import Rehearsal
 from rvsg.generation.replies import LONGEST_DELAY_S, MOST_MOVED
-from rvsg.generation.result_facts import FEWER_ROWS, feedback_facts, passes_of
+from rvsg.generation.result_facts import FEWER_ROWS, MOST_ROWS, feedback_facts, passes_of
 from rvsg.generation.vlm.model import Picture
-from rvsg.scenario.brief import Brief, Remembered
+from rvsg.scenario.brief import Brief, Remembered, mechanism_of
 from rvsg.scenario.placement import start_gap_m
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.rules import SPEED_RANGE_M_S, START_CLEARANCE_M
@@ -141,7 +141,7 @@ def _in_rows(names: Sequence[str], grid: Grid) -> list[str]:
 
 
 def _invalid(grid: Grid) -> list[str]:
-    """Where nobody can stand: rows with the same columns together, as in `rows A B: 2 to 8, 10`."""
+    """Where nobody can stand: rows with the same columns together, as in `rows A B: 2-8,10`."""
     taken: dict[str, list[int]] = {}
     for waypoint in grid.waypoints:
         if not waypoint.human:
@@ -154,8 +154,8 @@ def _invalid(grid: Grid) -> list[str]:
         words: list[str] = []
         for _, group in itertools.groupby(enumerate(numbers), key=lambda pair: pair[1] - pair[0]):
             run = [grid.columns[number] for _, number in group]
-            words += [f"{run[0]} to {run[-1]}"] if len(run) > 2 else run
-        found.append(f"row{'s' if len(rows) > 1 else ''} {' '.join(rows)}: {', '.join(words)}")
+            words += [f"{run[0]}-{run[-1]}"] if len(run) > 2 else run
+        found.append(f"row{'s' if len(rows) > 1 else ''} {' '.join(rows)}: {','.join(words)}")
     return found
 
 
@@ -164,7 +164,6 @@ def brief_facts(
 ) -> dict[str, Any]:
     """Return route, requirement, humans, memory and feedback of a brief."""
     requirement, mission, grid = brief.requirement, brief.mission, world.grid
-    passes = passes_of(undisturbed, grid)
     fields = Human.model_fields
     radius = BODY_RADIUS_M
     # Where nobody may start because of the robot, and the nearest waypoints where people may.
@@ -199,11 +198,25 @@ def brief_facts(
         "person_radius_m": radius,
         "goal_radius_m": fields["goal_radius_m"].default,
         "walking_speed_m_s": fields["speed_m_s"].default,
-        "memory": [_remembered(earlier) | {"same_as": _same_as(earlier, brief.memory)} for earlier in brief.memory],
-        "lessons": list(brief.lessons),
         "tunes": brief.tunes,
-        "feedback": feedback_facts(brief.feedback, requirement, passes) if brief.feedback else None,
-        "untold": feedback_facts(brief.untold, requirement, passes, FEWER_ROWS) if brief.untold else None,
+        **told_facts(brief, world, undisturbed),
+    }
+
+
+def told_facts(brief: Brief, world: World, undisturbed: Rehearsal | None, most_rows: int = MOST_ROWS) -> dict[str, Any]:
+    """Return what a brief tells of runs, with at most so many lines in a table."""
+    requirement, passes, met = brief.requirement, passes_of(undisturbed, world.grid), ""
+    if brief.feedback is not None and brief.feedback.encounter is not None:
+        met = mechanism_of(brief.feedback.encounter)
+    memory = [
+        _remembered(e) | {"same": e.mechanism == met != "", "same_as": _same_as(e, brief.memory)} for e in brief.memory
+    ]
+    fewer = min(FEWER_ROWS, most_rows)
+    return {
+        "memory": memory,
+        "lessons": list(brief.lessons),
+        "feedback": feedback_facts(brief.feedback, requirement, passes, most_rows) if brief.feedback else None,
+        "untold": feedback_facts(brief.untold, requirement, passes, fewer) if brief.untold else None,
     }
 
 
@@ -255,6 +268,7 @@ def requirement_facts(requirement: Requirement) -> dict[str, Any]:
         "unit": requirement.unit,
         "worse": requirement.worse,
         "limit": requirement.threshold,
+        "of_contact": (requirement.metric or "").startswith("contact"),
     }
 
 
@@ -312,26 +326,21 @@ def neighbour_rule(grid: Grid, hops: Iterable[tuple[str, str]]) -> dict[str, Any
 
 Way = tuple[tuple[float, float, float], ...]
 PICTURE_WIDTH_PX = 1600
-MAP_WIDTH_PX, SMALL_MAP_WIDTH_PX = 1024, 512
-"""Widths of the labelled map. Services cut pictures into tiles of 512 x 512 and charge for each."""
+MAP_WIDTH_PX = 1024
+"""Services cut pictures into tiles of 512 x 512 and charge for each."""
 
 
 def pictures_of(world: World, route: Route | None = None, way: Way = ()) -> tuple[Picture, Picture]:
     """Return the labelled map and the grid picture; the map shows the drive without people (seconds, x, y)."""
-    return _labelled_map(world, route, way, MAP_WIDTH_PX), _grid_picture(world)
-
-
-def small_map_of(world: World, route: Route | None = None, way: Way = ()) -> Picture:
-    """Return the labelled map drawn small, with all of its names, for a third of the price; enough for a refinement."""
-    return _labelled_map(world, route, way, SMALL_MAP_WIDTH_PX)
+    return _labelled_map(world, route, way), _grid_picture(world)
 
 
 @lru_cache(maxsize=16)
-def _labelled_map(world: World, route: Route | None, way: Way, width_px: int) -> Picture:
+def _labelled_map(world: World, route: Route | None, way: Way) -> Picture:
     from rvsg.world.drawing import labelled_map, png_bytes
 
     moves = len({(x, y) for _, x, y in way}) > 1
-    drawn = labelled_map(world, width_px=width_px, route=route, way=way if moves else None)
+    drawn = labelled_map(world, width_px=MAP_WIDTH_PX, route=route, way=way if moves else None)
     return Picture(name="labelled map", png=png_bytes(drawn))
 
 

@@ -15,7 +15,7 @@ from rvsg.core.documents import record_of
 from rvsg.core.inputs import parse_json, read_text
 from rvsg.core.records import Record
 from rvsg.generation.vlm.access import Tell
-from rvsg.scenario.brief import Arrival, Brief, Remembered, Row, TuningLimits
+from rvsg.scenario.brief import Arrival, Brief, Remembered, Row, Stop, TuningLimits
 from rvsg.scenario.builder import WORLD_FOLDER, with_world_folder
 from rvsg.scenario.rules import Finding, Repair
 from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
@@ -91,6 +91,8 @@ class Rehearsal(Record):
     people: dict[str, Walked] = Field(default_factory=dict)
     rows: tuple[Row, ...] = ()
     """What everybody does every two seconds; empty without people."""
+    stops: Annotated[tuple[Stop, ...], Field(exclude_if=lambda stops: not stops)] = ()
+    """Where the robot stands among people, and why."""
     value: Annotated[float | None, Field(exclude_if=lambda value: value is None)] = None
     """The value of the requirement; None: not measured, or the run has none."""
     capped: Annotated[bool, Field(exclude_if=lambda capped: not capped)] = False

@@ -8,7 +8,7 @@ from typing import Any
 
 from rvsg.generation.generator import Rehearsal
 from rvsg.generation.reply_json import TUNABLE
-from rvsg.scenario.brief import Feedback, Row, Stop, Tried
+from rvsg.scenario.brief import Feedback, Passing, Row, Stop, Tried
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Attention, Human, HumanConfiguration, PersonKind
 from rvsg.world.grid import Grid
@@ -21,18 +21,18 @@ Pass = tuple[float, float]
 """First and last time, in seconds."""
 RELIABLE_RUNS = 5
 """A configuration that fails in fewer runs is to fail reliably first, before it is to get by with less."""
-MOST_ROWS, FEWER_ROWS = 14, 6
-"""Lines of the table of a run, and of that of a second configuration."""
+MOST_ROWS, FEWER_ROWS, BRIEF_BELOW = 14, 6, 10
+"""Lines of the table of a run, of that of a second configuration, and from how few on all else gets shorter, too."""
 SEEN_M, POSITION_M = 6.0, 5.0
 """People farther from the robot than this are left out of a line, and their positions from this distance on."""
 NEAR_M, ROW_S = 2.0, 2.0
 
 TOLD_AS_MEASURED = frozenset(
     {
-        *("parts", "passings", "arrival_s", "arrived", "touched", "touches", "touches_elsewhere", "unusual"),
+        *("parts", "arrival_s", "arrived", "touched", "touches", "touches_elsewhere", "unusual"),
         *("best_mean", "best_runs", "tuned", "capped", "mildest", "unusual_runs", "untried"),
         *("objectives", "mean", "violation_share"),
-        *("previous_mean", "influences", "series_of", "reactions"),
+        *("previous_mean", "influences", "series_of", "reactions", "least_room"),
     }
 )
 
@@ -53,7 +53,9 @@ def feedback_facts(
     )
     begins = {human.name: human.tasks[0].path[0] for human in people.humans}
     rows, shown = _rows(feedback, passes)
-    weaker = feedback_facts(feedback.weaker, requirement, passes, FEWER_ROWS) if feedback.weaker else None
+    brief = most_rows < BRIEF_BELOW
+    fewer = 0 if brief else FEWER_ROWS
+    weaker = feedback_facts(feedback.weaker, requirement, passes, fewer) if feedback.weaker else None
     return {
         "standing": _standing(standing),
         "beyond": None if limit is None else (limit - standing.mean) * (1 if worse == "smaller" else -1),
@@ -72,11 +74,13 @@ def feedback_facts(
             moment.model_dump(mode="json") | {"humans_at": [{"name": n, "at": a} for n, a in moment.humans_at.items()]}
             for moment in feedback.moments
         ],
-        **{"unusual": "", "unusual_runs": 0, "untried": [], "reactions": []},
+        **{"unusual": "", "unusual_runs": 0, "untried": [], "reactions": [], "least_room": None},
         **feedback.model_dump(mode="json", include=set(TOLD_AS_MEASURED)),
         "tried": [_standing(each) for each in feedback.tried],
         "tuning": _tuning(feedback),
         "rows": _fewer(rows, most_rows),
+        "left_out": max(0, len(rows) - most_rows),
+        "change_characters": 160 if not brief else 80 if most_rows > FEWER_ROWS else 40,
         "stops_between": [_stop(stop) for k, stop in enumerate(feedback.stops) if k not in shown],
         "currency": _currency(feedback, requirement, passes),
         "arrivals": {human.name: own for human in people.humans if (own := _arrivals(human, feedback))},
@@ -85,6 +89,9 @@ def feedback_facts(
             for name, moments in feedback.planned.items()
             for at, time in moments.items()
             if at != begins.get(name) and at not in {arrival.at for arrival in feedback.arrivals.get(name, ())}
+        ],
+        "passings": [
+            p.model_dump(mode="json") for p in feedback.passings if p in _closest(feedback, 2 if brief else 4)
         ],
         "weaker": weaker,
         "behind_by_chance": feedback.weaker is not None and _within_chance(standing, feedback.weaker.standing),
@@ -152,13 +159,18 @@ def _less(feedback: Feedback) -> dict[str, Any] | None:
     }
 
 
-def _rows(feedback: Feedback, passes: Mapping[str, Pass]) -> tuple[list[dict[str, Any]], set[int]]:
-    """Return the lines of the table, equal ones in a row joined, and the stops that they show."""
+def _rows(run: Feedback | Rehearsal, passes: Mapping[str, Pass]) -> tuple[list[dict[str, Any]], set[int]]:
+    """Return the lines of the table, equal ones in a row joined, and the stops that they show.
+
+    People who come within `SEEN_M` in none of them have no column.
+    """
     lines: list[dict[str, Any]] = []
     shown = set[int]()
-    for row in feedback.rows:
-        stop = next((k for k, s in enumerate(feedback.stops) if s.time_s <= row.time_s <= s.until_s), None)
-        line = _row(row, passes) | {"stop": _stop(feedback.stops[stop]) if stop is not None else None}
+    seen = {name for row in run.rows for name, each in row.people.items() if each.distance_m <= SEEN_M}
+    for row in run.rows:
+        stop = next((k for k, s in enumerate(run.stops) if s.time_s <= row.time_s <= s.until_s), None)
+        line = _row(row, passes) | {"stop": _stop(run.stops[stop]) if stop is not None else None}
+        line["people"] = {name: each for name, each in line["people"].items() if name in seen}
         same = (row.robot_at, stop, [(p["far"], p["at"], p["doing"]) for p in line["people"].values()])
         if lines and lines[-1]["same"] == same:
             lines[-1]["until_s"] = row.time_s
@@ -211,6 +223,10 @@ def _fewer(rows: list[dict[str, Any]], most: int) -> list[dict[str, Any]]:
     return sorted(kept, key=lambda row: float(row["time_s"]))
 
 
+def _closest(feedback: Feedback, count: int) -> list[Passing]:
+    return sorted(feedback.passings, key=lambda each: each.gap_m)[:count]
+
+
 def _arrivals(human: Human, feedback: Feedback) -> list[dict[str, Any]]:
     """Return a person's first arrivals where they planned to be, in order."""
     planned = feedback.planned.get(human.name, {})
@@ -229,17 +245,21 @@ def passes_of(undisturbed: Rehearsal | None, grid: Grid) -> dict[str, Pass]:
 
 
 def rehearsal_facts(
-    rehearsal: Rehearsal, passes: Mapping[str, Pass], requirement: Requirement | None = None
+    rehearsal: Rehearsal,
+    passes: Mapping[str, Pass],
+    requirement: Requirement | None = None,
+    most_rows: int = MOST_ROWS,
 ) -> dict[str, Any]:
     """A rehearsal as prompts tell it."""
-    rows = [_row(row, passes) | {"stop": None} for row in rehearsal.rows]
+    rows, _ = _rows(rehearsal, passes)
     value = rehearsal.value
     violated = None
     if requirement is not None and requirement.threshold is not None and value is not None:
         violated = requirement.violated_by(value)
     return {
         "arrival_s": rehearsal.arrival_s,
-        "rows": _fewer(rows, MOST_ROWS),
+        "rows": _fewer(rows, most_rows),
+        "left_out": max(0, len(rows) - most_rows),
         "value": value,
         "unit": requirement.unit if requirement is not None else "",
         "violated": violated,

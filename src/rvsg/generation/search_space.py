@@ -190,7 +190,7 @@ def _keeps(before: Human, after: Human, limits: Mapping[str, tuple[float, float]
     for key in _LIMITED_BY["speed"], _LIMITED_BY["delay"]:
         was, now = getattr(before, key), getattr(after, key)
         bounds = limits.get(key, (now, now)) or (was, was)
-        if not bounds[0] <= now <= bounds[1]:
+        if now != was and not bounds[0] <= now <= bounds[1]:
             return False
     return True
 

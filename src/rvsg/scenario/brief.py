@@ -208,6 +208,11 @@ class Encounter(Record):
     kind: str
 
 
+def mechanism_of(met: Encounter) -> str:
+    """Return how and where a person and the robot meet, in words."""
+    return f"{met.kind}, at {met.place}"
+
+
 class Feedback(Record):
     """What the last attempt of a scenario measured.
 
@@ -230,6 +235,8 @@ class Feedback(Record):
     rows: tuple[Row, ...] = ()
     """The run that is worst for the robot, every two seconds."""
     parts: tuple[Part, ...] = ()
+    least_room: Annotated[tuple[float, dict[str, float]] | None, Field(exclude_if=lambda room: room is None)] = None
+    """When a formula has least room in that run, s, and the room of each of its parts there."""
     stops: tuple[Stop, ...] = ()
     """Where the robot stands in that run, and why."""
     reactions: Annotated[tuple[Reacted, ...], Field(exclude_if=lambda reactions: not reactions)] = ()

@@ -448,6 +448,12 @@ def goal_names(human: Human) -> tuple[str, ...]:
     return tuple(_goals(human)[0])
 
 
+def pauses_of(human: Human) -> list[tuple[int, str, float]]:
+    """Return the pauses of a person: the leg at whose end each is held, from 1, the waypoint, and seconds."""
+    names, pauses, _, _ = _goals(human)
+    return [(k or len(names), name, pause) for k, (name, pause) in enumerate(zip(names, pauses, strict=True)) if pause]
+
+
 def task_ends(human: Human) -> dict[int, str]:
     """Return the names of the tasks by the index of the goal at which each ends, as `decode` numbers the goals."""
     return _goals(human)[2]

@@ -8,6 +8,7 @@ import copy
 import itertools
 import math
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any
 
@@ -16,7 +17,17 @@ from pydantic import Field, ValidationError, model_validator
 from rvsg.core.documents import Key, key_text, mistakes_of
 from rvsg.core.errors import InputError, UnknownName
 from rvsg.core.records import Record
-from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario, Task, at_places, ends_of
+from rvsg.scenario.scenario import (
+    Human,
+    HumanConfiguration,
+    Mission,
+    Scenario,
+    Task,
+    at_places,
+    ends_of,
+    goal_names,
+    pauses_of,
+)
 from rvsg.world.grid import Grid
 from rvsg.world.world import Route, World
 
@@ -181,13 +192,29 @@ def _changed(was: Human, human: Human) -> list[str]:
     if human.group != was.group:
         words.append("leaves the group" if human.group is None else "joins a group")
     words += _other_work(was, human)
-    pauses, before = ([(p.at, p.duration_s) for t in h.tasks for p in t.pauses] for h in (human, was))
-    if sorted(pauses) != sorted(before):
-        if len(pauses) > MOST_PAUSES:
-            words.append(f"pauses {len(pauses)} times, {sum(s for _, s in pauses):g} s in all")
-        else:
-            words.append(f"pauses {', '.join(f'{s:g} s at {at}' for at, s in pauses) or 'nowhere'}")
+    now, before = pauses_of(human), pauses_of(was)
+    new, gone = _without(now, before), _without(before, now)
+    if len(new) > MOST_PAUSES:
+        words.append(f"pauses {len(now)} times, {sum(s for _, _, s in now):g} s in all")
+    elif new:
+        words.append(f"pauses {', '.join(f'{s:g} s at {at} (leg {leg})' for leg, at, s in new)}")
+    if gone and not now:
+        words.append("pauses nowhere")
+    elif gone:
+        words.append(f"no longer pauses {', '.join(f'{s:g} s at {at}' for _, at, s in gone[:MOST_PAUSES])}")
     return words
+
+
+PauseOf = tuple[int, str, float]
+
+
+def _without(pauses: Sequence[PauseOf], others: Sequence[PauseOf]) -> list[PauseOf]:
+    """Return the pauses that the others lack, wherever these are on the way."""
+    left, found = Counter(other[1:] for other in others), []
+    for pause in pauses:
+        left[pause[1:]] -= 1
+        found += [pause] if left[pause[1:]] < 0 else []
+    return found
 
 
 def _other_work(was: Human, human: Human) -> list[str]:
@@ -207,7 +234,10 @@ def _other_work(was: Human, human: Human) -> list[str]:
         words += [f"no longer {_listed(gone, MOST_TASKS)}"] if gone else []
         words = words or ["does its tasks in another order"]
     else:
-        words = _other_way(*([name for task in cycle for name in task.path] for cycle in (before, tasks)))
+        stops = [(a.path[0], b.path[0]) for a, b in zip(before, tasks, strict=True) if a.path[0] != b.path[0]]
+        words = [f"stops at {now} instead of {then}" for then, now in stops]
+        old_way, way = ([name for task in cycle for name in task.path] for cycle in (before, tasks))
+        words = words or _other_way(old_way, way, goal_names(human))
     start, old_start = _start(human), _start(was)
     if start != old_start:
         words.append(f"starts at {start} (was {old_start})")
@@ -237,17 +267,23 @@ def _start(human: Human) -> str:
     return f"{first.path[0]} on the way to {ends_of(first)[1]}" if underway else first.path[0]
 
 
-def _other_way(old: Sequence[str], way: Sequence[str]) -> list[str]:
-    """Return which part of the way is another; a waypoint where two tasks meet counts once."""
+def _other_way(old: Sequence[str], way: Sequence[str], goals: Sequence[str]) -> list[str]:
+    """Return which part of the way is another, from which leg on; a waypoint where two tasks meet counts once.
+
+    Args:
+        goals: Those of the way, as the person begins with them.
+    """
     old, way = ([name for name, _ in itertools.groupby(each)] for each in (old, way))
     if way == old:
         return []
     same = min(len(way), len(old))
     first = next((k for k in range(same) if way[k] != old[k]), same)
     last = next((k for k in range(same - first) if way[-1 - k] != old[-1 - k]), same - first)
-    parts = (each[max(0, first - 1) : len(each) - max(0, last - 1)] for each in (way, old))
+    parts = [each[max(0, first - 1) : len(each) - max(0, last - 1)] for each in (way, old)]
     now, then = (_listed(part, MOST_WAYPOINTS, " ") for part in parts)
-    return [f"goes {now} instead of {then}"]
+    legs = zip(goals, (*goals[1:], *goals[:1]), strict=True)
+    leg = next((k for k, ends in enumerate(legs, start=1) if ends == tuple(parts[0][:2])), None)
+    return [f"goes {now}{f' (from leg {leg})' if leg else ''} instead of {then}"]
 
 
 def _listed(names: Sequence[str], most: int, between: str = ", ") -> str:

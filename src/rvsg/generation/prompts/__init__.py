@@ -8,9 +8,10 @@ that the model reads it as data.
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -106,8 +107,8 @@ def _environment(folder: Path | None) -> Environment:
         keep_trailing_newline=False,
         autoescape=False,
     )
-    environment.policies["json.dumps_kwargs"] = {"ensure_ascii": False}
-    environment.filters |= {"quoted": quoted, "block": block, "num": number}
+    environment.policies["json.dumps_kwargs"] = {"ensure_ascii": False, "separators": (",", ":")}
+    environment.filters |= {"quoted": quoted, "block": block, "num": number, "positions": positions}
     return environment
 
 
@@ -132,7 +133,18 @@ def block(text: Any, name: str = "text") -> str:
 def number(value: float) -> str:
     """A number with three significant digits, as people read it."""
     text = f"{value:.3g}"
-    return f"{float(text):.0f}" if "e" in text and abs(float(text)) >= 1 else text
+    text = f"{float(text):.0f}" if "e" in text and abs(float(text)) >= 1 else text
+    return "0" if text == "-0" else text
+
+
+def positions(lines: Sequence[Mapping[str, Any]]) -> str:
+    """Where the rows or columns of a grid are: the first and the last one of even ones, else each of them."""
+    steps = {number(after["at"] - before["at"]) for before, after in itertools.pairwise(lines)}
+    if len(lines) > 2 and len(steps) == 1:
+        (first, second, *_, last) = lines
+        step = number(abs(second["at"] - first["at"]))
+        return f"{first['name']}:{number(first['at'])} to {last['name']}:{number(last['at'])}, {step} m apart"
+    return ", ".join(f"{line['name']}:{number(line['at'])}" for line in lines)
 
 
 def _path(name: str, folder: Path | None) -> Path | None:
@@ -199,6 +211,11 @@ class Dialogue:
         """Add a message as it stands."""
         references = tuple(picture.reference for picture in shown)
         self.messages.append(Message(role=role, text=text, pictures=references, stable=stable))
+
+    def words(self, template: str, **more: Any) -> int:
+        """Return how many words the request has in which this prompt is next."""
+        texts = [*(message.text for message in self.messages), self.prompts.render(template, {**self.facts, **more})]
+        return sum(len(text.split()) for text in texts)
 
     def ask(
         self,
