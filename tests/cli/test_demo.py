@@ -86,6 +86,11 @@ def test_a_demo_that_was_begun_is_not_shown_as_a_finished_one(
     assert "demo-unfinished" in capsys.readouterr().err
 
 
+def test_options_that_make_runs_are_refused_in_the_folder_of_a_shown_demo(terminal: Terminal) -> None:
+    terminal("demo --out shown")
+    assert terminal.refused("demo --out shown --confirmations 20").code == "demo-shown"
+
+
 MEANING = {
     Status.PASS: "the model's 3 scenarios did not violate the requirement, but another scenario may",
     Status.FAIL: "makes the robot violate R1 (1.2 m) reliably, in 15 of 15 confirmation runs",

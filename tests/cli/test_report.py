@@ -10,6 +10,7 @@ from tests.cli.commands import Terminal
 from tests.cli.test_run import SMALL, records
 
 from rvsg.app.folder import LEDGER
+from rvsg.core.errors import SimulationError
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
@@ -51,6 +52,17 @@ def test_a_campaign_that_was_cut_off_says_how_far_it_came_and_how_to_go_on(
     told = terminal("report copy.sqlite")
     assert how_far in told and "Resume with" not in told
     assert terminal.json("run --out one")["complete"]
+
+
+def test_a_simulator_that_fails_at_once_keeps_nothing_and_says_so(
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def failing(*_: object, **__: object) -> Run:
+        raise SimulationError("no licence")
+
+    monkeypatch.setattr(KinematicSimulator, "prepare", failing)
+    told = terminal("run", SMALL, "--out one", code=SimulationError.exit_code)
+    assert "0 finished attempts are kept. Resume with: rvsg run" in told and "Finished work" not in told
 
 
 def test_the_folder_of_separate_campaigns_has_an_overview_and_links_both_ways(terminal: Terminal) -> None:

@@ -97,3 +97,11 @@ def test_metrics_measures_every_run_of_a_file_and_names_the_file_that_holds_none
     one.write_text("nothing\n")
     error = terminal.refused("evaluate --metric all one.json")
     assert (error.path, error.line) == (one, 1)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("proposal")
+def test_a_bag_alone_prints_no_run(terminal: Terminal) -> None:
+    pytest.importorskip("rosbags", reason="rosbags is not installed")
+    terminal("simulate p.json --seed 1 --bag run.mcap")
+    assert terminal.out == "" and Path("run.mcap").stat().st_size > 1000

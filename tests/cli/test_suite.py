@@ -27,6 +27,7 @@ def suite(terminal: Terminal) -> None:
 def test_a_suite_is_made_run_and_compared(terminal: Terminal) -> None:
     result = terminal.json("suite run suite", RUN, "--junit junit.xml")
     assert [case["state"] for case in result["cases"]] == ["passed"]
+    assert "aisle, R3 (tiago_omni): " in terminal.err and "(robot-" in result["cases"][0]["robot"]
     assert Path("junit.xml").read_text().startswith("<?xml")
     for file in ("a.json", "b.json"):
         Path(file).write_text(json.dumps(result))

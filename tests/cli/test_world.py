@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import resource
 import subprocess
 import sys
@@ -162,3 +163,14 @@ def test_the_name_of_a_shipped_world_means_one_thing_everywhere(terminal: Termin
     assert read_campaign_file(Path("mine.yaml"))["world"] == "office"
     Path("mine.yaml").write_text("world: ./office\n")
     assert load_world(read_campaign_file(Path("mine.yaml"))["world"]).routes == ()
+
+
+def test_every_line_of_a_check_has_a_code_that_is_explained(terminal: Terminal, hall: str) -> None:
+    terminal(hall, "--no-simulation")
+    Path("hall/routes.yaml").write_text("routes: []\n", encoding="utf-8")
+    told = terminal("world check hall --no-simulation", code=2)
+    *found, last = [line for line in told.splitlines() if re.match(r"(error|warning)\b|\d+ error", line)]
+    codes = [match[1] for line in found if (match := re.match(r"(?:error|warning) \[([a-z-]+)\]: hall/", line))]
+    assert len(codes) == len(found) > 0 and "1 error, " in last and f"--explain {codes[0]}" in last
+    for code in codes:
+        terminal("--explain", code)

@@ -165,8 +165,7 @@ class Limits(Record):
             reached += f" ({unknown} calls of unknown price)" if unknown else ""
         if reached:
             raise BudgetSpent(
-                f"The budget is spent: {reached}. Finished work is kept. To resume, run the same command with a larger "
-                f"{option}."
+                f"The budget is spent: {reached}. To resume, run the same command with a larger {option}."
             )
 
 

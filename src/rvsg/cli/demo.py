@@ -49,6 +49,7 @@ def demo(
     only the replies are: RVSG reads, checks, simulates, judges and reports them now, and lists prompts and measurements
     that differ from the recorded ones.
     """
+    from rvsg.app.folder import CONFIG, store_of
     from rvsg.app.settings import read_campaign_file
     from rvsg.cli.run import run_campaign_of
 
@@ -65,6 +66,12 @@ def demo(
     if not (simulate or strict or len(given) > 2) and (folder / STORED).is_file():
         show_stored(folder, Path(given["out"]), as_json=json)
         return
+    if store_of(Path(given["out"])) is not None and not Path(given["out"], CONFIG).exists():
+        raise InputError(
+            f"{given['out']} shows the stored campaign; these options make the runs now, in a folder of their own: add "
+            "--out with a new one.",
+            code="demo-shown",
+        )
     say(f"Recorded campaign {folder.name}: a vision language model wrote the scenarios earlier; the runs are made now.")
     from_file = read_campaign_file(folder / "campaign.yaml")
     raise typer.Exit(run_campaign_of(from_file, given, as_json=json, remark=what_it_means))

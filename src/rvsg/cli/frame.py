@@ -28,8 +28,8 @@ HELP = """Find, confirm and explain human behaviours that make a mobile robot vi
 Results for machines go to standard output; everything for people goes to standard error.
 """
 EPILOG = (
-    "Exit codes: 0 done; 1 done, and a requirement is violated; 2 usage or input error, or nothing could be judged; "
-    "3 interrupted but resumable; 4 an error in RVSG itself."
+    "Exit codes: 0 done; 1 violated, with --fail-on-violation or in a suite; 2 usage or input error, or nothing could "
+    "be judged; 3 interrupted but resumable; 4 an error in RVSG itself."
 )
 MOST_OPTIONS = 12
 """A command with more options hides the rarer ones behind `--help-all`."""
@@ -216,10 +216,10 @@ class Frame(TyperGroup):
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
-            raise Interrupted("Interrupted. Finished work is kept.") from None
+            raise Interrupted("Interrupted.") from None
         except BrokenPipeError:  # before Click makes of it exit code 1, which means "violated"
             _nobody_reads()
-            raise Interrupted("The reader of the output has closed it. Finished work is kept.") from None
+            raise Interrupted("The reader of the output has closed it.") from None
 
 
 def _root(verbs: Verbs, moved: Mapping[str, str], *, everything: bool) -> Any:

@@ -17,7 +17,7 @@ ENDING = (signal.SIGINT, signal.SIGTERM)
 """A CI service cancels with SIGTERM; treat it like Ctrl-C."""
 LEAVING_S = 5.0
 """Seconds that an interrupted process may take to exit after its last message."""
-AT_ONCE = "Stopped at once. Finished work is kept."
+AT_ONCE = "Stopped at once."
 SHOW_CURSOR = "\x1b[?25h"
 
 

@@ -112,7 +112,7 @@ class CampaignProgress:
         if not self.plan.confirmations:
             ahead = tuple(stage for stage in ahead if stage in ("alone", "search"))
         now = f"{self.stage} {self.done}/{self.total}" if self.total else self.stage
-        worst = f"   worst {number(self.worst, self.plan.requirement.unit)}" if self.worst is not None else ""
+        worst = f"   worst mean {number(self.worst, self.plan.requirement.unit)}" if self.worst is not None else ""
         model = f"   model {describe_spending(self.spent)}" if self.spent is not None and self.spent.calls else ""
         return f"{self.name}{' · '.join([now, *ahead])}{self._left()}{worst}{model}"
 

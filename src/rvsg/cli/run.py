@@ -118,6 +118,10 @@ def _run(campaign: Campaign, *, resumed: bool) -> None:
         there = counted(len(known), "attempt is", "attempts are")
         say(f"Resuming {folder}: {there} stored." if known else f"Starting again in {folder}.")
     how = f"Resume with: {as_started(resume_command(campaign.config))}"
+
+    def kept() -> str:
+        return f"{counted(len(campaign.attempts()), 'finished attempt is', 'finished attempts are')} kept."
+
     try:
         with interruptible() as interruption, CampaignProgress(plan, known, check=interruption.check) as progress:
             if not campaign.finished:
@@ -126,14 +130,13 @@ def _run(campaign: Campaign, *, resumed: bool) -> None:
             for _ in campaign.run(observe=progress):
                 interruption.check()
     except KeyboardInterrupt:
-        kept = counted(len(campaign.attempts()), "finished attempt is", "finished attempts are")
         so_far = as_started(shlex.join(["rvsg", "report", str(folder)]))
-        raise Interrupted(f"Interrupted; {kept} kept. {how}\nResults so far: {so_far}") from None
+        raise Interrupted(f"Interrupted; {kept()} {how}\nResults so far: {so_far}") from None
     except BudgetSpent as spent:
         larger = as_started(resume_command(campaign.config, without=BUDGETS))
-        raise BudgetSpent(f"{spent} Finished work is kept. Resume with: {larger} --budget-...") from None
+        raise BudgetSpent(f"{spent} {kept()} Resume with: {larger} --budget-...") from None
     except (GenerationError, SimulationError):
-        say(f"Finished work is kept. {how}")
+        say(f"{kept()} {how}")
         raise
 
 

@@ -30,7 +30,9 @@ def simulate(
         str | None, typer.Option(help="Instead of the scenario's robot: a shipped one (`rvsg robots`) or a robot file.")
     ] = None,
     jobs: Jobs = 1,
-    out: Annotated[Path, typer.Option(help="Write the runs here; - is standard output.")] = Path("-"),
+    out: Annotated[
+        Path | None, typer.Option(help="Write the runs here; - is standard output, the default without --bag.")
+    ] = None,
     bag: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Also write a rosbag2 (MCAP) with all that the robot senses.")
     ] = None,
@@ -47,7 +49,9 @@ def simulate(
     from rvsg.simulation.archive import runs_text
     from rvsg.simulation.run import Outcome
 
-    check_writable(out)
+    out = Path("-") if out is None and bag is None else out
+    if out is not None:
+        check_writable(out)
     check_bag(bag, repeats)
     chosen = effective(None, {}, settings | {"doors": {}})
     moved = Path(chosen.moved) if chosen.moved else None
@@ -73,7 +77,8 @@ def simulate(
         on_run=made,
         on_message=say,
     )
-    write_text(out, runs_text(runs))
+    if out is not None:
+        write_text(out, runs_text(runs))
     if bag is not None:
         write_bag_of(runs, bag, asked, simulator=simulator, stack=stack, world=place)
     if any(run.outcome is Outcome.STACK_FAILED for run in runs):

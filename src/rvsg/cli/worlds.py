@@ -435,10 +435,13 @@ def label(
 
 
 def _show_remarks(remarks: tuple[Remark, ...]) -> None:
+    from rvsg.evaluation.verdict import counted
+
     for remark in remarks:
         say(f"{remark}")
     serious = sum(remark.serious for remark in remarks)
     if not remarks:
         say("No errors and no warnings.")
     else:
-        say(f"{serious} errors, {len(remarks) - serious} warnings.")
+        counts = f"{counted(serious, 'error')}, {counted(len(remarks) - serious, 'warning')}"
+        say(f"{counts}. What one means: rvsg --explain {remarks[0].code}")

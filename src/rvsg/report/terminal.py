@@ -127,8 +127,9 @@ def describe_calls(calls: Sequence[Call]) -> str:
 
 def describe_case(case: CaseResult) -> str:
     """Return one line on a case of a suite."""
-    extra = f"; {case.contacts} runs touch a person" if case.contacts else ""
-    return f"{case.state.value:14} {case.case}, {case.requirement} ({case.robot}): {case.verdict.reason}{extra}"
+    extra = f"; {counted(case.contacts, 'run touches', 'runs touch')} a person" if case.contacts else ""
+    robot = case.robot.partition(" (")[0]  # its id tells versions apart, in results and comparisons
+    return f"{case.state.value:14} {case.case}, {case.requirement} ({robot}): {case.verdict.reason}{extra}"
 
 
 def describe_exploration(found: Exploration) -> str:

@@ -76,7 +76,7 @@ class Remark:
         return self.problem.code
 
     def __str__(self) -> str:
-        return f"{'error' if self.serious else 'warning'}: {self.problem}"
+        return f"{'error' if self.serious else 'warning'} [{self.code}]: {self.problem}"
 
 
 class Subject:

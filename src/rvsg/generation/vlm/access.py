@@ -152,8 +152,7 @@ class ModelAccess:
 
     def _stop(self, spent: str, code: str) -> None:
         raise BudgetSpent(
-            f"The budget is spent: {spent} (model {self.name}). What is finished is kept; to go on, run the same "
-            f"command with a larger --{code}.",
+            f"The budget is spent: {spent} (model {self.name}). To go on, run the same command with a larger --{code}.",
             code=code,
         )
 
