@@ -40,6 +40,7 @@ from rvsg_studio.workspace import STATES, Job, Note, Workspace, note, notes_of
 
 TABS = ("Events", "Cause", "People", "Certainty", "Notes")
 MORE = 30
+FOLLOW_S = 1.0
 FRESH_SEED = 900_000
 """The first seed of further runs; campaigns draw theirs from all of 64 bits."""
 FORMATS = {
@@ -352,20 +353,34 @@ def job_buttons(made: Page, job: Job, said: Callable[[str], object] = ignore, *,
 
 
 def _note(made: Page, shown: Shown) -> None:
-    folder, scenario = made.workspace.path(shown.folder), shown.scenario.id
+    """Lay out the note on a finding, which follows what another tab makes of it."""
+    folder, scenario, known = made.workspace.path(shown.folder), shown.scenario.id, [shown.note]
+    fields, state = tag("div"), tag("p", "", cls="soft small", role="status")
 
     def kept(**change: Any) -> None:
         try:
-            note(folder, scenario, **change)
+            known[0] = note(folder, scenario, **change)
             state.set_text("Kept in notes.yaml beside the campaign.")
         except RvsgError as error:
             made.say(str(error), wrong=True)
 
-    with field("Status"):
-        select(STATES, shown.note.status, lambda value: kept(status=value))
-    with field("Comment"):
-        text_area(shown.note.comment, lambda text: kept(comment=text), rows=4, maxlength=20_000)
-    state = tag("p", "", cls="soft small", role="status")
+    def lay_out() -> None:
+        fields.clear()
+        with fields:
+            with field("Status"):
+                select(STATES, known[0].status, lambda value: kept(status=value))
+            with field("Comment"):
+                text_area(known[0].comment, lambda text: kept(comment=text), rows=4, maxlength=20_000)
+
+    async def follow() -> None:
+        mine = known[0]
+        stored = (await load(notes_of, folder)).findings.get(scenario, Note())
+        if stored != mine and known[0] is mine:
+            known[0] = stored
+            lay_out()
+
+    lay_out()
+    ui.timer(FOLLOW_S, made.guarded(follow))
 
 
 def _people(shown: Shown) -> None:

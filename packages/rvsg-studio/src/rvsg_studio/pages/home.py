@@ -32,12 +32,11 @@ from rvsg_studio.frame import (
     text_input,
 )
 from rvsg_studio.listing import Failure, FoundCampaign, Listing
-from rvsg_studio.pages.finding import JobLine, job_buttons
-from rvsg_studio.workspace import STATES, Job, Note, Workspace, note, notes_of
+from rvsg_studio.pages.finding import FOLLOW_S, JobLine, job_buttons
+from rvsg_studio.workspace import STATES, Job, Note, Notes, Workspace, note, notes_of
 
 FAILURES = ("", "", "Failure", "Violated", "Contact", "Cause", "Status", "Age")
 CAMPAIGNS = ("Campaign", "Answer", "Tried", "Runs", "Changed")
-FOLLOW_S = 2.0
 SHOWN = 200
 STARTS = (
     ("New campaign", "/campaign/new", "Find failures on a world that ships with RVSG."),
@@ -87,17 +86,18 @@ def add(workspace: Workspace) -> None:
 
 
 class Home:
-    """What lies in the folder; it follows campaigns that are still being read, and jobs until they end."""
+    """What lies in the folder; it follows campaigns, jobs, and what other tabs say of failures."""
 
     def __init__(self, shown: Page, listing: Listing, jobs: list[Job]) -> None:
         self.page, self.workspace, self.shown = shown, shown.workspace, _followed(listing, jobs)
         self.chosen = dict.fromkeys(("world", "requirement", "status", "contact", "search"), "")
         """What the failures are filtered by."""
         self.selected: set[tuple[str, str, int]] = set()
+        self.failures: list[Failure] = []
+        self.notes: dict[str, Notes] = {}
         self.body = tag("div")
         self._lay_out(listing, jobs)
-        if self.shown:
-            self.timer = ui.timer(FOLLOW_S, shown.guarded(self._follow))
+        ui.timer(FOLLOW_S, shown.guarded(self._follow))
 
     async def _follow(self) -> None:
         listing, jobs = await load(self.workspace.listing), await load(self.workspace.jobs.all)
@@ -105,13 +105,13 @@ class Home:
             self.shown = followed
             self.body.clear()
             self._lay_out(listing, jobs)
-        if not self.shown:
-            self.timer.deactivate()
+        elif (notes := await load(self._read_notes)) != self.notes:
+            self.notes = notes
+            self._rows()
 
     def _lay_out(self, listing: Listing, jobs: list[Job]) -> None:
         self.failures = listing.failures
-        folders = {campaign.folder for campaign, _ in self.failures}
-        self.notes = {folder: notes_of(self.workspace.path(folder)) for folder in folders}
+        self.notes = self._read_notes()
         with self.body:
             if listing.cut:
                 tag("p", "The folder holds very many folders; only the first of them are shown.", cls="soft")
@@ -128,6 +128,9 @@ class Home:
                     self._rows()
                 _campaigns(listing)
             _places(listing)
+
+    def _read_notes(self) -> dict[str, Notes]:
+        return {folder: notes_of(self.workspace.path(folder)) for folder in {each.folder for each, _ in self.failures}}
 
     def _status(self, each: Failure) -> str:
         return self.notes[each[0].folder].findings.get(each[1].scenario_id, Note()).status
@@ -259,9 +262,9 @@ def add_to_suite(workspace: Workspace, chosen: Iterable[Failure], name: str) -> 
 
 
 def _followed(listing: Listing, jobs: list[Job]) -> tuple[object, ...]:
-    """Return what the page waits for: it is laid out anew when that changes, and not while somebody reads it."""
-    running = tuple(job.id for job in jobs if job.running)
-    return (listing.unread, running) if listing.unread or running else ()
+    """Return what the page is laid out anew for; the counts of a campaign that runs are not among it."""
+    found = tuple((each.folder, each.name, each.status, len(each.failures)) for each in listing.campaigns)
+    return listing.unread, tuple(job.id for job in jobs if job.running), found, listing.worlds, listing.suites
 
 
 def _starts(folder: Path, listing: Listing) -> None:

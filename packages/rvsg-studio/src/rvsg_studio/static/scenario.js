@@ -27,7 +27,7 @@
     function colour(k) { return data.colours[k % data.colours.length]; }
     function question(more) { return Object.assign({}, source, { scenario: scenario, requirement: requirement, as_is: asIs }, more); }
     function differs() { return JSON.stringify(scenario) !== JSON.stringify(data.original); }
-    const shared = studio.shared("scenario" + query, function () { if (!drag && !writing) ask("/data/scenario" + query).then(take).catch(fail); });
+    const shared = studio.shared("scenario" + query, function () { return drag || writing; }, function () { ask("/data/scenario" + query).then(take).catch(fail); });
 
     /* simulate after a change */
     let writing = "", flash = null;

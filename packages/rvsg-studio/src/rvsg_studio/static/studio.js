@@ -85,10 +85,12 @@
       },
     };
   }
-  /** Let other tabs know of a change to something: `changed` is called there; returns what tells them. */
-  function shared(key, changed) {
+  /** Let other tabs know of a change to something: `changed` is called there, once they are not `busy`; returns what tells them. */
+  function shared(key, busy, changed) {
     const channel = new BroadcastChannel("rvsg-studio:" + key);
-    channel.onmessage = changed;
+    let waiting = 0;
+    function take() { if (busy()) waiting = setTimeout(take, 500); else { waiting = 0; changed(); } }
+    channel.onmessage = function () { if (!waiting) take(); };
     return function () { channel.postMessage(""); };
   }
   /* A page that takes long to come shows that at once: the style waits 300 ms. */

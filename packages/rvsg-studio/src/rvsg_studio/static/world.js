@@ -71,7 +71,7 @@
     const left = html(body, "div", { class: "st-editor-map" }), right = html(body, "div", { class: "st-editor-side" });
     const skeleton = html(left, "div", { class: "st-skeleton st-tall", "aria-hidden": "true" });
     const help = html(left, "p", { class: "soft small" });
-    const shared = root.studio.shared("world:" + name, function () { if (!drag && !points.length && !right.contains(document.activeElement)) ask("/data/world" + query).then(take).catch(fail); });
+    const shared = root.studio.shared("world:" + name, function () { return drag || points.length || Array.from(right.querySelectorAll("input:focus, textarea:focus")).some(function (field) { return field.value !== field.defaultValue; }); }, function () { ask("/data/world" + query).then(take).catch(fail); });
     const selected = html(right, "section", { "aria-label": "Selected" });
     const lists = html(right, "div", {});
 
