@@ -60,10 +60,10 @@ def test_a_campaign_is_told_by_its_fresh_runs_with_the_limit_they_are_judged_by(
 @pytest.mark.parametrize(
     ("violated", "tones", "said"),
     [
-        (("yes", "no"), ("bad", "good"), "In 1 of 2 campaigns a confirmed scenario violates its requirement."),
-        (("no", "no"), ("good", "good"), "In 2 campaigns no confirmed scenario violates its requirement."),
-        (("no", "no"), ("good", "warn"), "2 of 2 campaigns not violated, 1 of them with contact."),
-        (("no", "no limit"), ("good", "quiet"), "1 of 2 campaigns not violated, 0 of them with contact."),
+        (("yes", "no"), ("bad", "good"), "Of 2 campaigns: 1 violated; 1 not violated."),
+        (("no", "no"), ("good", "good"), "Of 2 campaigns: 2 not violated."),
+        (("no", "no"), ("good", "warn"), "Of 2 campaigns: 1 not violated, but with contact; 1 not violated."),
+        (("no", "no limit"), ("good", "quiet"), "Of 2 campaigns: 1 without a limit; 1 not violated."),
     ],
 )
 def test_the_headline_counts_what_fresh_runs_decided(
@@ -80,7 +80,7 @@ def test_what_is_not_finished_or_has_not_begun_is_told() -> None:
     parts = [(name, made, answer(the_plan, made, ledger)) for name, made in (("a", attempts[:2]), ("b", []))]
     text = page(*((name, the_plan, summarise(the_plan, made), told) for name, made, told in parts), missing=3)
     assert ">nothing found<" in text and ">no result<" in text and "3 more not begun" in text
-    assert "0 of 2 campaigns not violated" in text
+    assert "Of 2 campaigns: 2 open." in text
 
 
 def test_the_matrix_has_a_cell_for_each_route_and_requirement() -> None:

@@ -112,6 +112,7 @@ def test_world_an_area_is_drawn_and_named(opened: Open, office: Path) -> None:
     assert max(xs) - min(xs) == pytest.approx(2.0, abs=0.51)  # both edges may snap by 25 cm
     assert max(ys) - min(ys) == pytest.approx(1.0, abs=0.51)
     drawn = tab.locator(".st-map")
+    assert tab.locator(".st-skeleton").count() == 0
     before = drawn.get_attribute("viewBox")
     drawn.hover()
     drawn.focus()

@@ -15,6 +15,7 @@ from rvsg.campaign.drive_alone import DroveAlone, drove_alone
 from rvsg.campaign.findings import Finding, severity_of
 from rvsg.campaign.ranking import confirmations
 from rvsg.core.records import Record
+from rvsg.evaluation.metrics.measurement import find_metric
 from rvsg.evaluation.verdict import (
     Status,
     Verdict,
@@ -292,10 +293,11 @@ def _figures(row: Row, requirement: Requirement) -> tuple[Figure, ...]:
     known = limit_in_words(requirement)
     limit = f"limit: {known}{' in each run' if row.runs > 1 else ''}" if known else ""
     often = f"{row.interval} of runs" if row.interval else "no limit"
+    metric = find_metric(requirement.metric)
     touch = f"contact {row.contact} runs" + (f", {row.touch}" if row.touch else "")
     return (
         Figure(label="Violated", value=row.share, note="; ".join(each for each in (often, row.others) if each)),
-        Figure(label=requirement.title, value=row.measured, note=limit),
+        Figure(label=metric.title if metric else requirement.title, value=row.measured, note=limit),
         Figure(label="Closest gap", value=row.closest, note=touch),
         Figure(label="Cause", value=row.cause, note=row.caused),
     )
@@ -351,7 +353,7 @@ def _next_steps(
     elif candidate is not None and not shown:
         steps.append(("confirm", f"Confirm candidate {candidate.number}", f" {candidate.attempt}"))
     if strongest is not None and strongest.status is Status.INCONCLUSIVE:
-        steps.append(("more", "Make more runs: how often is open", ""))
+        steps.append(("more", "Make more runs", ""))
     if shown:
         steps.append(("keep", "Keep it as a regression test", ""))
     if rows:

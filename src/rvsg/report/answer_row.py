@@ -244,7 +244,7 @@ def row_of(
         caused=caused,
         shrunk=_shrunk(finding.smallest) if finding is not None and finding.smallest is not None else "",
         run=best.run.id,
-        moment_s=round(best.moment_s, 1),
+        moment_s=round(best.moment_s, 2),
     )
 
 

@@ -31,7 +31,7 @@ from rvsg.report.answer_row import Row
 from rvsg.report.renderer import render
 from rvsg.report.stills import Turn, pin_radius, plan_markup, spread
 from rvsg.report.summary import Summary
-from rvsg.report.words import limit_in_words, robot_words
+from rvsg.report.words import limit_in_words, robot_words, shown_at
 from rvsg.simulation.run import Run
 from rvsg.world.drawing import png_bytes
 from rvsg.world.drawing.floor_plan import draw_plan
@@ -59,7 +59,7 @@ class Pin:
     @property
     def address(self) -> str:
         """The report, with the part of its address that opens that moment."""
-        return f"{quote(self.link)}#run={self.row.run}&t={self.row.moment_s:.1f}"
+        return f"{quote(self.link)}#run={self.row.run}&t={shown_at(self.row.moment_s)}"
 
 
 def pins_of(link: str, plan: Plan, answer: Answer, world: World, run_of: Callable[[str], Run]) -> list[Pin]:
@@ -99,7 +99,6 @@ def render_overview(
         stack="; ".join(dict.fromkeys(stack for *_, told in reported for stack in told.setup[3:])),
         missing=missing,
         headline=_headline(reported),
-        tiles=_tiles(reported),
         matrix=_matrix(reported),
         maps=_maps(pins),
         pins=pins,
@@ -166,37 +165,22 @@ def _map(id_: str, world: World, pins: Sequence[tuple[int, Pin]]) -> dict[str, A
     }
 
 
-def _ends(reported: Sequence[Reported]) -> Counter[str]:
-    """Return how many campaigns violate their requirement, and how many do not, with and without contact."""
-    return Counter("warn" if a.violated == "no" and a.tone == "warn" else a.violated for *_, a in reported)
-
-
 def _headline(reported: Sequence[Reported]) -> dict[str, str]:
-    ends, campaigns = _ends(reported), counted(len(reported), "campaign")
-    if ends["yes"]:
-        text = f"In {ends['yes']} of {campaigns} a confirmed scenario violates its requirement."
-        return {"tone": "bad", "chip": "violated", "text": text}
-    if ends["no"] == len(reported):
-        text = f"In {campaigns} no confirmed scenario violates its requirement."
-        return {"tone": "good", "chip": "not violated", "text": text}
-    text = f"{ends['no'] + ends['warn']} of {campaigns} not violated, {ends['warn']} of them with contact."
-    return {
-        "tone": "warn" if ends["warn"] else "quiet",
-        "chip": "not violated" if ends["warn"] else "open",
-        "text": text,
-    }
-
-
-def _tiles(reported: Sequence[Reported]) -> list[dict[str, str]]:
-    ends, accounts = _ends(reported), [summary.accounting for _, _, summary, _ in reported]
-    search, fresh = sum(a.search_runs for a in accounts), sum(a.confirmation_runs for a in accounts)
-    tiles = (
-        ("Violated", ends["yes"], "always, sometimes, or how often is open"),
-        ("Not violated", ends["no"] + ends["warn"], f"{ends['warn']} of them with contact"),
-        ("Open", ends["open"] + ends["no limit"], "too few confirmation runs, or no limit"),
-        ("Simulated runs", search + fresh, f"{search} to search, {fresh} to confirm"),
+    """Return how many campaigns violate their requirement, and how many do not, with and without contact."""
+    ends = Counter("contact" if a.violated == "no" and a.tone == "warn" else a.violated for *_, a in reported)
+    kinds = (
+        ("yes", "bad", "violated"),
+        ("contact", "warn", "not violated, but with contact"),
+        ("open", "quiet", "open"),
+        ("no limit", "quiet", "without a limit"),
+        ("no", "good", "not violated"),
     )
-    return [{"name": name, "value": str(value), "note": note} for name, value, note in tiles]
+    said = [f"{ends[end]} {words}" for end, _, words in kinds if ends[end]]
+    tone, chip = next((tone, words) for end, tone, words in kinds if ends[end])
+    accounts = [summary.accounting for _, _, summary, _ in reported]
+    runs = counted(sum(each.search_runs + each.confirmation_runs for each in accounts), "simulated run")
+    text = f"Of {counted(len(reported), 'campaign')}: {'; '.join(said)}. {runs}."
+    return {"tone": tone, "chip": chip, "text": text}
 
 
 def _row(link: str, plan: Plan, summary: Summary, answer: Answer) -> dict[str, Any]:

@@ -88,13 +88,6 @@ class Summary(Record):
     """Whether any confirmation says so (FAIL, FLAKY, or one of the two), or without one any verdict of the search."""
     accounting: Accounting
 
-    @property
-    def seen(self) -> SafetySummary | None:
-        """What the runs of the worst confirmation show beside the requirement; without one, of the worst scenario."""
-        if self.confirmed is not None:
-            return summarise_safety([measured.values for measured in self.confirmed.measurements])
-        return self.ranking[0].seen if self.ranking else None
-
 
 def summarise(plan: Plan, attempts: Sequence[Attempt]) -> Summary:
     """Sum up the attempts of a campaign."""

@@ -358,9 +358,9 @@ def _matrix(folder: str, found: list[FoundCampaign]) -> None:
 
 
 def _amounts(found: list[FoundCampaign], tried: str) -> None:
-    tag("td", tried, data_label="Tried")
-    tag("td", str(sum(each.runs for each in found)), data_label="Runs")
-    tag("td", ago(max(each.changed_s for each in found)), data_label="Changed")
+    changed = ago(max(each.changed_s for each in found))
+    for name, text in (("Tried", tried), ("Runs", str(sum(each.runs for each in found))), ("Changed", changed)):
+        tag("td", text, data_label=name, cls="whole")
 
 
 def ago(moment_s: float, *, since: bool = False) -> str:

@@ -20,6 +20,7 @@ from rvsg.app.settings import (
     LISTED,
     MACHINE,
     CampaignConfig,
+    Setting,
     default_of,
     effective,
     parse_campaign_file,
@@ -342,8 +343,13 @@ class Form:
             for key, setting in settings().items()
             if setting.label and not (setting.of_model and values["generator"] != "vlm")
         }
-        for key in LISTED:
-            self._several(key, shown.pop(key).label, choices[key], values)
+        listed = {key: shown.pop(key) for key in LISTED}
+        self._form({"world": shown.pop("world")}, choices, values)
+        for key, setting in listed.items():
+            self._several(key, setting.label, choices[key], values)
+        self._form(shown, choices, values)
+
+    def _form(self, shown: dict[str, Setting], choices: dict[str, dict[str, str]], values: dict[str, Any]) -> None:
         with tag("div", cls="st-form"):
             for key, setting in shown.items():
                 value, changed = values[key], partial(self._set, key)

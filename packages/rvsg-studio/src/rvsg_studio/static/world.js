@@ -463,7 +463,7 @@
       typed.field(text, "activities", function (value) { return change("set activities", { values: value.split("\n") }); });
     }
     function show() {
-      if (!drawing) { startMap(); if (data.editable) root.studio.names(nameBox, name, { choose: choose, change: change, fail: fail }); }
+      if (!drawing) { skeleton.remove(); startMap(); if (data.editable) root.studio.names(nameBox, name, { choose: choose, change: change, fail: fail }); }
       undo.disabled = !data.undo; redo.disabled = !data.redo;
       draw(); showSelected(); showLists(); showActivities();
     }
