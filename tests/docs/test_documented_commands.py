@@ -129,8 +129,10 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     routes = made / "worlds/site/routes.yaml"
     routes.write_text(routes.read_text(encoding="utf-8").replace("route_1", "dock_to_gate"), encoding="utf-8")
     write_map(made, hall()).rename(made / "map.yaml")
-    for name in ("my_robot.yaml", "slower.yaml"):
-        shutil.copy(ROOT / "src/rvsg/robots/data/tiago_omni.yaml", made / name)
+    page = (ROOT / "docs/how-to/test-another-robot.md").read_text(encoding="utf-8")
+    (robot,) = re.findall(r"```yaml\n(name: .*?)```", page, flags=re.S)
+    (made / "my_robot.yaml").write_text(robot, encoding="utf-8")
+    shutil.copy(ROOT / "src/rvsg/robots/data/tiago_omni.yaml", made / "slower.yaml")
     shutil.copy(ROOT / "examples/stacks/nav2_params.yaml", made)
     (made / "examples").symlink_to(ROOT / "examples")
     (made / "models").mkdir()

@@ -422,7 +422,7 @@ def warm_up(report: Callable[[str], None] | None = None) -> float:
     started = time.perf_counter()
     fresh = not is_cached(go_on)
     if fresh and report is not None:
-        report("compiling the simulator for this machine; this happens once and takes up to a minute")
+        report("compiling the simulator for this machine, once; on two idle cores this takes a minute")
     world, route, humans = rehearsal()
     with compilation_reported(FUNCTIONS, report) if fresh and report is not None else nullcontext():
         for name in PROFILES:
