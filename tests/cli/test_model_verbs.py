@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from rvsg.generation.prompts import Prompts
 from rvsg.generation.vlm.access import ModelAccess
 from rvsg.generation.vlm.model import Scripted
 from rvsg.generation.vlm.recording import Recording
+from rvsg.world.passages import doorway
 from rvsg.world.schema import save_world
 from rvsg.world.world_folder import load_world
 
@@ -57,16 +59,27 @@ def test_labels_of_a_model_are_accepted_one_by_one(terminal: Terminal, monkeypat
     names = [
         {"area": area, "name": new, "kind": "desk", "why": "A"} for area, new in ((first, "Desk 1"), (second, "X"))
     ]
-    answer = json.dumps({"names": names, "activities": ["Somebody writes at Desk 1.", "Somebody sleeps."]})
+    between = next([a, b] for a, b in world.grid.hops if (ends := doorway(world, a, b)) and math.dist(*ends) < 2.9)
+    doors = [{"name": name, "between": between, "kind": "sliding", "why": "B"} for name in ("Gate", "Old gate", "No")]
+    activities = ["Somebody writes at Desk 1.", "Somebody sleeps."]
+    answer = json.dumps({"names": names, "activities": activities, "doors": doors})
     access = ModelAccess(Scripted([answer]), recording=Recording("record"))
     propose_area_names(world, access, Prompts())
-    answers = iter([True, False, True, False])
+    answers = iter([True, False, True, True, False, True, False])
     monkeypatch.setattr("typer.confirm", lambda *_, **__: next(answers))
     said = terminal("world label mine --replay record")
     assert f"{first}: name Desk 1, kind desk. A" in said
+    assert f"Gate: a door between {between[0]} and {between[1]}, " in said
     after = load_world(Path("mine"))
     assert (after.areas[0].name, after.areas[0].kind) == ("Desk 1", "desk")
     assert after.areas[1:] == world.areas[1:]
+    assert [(door.name, door.kind, door.state) for door in after.doors] == [
+        ("Gate", "sliding", "automatic"),
+        ("Old gate", "sliding", "automatic"),
+    ]
+    Path("photo.png").write_text("text")
+    refused = terminal.refused("world label mine --replay record --photo photo.png")
+    assert refused.code == "photo-file"
     assert after.activities == (*world.activities, "Somebody writes at Desk 1.")
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from PIL import Image
 from tests.coded import coded
 
 from rvsg.core.errors import FileError, GenerationError, InputError
@@ -18,11 +19,12 @@ from rvsg.generation.environment import (
     edited,
     propose_area_names,
     read_description_file,
+    read_photograph,
     store_description,
     stored_path,
 )
 from rvsg.generation.prompts import Prompts
-from rvsg.generation.vlm.model import Scripted
+from rvsg.generation.vlm.model import Picture, Scripted
 from rvsg.scenario.brief import Brief
 from rvsg.world.schema import save_world
 from rvsg.world.world import Description, World
@@ -170,6 +172,45 @@ def test_kinds_regions_and_activities_are_proposed_where_they_differ(warehouse: 
     found = propose_area_names(warehouse, Scripted([answer]), Prompts())
     assert [(n.area, n.values) for n in found.names] == [(first.name, {"kind": "packing table"})]
     assert found.activities == ("Somebody wraps pallets.",)
+
+
+def test_doors_are_proposed_where_there_is_a_doorway() -> None:
+    world = load_world("hospital")
+    door = {"name": "Door of Room 1", "between": ["D5", "E5"], "kind": "swing", "why": "It is a\nroom."}
+    doors = [
+        door,
+        {**door, "name": "door of room 1"},
+        {**door, "name": "B", "between": ["D5", "Z9"]},
+        {**door, "name": "C", "between": ["M12"]},
+        {**door, "name": "D", "between": ["G23", "H23"]},
+        {**door, "name": "E", "kind": ["revolving"]},
+        "text",
+    ]
+    model = Scripted([json.dumps({"names": [], "doors": doors})])
+    photograph = Picture(name="photograph 1", png=b"any")
+    found = propose_area_names(world, model, Prompts(), [photograph])
+    (made,) = found.doors
+    assert (made.door.name, made.between, made.why) == ("Door of Room 1", ("D5", "E5"), "It is a room.")
+    assert 0.8 <= made.door.width_m <= 1.6 and len(found.unusable) == 6
+    middle, (x, y), (u, v) = made.door.middle, world.grid.position("D5"), world.grid.position("E5")
+    assert min(x, u) - 0.5 <= middle[0] <= max(x, u) + 0.5 and min(y, v) <= middle[1] <= max(y, v)
+    asked = model.asked[0].messages[-1]
+    assert [p.name for p in asked.pictures][-2:] == ["grid of waypoints", "photograph 1"]
+    assert 'given by a person who knows the place: "photograph 1", of' in asked.text
+
+
+@pytest.mark.parametrize("kind", ["PNG", "JPEG"])
+def test_a_photograph_is_sent_small_and_what_is_none_is_refused(tmp_path: Path, kind: str) -> None:
+    Image.new("RGB", (4000, 1000), "red").save(tmp_path / "photo", kind)
+    assert (read := read_photograph(tmp_path / "photo", "plan").reference).name == "plan"
+    assert (read.width, read.height) == (1600, 400)
+    Image.new("RGB", (40, 40)).save(tmp_path / "photo", "GIF")
+    for name in ("photo", "none.png"):
+        with pytest.raises(InputError, check=coded("photo-file")):
+            read_photograph(tmp_path / name, "plan")
+    (tmp_path / "photo").write_bytes(bytes(20_000_001))
+    with pytest.raises(InputError, check=coded("photo-large")):
+        read_photograph(tmp_path / "photo", "plan")
 
 
 def test_an_unreadable_answer_is_asked_for_again_and_then_an_error(warehouse: World) -> None:

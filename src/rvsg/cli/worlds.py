@@ -399,38 +399,46 @@ def label(
     settings: dict[str, Any],
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The world folder.")],
     record: Record = None,
+    photo: Annotated[
+        list[Path] | None, typer.Option(metavar="FILE", help="A photograph or a plan of the place; repeatable.")
+    ] = None,
     prices: Prices = None,
     json: AsJson = False,
 ) -> None:
-    """Let a vision language model propose names, kinds, regions and activities of a world; accept them one by one.
+    """Let a vision language model propose names, kinds, regions, doors and activities; accept them one by one.
 
-    RVSG checks what you accept, writes it into labels.yaml and world.yaml, and keeps their comments. With --json, it
-    prints the proposals and writes nothing. `rvsg world new` proposes labels without a model.
+    RVSG checks what you accept, writes it into labels.yaml, doors.yaml and world.yaml, and keeps their comments. With
+    --json, it prints the proposals and writes nothing. `rvsg world new` proposes labels without a model.
     """
     from rvsg.generation.environment import propose_names
-    from rvsg.world.edits import edit_world
+    from rvsg.world.edits import add_door, edit_world
     from rvsg.world.world_folder import load_world
 
     model = settings.pop("model", None)
     world = load_world(folder)
-    proposed = propose_names(world, model, record, **settings, prices=prices)
+    proposed = propose_names(world, model, record, photographs=photo or (), **settings, prices=prices)
     for line in proposed.unusable:
         say(line)
     if json:
-        print_json(proposed.model_dump(mode="json", include={"names", "activities"}))
+        print_json(proposed.model_dump(mode="json", include={"names", "activities", "doors"}))
         return
     for each in proposed.names:
         changes = ", ".join(f"{key} {value}" for key, value in each.values.items())
         say(f"{each.area}: {changes}. {each.why}")
         if typer.confirm("Accept", default=False, err=True):
             edit_world(folder, {"what": "change area", "name": each.area, "values": each.values}).apply()
+    for made in proposed.doors:
+        width = f"{made.door.width_m:.2f} m, {made.door.kind}"
+        say(f"{made.door.name}: a door between {' and '.join(made.between)}, {width}. {made.why}")
+        if typer.confirm("Accept", default=False, err=True):
+            add_door(folder, made.door)
     activities = list(world.activities)
     for text in proposed.activities:
         say(f"Activity: {text}")
         if typer.confirm("Accept", default=False, err=True):
             activities.append(text)
             edit_world(folder, {"what": "set activities", "values": activities}).apply()
-    if not proposed.names and not proposed.activities:
+    if not (proposed.names or proposed.activities or proposed.doors):
         say("The model proposes no other label.")
 
 

@@ -6,7 +6,9 @@ The description is made once per world, in three turns. It is stored in the worl
 
 from __future__ import annotations
 
+import io
 import json
+import math
 import os
 import re
 import textwrap
@@ -17,7 +19,7 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from rvsg.core.documents import read_yaml
+from rvsg.core.documents import mistakes_of, read_yaml
 from rvsg.core.errors import FileError, GenerationError, InputError
 from rvsg.core.files import write_whole
 from rvsg.core.inputs import read_text
@@ -29,7 +31,8 @@ from rvsg.generation.replies import read_object
 from rvsg.generation.reply_json import TEXT, find_json, object_schema, texts_schema
 from rvsg.generation.vlm.access import ModelAccess, model_access
 from rvsg.generation.vlm.model import Access, Answer, Model, Picture
-from rvsg.world.world import Description, World
+from rvsg.world.passages import doorway
+from rvsg.world.world import Description, Door, World
 from rvsg.world.world_folder import SHIPPED, load_world
 
 KEYS = ("layout", "grid")
@@ -255,7 +258,12 @@ LONGEST_NAME, LONGEST_KIND = 60, 30
 LONGEST_REASON = 400
 MOST_ACTIVITIES = 8
 _LABELS = {"type": "array", "items": object_schema(dict.fromkeys(("area", "name", "kind", "region", "why"), TEXT))}
-SHAPE = object_schema({"names": _LABELS, "activities": {"type": "array", "items": TEXT}})
+_TEXTS = {"type": "array", "items": TEXT}
+_KINDS = {"type": "string", "enum": ["swing", "sliding"]}
+_DOORS = {"type": "array", "items": object_schema({"name": TEXT, "between": _TEXTS, "kind": _KINDS, "why": TEXT})}
+SHAPE = object_schema({"names": _LABELS, "activities": _TEXTS, "doors": _DOORS})
+WIDEST_DOOR_M = 3.0
+LARGEST_PHOTO_BYTES, PHOTO_WIDTH_PX = 20_000_000, 1600
 
 
 class ProposedLabel(Record):
@@ -274,18 +282,31 @@ class ProposedLabel(Record):
         return {key: value for key, value in new.items() if value}
 
 
+class ProposedDoor(Record):
+    """A door that a model proposes in the narrowest place between two waypoints, and why."""
+
+    door: Door
+    between: tuple[str, str]
+    why: str = ""
+
+
 class ProposedLabels(Record):
-    """What a model proposes for the areas of a world and as work that is usual there, and what cannot be used."""
+    """What a model proposes for areas, doors and usual work of a world, and what cannot be used."""
 
     names: tuple[ProposedLabel, ...]
     activities: tuple[str, ...] = ()
+    doors: tuple[ProposedDoor, ...] = ()
     unusable: tuple[str, ...] = ()
     calls: tuple[Call, ...] = ()
 
 
-def propose_area_names(world: World, model: Model, prompts: Prompts) -> ProposedLabels:
-    """Ask a model once for labels of areas; GenerationError where it answers without a list of names twice."""
-    shown, _, facts = _views(world)
+def propose_area_names(
+    world: World, model: Model, prompts: Prompts, photographs: Sequence[Picture] = ()
+) -> ProposedLabels:
+    """Ask a model once for labels and doors; GenerationError where it answers without a list of names twice."""
+    shown, grid, facts = _views(world)
+    facts |= {"doors": [door.name for door in world.doors], "photographs": len(photographs)}
+    shown = (*shown, grid, *photographs)
     dialogue = Dialogue(model, prompts, f"names-{world.name}", facts, shown)
     dialogue.tell("system", role="system")
     answer = _answered(dialogue.ask("names", "area-names", shown=shown, shape=SHAPE).text)
@@ -299,17 +320,71 @@ def propose_area_names(world: World, model: Model, prompts: Prompts) -> Proposed
     known = {text.casefold() for text in world.activities}
     texts = (" ".join(str(each).split())[:LONGEST_REASON] for each in (given if isinstance(given, list) else ()))
     activities = tuple(dict.fromkeys(text for text in texts if text and text.casefold() not in known))
+    doors, wrong = _usable_doors(answer.get("doors"), world)
     return ProposedLabels(
-        names=names, activities=activities[:MOST_ACTIVITIES], unusable=unusable, calls=tuple(dialogue.calls)
+        names=names,
+        activities=activities[:MOST_ACTIVITIES],
+        doors=doors,
+        unusable=(*unusable, *wrong),
+        calls=tuple(dialogue.calls),
     )
 
 
 def propose_names(
-    world: World, model: str | None, record: Path | None = None, prompts: Path | None = None, **access: Any
+    world: World,
+    model: str | None,
+    record: Path | None = None,
+    prompts: Path | None = None,
+    photographs: Sequence[Path] = (),
+    **access: Any,
 ) -> ProposedLabels:
-    """Ask a vision language model for better labels of the areas of a world; calls are recorded."""
+    """Ask a vision language model for better labels of the areas of a world and its doors; calls are recorded."""
+    given = [read_photograph(path, f"photograph {k}") for k, path in enumerate(photographs, start=1)]
     reached = reach_model(model, record, f"names-{world.name}", access)
-    return propose_area_names(world, reached, Prompts(prompts))
+    return propose_area_names(world, reached, Prompts(prompts), given)
+
+
+def read_photograph(path: Path, name: str) -> Picture:
+    """Return a photograph or a plan as a picture for a model; InputError where the file is no PNG or JPEG."""
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        if path.stat().st_size > LARGEST_PHOTO_BYTES:
+            most = LARGEST_PHOTO_BYTES // 1_000_000
+            raise InputError(f"{path} is larger than {most} MB. Give a smaller picture.", code="photo-large")
+        with Image.open(path, formats=("PNG", "JPEG")) as image:
+            small = image.convert("RGB")
+    except (OSError, UnidentifiedImageError, Image.DecompressionBombError):
+        raise InputError(f"{path} is no picture. Give a PNG or JPEG file with --photo.", code="photo-file") from None
+    small.thumbnail((PHOTO_WIDTH_PX, PHOTO_WIDTH_PX))
+    out = io.BytesIO()
+    small.save(out, "PNG")
+    return Picture(name=name, png=out.getvalue())
+
+
+def _usable_doors(entries: Any, world: World) -> tuple[tuple[ProposedDoor, ...], tuple[str, ...]]:
+    """Return the doors that can be accepted in any order, and what is wrong with the others."""
+    found: list[ProposedDoor] = []
+    wrong = []
+    for entry in entries if isinstance(entries, list) else ():
+        values = entry if isinstance(entry, Mapping) else {}
+        name, why = (" ".join(str(values.get(key) or "").split()) for key in ("name", "why"))
+        ends = [str(each) for each in between] if isinstance(between := values.get("between"), list) else []
+        taken = {door.name.casefold() for door in (*world.doors, *(each.door for each in found))}
+        if not 0 < len(name) <= LONGEST_NAME or name.casefold() in taken:
+            wrong.append(f'The name of the door "{name[:LONGEST_NAME]}" is empty, given already or too long.')
+        elif len(ends) != 2 or not all(end in world.grid.by_name for end in ends):
+            wrong.append(f'"{name}": the waypoints on its two sides are not known.')
+        elif (place := doorway(world, ends[0], ends[1])) is None or math.dist(*place) > WIDEST_DOOR_M:
+            wrong.append(f'"{name}": there is no doorway of at most {WIDEST_DOOR_M:g} m between {" and ".join(ends)}.')
+        else:
+            try:
+                door = Door(name=name, hinge=place[0], end=place[1], kind=values.get("kind") or "swing")
+            except ValidationError as error:
+                wrong.append(f'"{name}": {"; ".join(mistakes_of(error, Door))}')
+            else:
+                found.append(ProposedDoor(door=door, between=(ends[0], ends[1]), why=why[:LONGEST_REASON]))
+    return tuple(found), tuple(wrong)
 
 
 def _answered(text: str) -> Mapping[str, Any] | None:

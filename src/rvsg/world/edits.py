@@ -19,7 +19,8 @@ from rvsg.core.files import write_whole
 from rvsg.core.inputs import read_text
 from rvsg.core.records import Record
 from rvsg.world.routes import time_limit_s
-from rvsg.world.schema import LabelsFile, RoutesFile, WorldFile
+from rvsg.world.schema import DoorsFile, LabelsFile, RoutesFile, WorldFile
+from rvsg.world.world import Door
 from rvsg.world.world_folder import SHIPPED, world_folder
 
 HEAD = "world.yaml"
@@ -71,9 +72,20 @@ def edit_world(folder: str | Path, change: Mapping[str, Any]) -> Edit:
         raise FileError(folder / HEAD, f"{key}: this file lies outside the world folder.")
     before = read_text(path)
     after = _changed(before, path, change_it, change)
-    models: dict[str, type[Record]] = {"labels": LabelsFile, "routes": RoutesFile, "head": WorldFile}
+    models: dict[str, type[Record]]
+    models = {"labels": LabelsFile, "routes": RoutesFile, "head": WorldFile, "doors": DoorsFile}
     validated(parse_yaml(after, path), models[key])
     return Edit(path=path, before=before, after=after)
+
+
+def add_door(folder: str | Path, door: Door) -> None:
+    """Add a door to the doors of a world folder; the first one begins the file."""
+    folder = world_folder(folder)
+    head = read_text(folder / HEAD)
+    if "doors" not in read_yaml(folder / HEAD).value:
+        write_whole(folder / "doors.yaml", "doors: []\n")
+        write_whole(folder / HEAD, head.rstrip("\n") + "\ndoors: doors.yaml\n")
+    edit_world(folder, {"what": "add door", **door.model_dump(mode="json", exclude_defaults=True)}).apply()
 
 
 def _changed(text: str, path: Path, change_it: Change, change: Mapping[str, Any]) -> str:
@@ -262,6 +274,13 @@ def _set_activities(value: Any, change: Mapping[str, Any]) -> None:
         value.pop("activities", None)
 
 
+def _add_door(value: Any, change: Mapping[str, Any]) -> None:
+    doors = _listed(value, "doors")
+    values = {key: each for key, each in change.items() if key not in ("what", "name")}
+    ends = {key: _flow_list(values.pop(key)) for key in ("hinge", "end")}
+    doors.append(_flow({"name": _text(_new_name(change, doors)), **ends, **values}))
+
+
 CHANGES: dict[str, tuple[str, Change]] = {
     "add area": ("labels", _add_area),
     "change area": ("labels", _change_area),
@@ -273,6 +292,7 @@ CHANGES: dict[str, tuple[str, Change]] = {
     "change route": ("routes", _change_route),
     "remove route": ("routes", _remove("routes")),
     "set activities": ("head", _set_activities),
+    "add door": ("doors", _add_door),
 }
 """Every change: the file it is made in and what makes it."""
 

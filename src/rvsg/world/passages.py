@@ -109,6 +109,15 @@ def narrowest_passage(world: World, line: Floats) -> Passage | None:
     return _passage(world, points[i], float(yaws[i]), float(along[i])) if widths[i] > 0.0 else None
 
 
+def doorway(world: World, one: str, other: str) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """Return the ends, in metres, of the narrowest place between two waypoints; None where they see no free floor."""
+    points, yaws, _ = _along(np.array([world.grid.position(one), world.grid.position(other)]))
+    widths, left, right = _widths(human_space(world), points, yaws)
+    i = int(np.where(widths > 0.0, widths, np.inf).argmin())
+    ends = [(round(float(x), 2), round(float(y), 2)) for x, y in (left[i], right[i])]
+    return (ends[0], ends[1]) if widths[i] > 0.0 else None
+
+
 def narrowest_m(world: World, lines: Sequence[Floats]) -> list[float]:
     """Return the free width in metres at the narrowest place of each line (N, 2); 0 where all of it is in obstacles."""
     sampled = [_along(line) for line in lines]
