@@ -58,5 +58,7 @@ def test_it_is_judged_over_stored_runs_and_nothing_is_written_before_it_is_accep
     told = terminal(["scenario", "requirement", WORDS, "--replay", "record", "--runs", "runs.jsonl"])
     assert f"{run.id}: " in told and ", fails" in told and "No runs show both" in told
     assert Path("drafted.yaml").exists() == accepts
+    plot = Path("drafted.svg").read_text()
+    assert "Plot: drafted.svg" in told and f"{run.id}: {time_s:.3g}" in plot.replace("\N{NO-BREAK SPACE}", " ")
     if accepts:
         assert load_requirement("drafted.yaml#in_time").limit == pytest.approx(time_s - 1.0)

@@ -12,17 +12,19 @@ import pytest
 from PIL import Image
 from tests.campaign.parts import REQUIREMENT, warehouse
 from tests.coded import coded
+from tests.evaluation.runs import run_of, trajectory
 from tests.report.test_page import default_campaign
 
 from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.core.errors import InputError
-from rvsg.evaluation.verdict import judge
-from rvsg.report.charts import LETTER, confirmation_chart, search_chart
+from rvsg.evaluation.verdict import judge, number, objective
+from rvsg.report.charts import LETTER, confirmation_chart, requirement_chart, search_chart
 from rvsg.report.film import HOLD_S, RATE_HZ, Shot, check_film, strip, write_film
 from rvsg.report.run_facts import footprint_of
 from rvsg.robots.robot import shipped_robots
 from rvsg.simulation.run import RobotContact
 
+SPACE = "http://www.w3.org/2000/svg"
 WIDE = [(-9.0, 1.0), (0.5, 40.0), (-1000.0, 1000.0)]
 
 
@@ -162,3 +164,22 @@ def test_a_film_shows_all_of_the_run_at_its_speed(tmp_path: Path) -> None:
 def test_an_unknown_format_is_refused_with_the_known_ones(name: str) -> None:
     with pytest.raises(InputError, check=coded("film-format")):
         check_film(Path(name))
+
+
+def test_a_requirement_is_drawn_over_runs_that_hold_and_fail() -> None:
+    t = np.arange(40) / 10
+    runs = [run_of(trajectory(t, 0.0, humans=[(near + 0.5 * t, 0.0)])) for near in (0.5, 1.0, 2.0, 4.0, 6.0)]
+    runs = [replace(run, scenario_id=f"s{k}") for k, run in enumerate(runs)]
+    requirement = REQUIREMENT.replace(limit=2.6)
+    values = [objective(run, requirement) for run in runs]
+    picture = ET.fromstring(requirement_chart(requirement, runs))
+    texts = ["".join(text.itertext()).replace("\N{NO-BREAK SPACE}", " ") for text in picture.iter(f"{{{SPACE}}}text")]
+    assert [text.rsplit(": ", 1)[1] for text in texts[-3:]] == [
+        f"{number(values[4], 'm')}, holds", f"{number(values[2], 'm')}, holds", f"{number(values[0], 'm')}, fails",
+    ]  # fmt: skip
+    assert any(text.startswith("limit 2.6") for text in texts)
+    drawn = list(picture.iter(f"{{{SPACE}}}polyline"))
+    ends = [line.attrib["points"].split()[-1].split(",") for line in drawn]
+    heights = [float(y) for _, y in ends]
+    assert len(drawn) == 3 and heights == sorted(heights)  # a smaller distance is drawn lower
+    assert requirement_chart(requirement, [run_of(trajectory(t, 0.0))]) == ""

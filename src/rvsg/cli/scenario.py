@@ -35,11 +35,14 @@ def requirement_(
     """Let a vision language model write a requirement from words, and accept it or not.
 
     RVSG checks that it can be measured, shows it in words, and judges the stored runs that you give: take one that
-    should hold and one that should fail. It writes nothing before you accept.
+    should hold and one that should fail. A plot beside --out shows three of them. Nothing else is written before you
+    accept.
     """
     from rvsg.app.requirement_draft import draft_requirement, write_requirement
+    from rvsg.core.outputs import write_text
     from rvsg.evaluation.verdict import number, objective
     from rvsg.generation.environment import reach_model
+    from rvsg.report.charts import requirement_chart
     from rvsg.simulation.archive import read_runs
 
     model = settings.pop("model", None)
@@ -51,6 +54,9 @@ def requirement_(
     for run, value in judged:
         verdict = "not measured" if value is None else "fails" if made.violated_by(value) else "holds"
         say(f"{run.id}: {number(value, made.unit)}, {verdict}")
+    if chart := requirement_chart(made, [run for run, _ in judged]):
+        write_text(out.with_suffix(".svg"), chart)
+        say(f"Plot: {out.with_suffix('.svg')}")
     if len({*failing}) < 2:
         say("No runs show both, one that holds and one that fails: give such runs with --runs before you trust it.")
     if typer.confirm("Accept", default=False, err=True):

@@ -15,9 +15,11 @@ from markupsafe import Markup
 
 from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.ranking import search_attempts
-from rvsg.evaluation.verdict import Verdict, number
+from rvsg.evaluation.verdict import Verdict, number, objective
 from rvsg.report.renderer import render
+from rvsg.report.run_facts import judged_curve
 from rvsg.scenario.requirement import Requirement
+from rvsg.simulation.run import Run
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#5f5f5f")
 """Distinguishable with the common kinds of colour blindness (Okabe and Ito)."""
@@ -79,6 +81,45 @@ def confirmation_chart(plan: Plan, selected: Attempt, confirmed: Attempt) -> Mar
         limit=requirement.threshold,
         rows=((48, "search", selected, "old"), (104, "confirmation", confirmed, "new")),
         sway=lambda place: 9 * math.sin(place * 2.4),
+    )
+
+
+def requirement_chart(requirement: Requirement, runs: Sequence[Run]) -> Markup:
+    """Draw the judged value of up to three runs over time: the mildest, the worst, and the nearest to the limit.
+
+    Runs without a value are left out; it is empty where all are.
+    """
+    known = [(value, run) for run in runs if (value := objective(run, requirement)) is not None]
+    known.sort(key=lambda each: requirement.badness(each[0]))
+    limit = requirement.threshold
+    nearest = sorted(known[1:-1], key=lambda each: abs(each[0] - (limit or 0.0)))[:1]
+    chosen = [*known[:1], *nearest, *known[1:][-1:]]
+    curves = [judged_curve(run, requirement, None) for _, run in chosen]
+    values = [float(v) for curve in curves for v in curve.value if math.isfinite(v)]
+    if not values:
+        return Markup("")
+    lines = []
+    for (value, run), curve, colour in zip(chosen, curves, COLOURS, strict=False):
+        points = list(zip(curve.t.tolist(), curve.value.tolist(), strict=True))
+        parts = [list(part) for real, part in itertools.groupby(points, lambda p: math.isfinite(p[1])) if real]
+        verdict = "fails" if requirement.violated_by(value) else "holds"
+        words = f"{run.id}: {number(value, requirement.unit)}, {verdict}"
+        lines.append({"stretches": parts, "colour": colour, "words": words})
+    width, height = 760, 330 + 16 * len(lines)
+    y = Scale(*span([*values, *([] if limit is None else [limit])]), 290, 30)
+    x = Scale(0.0, max(float(curve.t[-1]) for curve in curves if len(curve.t)), 58, width - 90)
+    unit = f", {requirement.unit}" if requirement.unit else ""
+    return render(
+        "requirement.svg",
+        title=f"{requirement.title}: {requirement.metric or 'room of the formula'}{unit}",
+        x=x,
+        y=y,
+        x_ticks=ticks(x.low, x.high),
+        y_ticks=ticks(y.low, y.high),
+        limit=limit,
+        lines=lines,
+        width=width,
+        height=height,
     )
 
 
