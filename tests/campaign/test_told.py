@@ -9,21 +9,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.campaign.parts import REQUIREMENT, Distance, MemoryLedger, parts, plan, searched, warehouse
+from tests.campaign.parts import REQUIREMENT, Distance, MemoryLedger, WalkGenerator, parts, plan, searched, warehouse
 from tests.campaign.test_hybrid import Dear, hybrid
 
 from rvsg.campaign.attempt import Attempt, Measurement
-from rvsg.campaign.candidates import REHEARSAL, Candidate, badness_of, last_written, tried, with_others
+from rvsg.campaign.candidates import Candidate, last_written, tried, with_others
 from rvsg.campaign.feedback import FeedbackSource, StoredFeedback, rehearsing
 from rvsg.campaign.hybrid import LEAST_FORMS, HybridStrategy
 from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.observation import acting, observe
+from rvsg.campaign.ranking import REHEARSAL, badness_of
 from rvsg.campaign.runner import Runner
-from rvsg.campaign.strategies import Batches
+from rvsg.campaign.strategies import Batches, StudyStrategy
 from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.generator import Proposal, Rehearsal
 from rvsg.generation.heuristic import HeuristicGenerator
+from rvsg.generation.people_sampler import box
 from rvsg.generation.prompts import Prompts, number
 from rvsg.generation.result_facts import configuration_object, feedback_facts
 from rvsg.generation.vlm.model import Answer, Request
@@ -388,3 +390,48 @@ def test_a_batch_for_which_nothing_is_found_ends_no_search() -> None:
     """A campaign ended after one of sixty runs, without a word, where the numbers of a proposal could not change."""
     made = [attempt for attempt in searched(Idle) if attempt.purpose == "search"]
     assert [attempt.brief.scenario_index for attempt in made] == [0, 1]
+
+
+class Learner(WalkGenerator):
+    """A model whose every answer holds a lesson of its own."""
+
+    def propose(self, brief: Brief, world: World) -> Proposal:
+        return super().propose(brief, world).replace(lesson=f"Lesson {len(self.briefs) - 1}.")
+
+
+def test_a_refinement_is_told_the_lesson_that_the_first_answer_of_its_scenario_drew() -> None:
+    generator = Learner()
+    searched(StudyStrategy, plan(scenarios=3, refinements=2, repeats=2, confirmations=0), generator=generator)
+    lessons = {index: brief.lessons for index, brief in enumerate(generator.briefs) if brief.kind == "refine"}
+    assert lessons[4] == lessons[5] == ("Lesson 3.",)  # drawn when all of the first scenario was known
+    assert lessons[7] == ("Lesson 3.", "Lesson 6.")
+
+
+def test_objects_are_told_with_a_configuration_and_with_a_change() -> None:
+    base = configured(0, [1.3, 1.2], 1.25, operator="new")
+    carts = [box("cart", (x, 2.0), (1.0, 0.5, 1.0), 0.0, 0.2) for x in (3.0, 3.4)]
+    own = [base]
+    for k, cart in enumerate(carts, start=1):
+        made = configured(k, [1.0 + 0.1 * k], 1.0 + 0.1 * k, own[-1], operator="refine")
+        moved = made.scenario.replace(mission=made.scenario.mission.replace(moved=(cart,)))
+        record = made.attempt.record.model_copy(update={"proposal": Proposal(generator="x", scenario=moved)})
+        own.append(Candidate(record, made.parent, made.operator, made.badness, made.estimate, made.deviation))
+    assert tried(own[1], own, REQUIREMENT).change.startswith("cart stands at (3, 2), 1 x 0.5 m")
+    assert tried(own[2], own, REQUIREMENT).change.startswith("cart stands at (3.4, 2)")
+    feedback = Feedback(scenario=own[2].scenario, objectives=(1.2,), mean=1.2, interval=(1.2, 1.2), previous_mean=9.0)
+    found = with_others(feedback, own[2], own, REQUIREMENT)
+    assert found.previous_mean == pytest.approx(1.1), "the mean that the list gives"
+    told = feedback_facts(found, REQUIREMENT, {}, mission=plan().mission)
+    assert [thing["x"] for thing in told["best"]["moved"]] == [3.0]
+    assert [thing["x"] for thing in told["configuration"]["moved"]] == [3.4]
+
+
+def test_how_runs_end_is_told() -> None:
+    base = configured(0, [1.3, 1.2, 1.1], 1.2, operator="new")
+    limit = base.scenario.mission.route.time_limit_s
+    ends = ((18.2, True), (5.1, False), (limit, False))
+    feedback = Feedback(scenario=base.scenario, objectives=(1.3, 1.2, 1.1), mean=1.2, interval=(1.2, 1.2), ends=ends)
+    facts = {"feedback": feedback_facts(feedback, REQUIREMENT, {}), "lessons": [], "memory": [], "drive": None}
+    text = Prompts().render("compact-refine", {**facts, "requirement": {"unit": "m", "worse": "smaller", "limit": 1.0}})
+    ended = "arrived at 18.2 s; its navigation gave up, which ends the run, at 5.1 s; the time limit ended 1."
+    assert f"The robot {ended}" in text

@@ -204,7 +204,7 @@ def test_a_lesson_travels_to_the_next_scenario(ask: Asking, brief: Brief) -> Non
     assert refined.lesson in told(ask(GOOD, brief=later)[1])
 
 
-CUT_OFF = "2 runs: 25, 24 m; mean 24.5. 1 of 2 runs ended at the time limit, which cuts the value off."
+CUT_OFF = "mean 24.5. In 1 of 2 runs the robot did not arrive, and the value is what the time limit leaves of it."
 
 
 @pytest.mark.parametrize(
@@ -233,7 +233,6 @@ def test_a_failure_is_to_be_reliable_before_it_is_to_get_by_with_less(
     assert all(each in told(model) for each in words)
     asked = ("Improve it", "Make it reliable", "with less")
     assert sum(words in told(model) for words in asked) == 1
-    assert ("interval" in told(model)) == (capped == 0)
 
 
 def test_a_refinement_is_told_its_analysis_and_its_plan(brief: Brief, warehouse: World, first: Scenario) -> None:
@@ -374,11 +373,11 @@ def test_feedback_tells_the_truth(ask: Asking, brief: Brief, first: Scenario) ->
     weaker = given.feedback.replace(objectives=(1.9,), mean=1.9, rows=(row,))
     proposal, model = ask(GOOD, brief=refining(brief, first, **measured, weaker=weaker))
     for words in (
-        "2 runs: 1, 1.4 m; mean 1.2; 1 violates (95 % interval of the mean 1 to 1.4).",
+        "2 runs: 1, 1.4 m; mean 1.2; 1 violates.",
         "NOT separable from chance",
         "arrived in 1 of 2 runs",
         'touched in 2 of 2 runs: in the run that was worst for the robot at 4.1 s to 4.6 s "Human 2" at D20 (the robot',
-        'in the other first at 9 s "Human 1" at E3.',
+        'in the other first at 9 s "Human 1" at E3 (neither moved much).',
         "In 1 of 2 runs somebody did what fewer than 1 in 100 recorded people did: "
         '"Human 2 accelerates with 5.1 m/s² at 4.2 s; no recorded people go as far."',
         "|4|F13, stands: Human 2 before it|0.5|D20 leg 3/12, 1.25 left|",

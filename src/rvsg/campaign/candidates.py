@@ -6,12 +6,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from rvsg.campaign.attempt import Attempt, AttemptSummary
-from rvsg.campaign.ranking import measured
+from rvsg.campaign.attempt import AttemptSummary
+from rvsg.campaign.ranking import REHEARSAL, badness_of, measured
 from rvsg.scenario.brief import Feedback, Tried, Tuning
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
-from rvsg.scenario.variation import differences
+from rvsg.scenario.variation import NO_CHANGE, differences, objects_changed
 
 BOUND = 1.645
 """Half-width of the interval of an estimate in standard deviations: 95 % on either side."""
@@ -74,18 +74,6 @@ class Candidate:
     def lower(self) -> float:
         """The lower bound of the estimate."""
         return self.estimate - BOUND * self.deviation
-
-
-REHEARSAL = -1
-"""In the place of the seed of a rehearsal, which is the same for all."""
-
-
-def badness_of(attempt: Attempt, requirement: Requirement) -> dict[int, float]:
-    """Return the badness of the runs of an attempt by their seeds, and of the rehearsal of its configuration."""
-    scenario, proposal = attempt.proposal.scenario, attempt.proposal
-    rehearsed = [(REHEARSAL, value) for people, value in proposal.rehearsals if scenario and people == scenario.people]
-    values = dict([*rehearsed, *((m.seed, m.objective) for m in attempt.measurements if m.objective is not None)])
-    return {seed: requirement.badness(value) for seed, value in values.items()}
 
 
 TUNED = "tune"
@@ -182,7 +170,9 @@ def listed(own: Sequence[Candidate], requirement: Requirement) -> tuple[tuple[Tr
 
 
 def _difference(before: Candidate, after: Candidate) -> str:
-    return differences(before.scenario.people, after.scenario.people)
+    people = differences(before.scenario.people, after.scenario.people)
+    objects = objects_changed(before.scenario.mission, after.scenario.mission)
+    return people if not objects else objects if people == NO_CHANGE else f"{objects}; {people}"
 
 
 def forms_of(origin: Candidate, own: Sequence[Candidate]) -> list[Candidate]:
@@ -210,12 +200,14 @@ def with_others(
     """Return the feedback on a candidate with where it stands among those of its scenario, and the first of them."""
     first = in_order(own)[0]
     shown, rest = listed(own, requirement)
+    parent = candidate.parent
     return feedback.replace(
         tuning=tuning_of(candidate, own, requirement),
         standing=tried(candidate, own, requirement),
         best=first.scenario if first is not candidate else None,
+        previous_mean=None if parent is None or feedback.previous_mean is None else mean_of(parent, requirement),
         best_mean=mean_of(first, requirement),
-        best_runs=first.runs,
+        best_runs=len(first.badness),
         tried=shown,
         untried=rest,
     )

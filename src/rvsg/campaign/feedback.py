@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.campaign.attempt import Attempt, AttemptSummary, Plan
+from rvsg.campaign.attempt import Attempt, AttemptSummary, Measurement, Plan
 from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.observation import (
     FailureMode,
@@ -151,10 +151,12 @@ def _feedback(
         reactions=_reactions(worst),
         passings=passings_of(worst, world),
         mildest=mild.objective if mild is not None else None,
+        mildest_rows=_mild_rows(mildest, mild, verdict, scenario, requirement, world),
         mildest_parts=_parts(mildest, series_of(mildest, requirement, world=world)) if mildest else (),
         arrivals={human.name: walk.arrivals for walk, human in zip(walks, scenario.people.humans, strict=True)},
         arrival_s=float(np.mean(times)) if times else None,
         arrived=len(times),
+        ends=tuple((round(each.ended_s, 1), each.completed) for each in observations),
         capped=verdict.censored,
         touched=len(touched),
         touches=touched.get(worst.id, ()),
@@ -162,6 +164,23 @@ def _feedback(
         unusual="" if unusual is None else unusual.sentence,
         unusual_runs=len(rare),
     )
+
+
+def _mild_rows(
+    run: Run | None,
+    measured: Measurement | None,
+    verdict: Verdict,
+    scenario: Scenario,
+    requirement: Requirement,
+    world: World,
+) -> tuple[Row, ...]:
+    """Return the mildest run every two seconds where it holds and others do not: why it does is what to change."""
+    if run is None or measured is None or measured.objective is None or not verdict.violations:
+        return ()
+    if requirement.violated_by(measured.objective):
+        return ()
+    walks = walks_of(run, scenario.people, world.grid)
+    return _rows(run, walks, world, series_of(run, requirement, world=world))
 
 
 class FeedbackSource(Protocol):

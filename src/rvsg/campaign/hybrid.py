@@ -229,9 +229,9 @@ class HybridStrategy(CandidateStrategy):
 
     def _refining(self, parent: Candidate, seeds: tuple[int, ...]) -> Ask:
         scenario = parent.scenario_index
-        others = [a for a in self.attempts if a.scenario_index != scenario]
         memory = self._memory(scenario) if self.plan.proposals is not None else ()
-        told = {"feedback": self._feedback(parent), "lessons": lessons_of(others, last=self.plan.memory)}
+        lessons = lessons_of(self.attempts, last=self.plan.memory, without=scenario)
+        told = {"feedback": self._feedback(parent), "lessons": lessons}
         brief = self._brief("refine", scenario, self._next(parent), memory=memory, **told)
         return Ask(brief=brief, seeds=seeds)
 

@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.campaign.attempt import Attempt, Plan
-from rvsg.campaign.candidates import TUNED, Candidate, badness_of
+from rvsg.campaign.candidates import TUNED, Candidate
 from rvsg.campaign.feedback import FeedbackSource
 from rvsg.campaign.observation import FailureMode, acting, seen_as
 from rvsg.campaign.race import estimate
+from rvsg.campaign.ranking import badness_of
 from rvsg.campaign.strategies import Ask, BatchStrategy, brief_of
 from rvsg.core.seeds import seed_for
 from rvsg.evaluation.run_events import place_name

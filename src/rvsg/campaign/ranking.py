@@ -136,6 +136,18 @@ def candidates(attempts: Iterable[AnyAttempt], requirement: Requirement) -> list
     return [attempt for attempt in distinct.values() if standing(attempt, requirement)[0] > 0.0] or first
 
 
+REHEARSAL = -1
+"""In the place of the seed of a rehearsal, which is the same for all."""
+
+
+def badness_of(attempt: Attempt, requirement: Requirement) -> dict[int, float]:
+    """Return the badness of the runs of an attempt by their seeds, and of the rehearsal of its configuration."""
+    scenario, proposal = attempt.proposal.scenario, attempt.proposal
+    rehearsed = [(REHEARSAL, value) for people, value in proposal.rehearsals if scenario and people == scenario.people]
+    values = dict([*rehearsed, *((m.seed, m.objective) for m in attempt.measurements if m.objective is not None)])
+    return {seed: requirement.badness(value) for seed, value in values.items()}
+
+
 def remember(
     attempts: Iterable[AttemptSummary],
     requirement: Requirement,
@@ -156,26 +168,31 @@ def remember(
         attempt = first.record
         scenario, verdict = attempt.proposal.scenario, attempt.verdict
         assert scenario is not None and verdict is not None and verdict.mean is not None
+        values = badness_of(attempt, requirement).values()
         found.append(
             Remembered(
                 description=scenario.description,
                 tasks={human.name: tuple(task.name for task in human.tasks) for human in scenario.people.humans},
-                mean=verdict.mean,
+                mean=requirement.badness(math.fsum(values) / len(values)),  # the sign turned back
                 interval=verdict.interval or (verdict.mean, verdict.mean),
                 scenario=scenario,
                 lesson=_lesson(group, taught),
                 capped=verdict.censored,
-                runs=verdict.runs,
+                runs=len(values),
             )
         )
     return tuple(found)
 
 
-def lessons_of(attempts: Iterable[AttemptSummary], *, last: int) -> tuple[str, ...]:
-    """Return what was learnt from the `last` scenarios, without repetition."""
+def lessons_of(attempts: Iterable[AttemptSummary], *, last: int, without: int) -> tuple[str, ...]:
+    """Return what was learnt from the `last` scenarios `without` one, without repetition.
+
+    The first answer of that one may hold the lesson of the scenario before it.
+    """
     attempts = list(attempts)
     taught = _taught(attempts)
-    lessons = (_lesson(group, taught) for group in (by_scenario(attempts)[-last:] if last else ()))
+    groups = by_scenario(a for a in attempts if a.scenario_index != without)
+    lessons = (_lesson(group, taught) for group in (groups[-last:] if last else ()))
     return tuple(dict.fromkeys(lesson for lesson in lessons if lesson))
 
 

@@ -227,7 +227,7 @@ class StudyStrategy(Strategy):
         if measured:  # a refinement: with what was tried in its scenario, and the lessons of the others
             previous = measured[-2].record if len(measured) > 1 else None
             feedback = with_history(self.feedback_of(measured[-1].record, previous), own, plan.requirement)
-            lessons = lessons_of((a for a in known if a.scenario_index != scenario), last=plan.memory)
+            lessons = lessons_of(known, last=plan.memory, without=scenario)
             return brief_of(plan, "refine", index, (scenario, configuration), feedback=feedback, lessons=lessons)
         memory = remember(known, plan.requirement, last=plan.memory)
         last = last_untold(known) if memory else None

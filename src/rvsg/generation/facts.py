@@ -14,7 +14,7 @@ from rvsg.generation.generator import Rehearsal
 from rvsg.generation.replies import LONGEST_DELAY_S, MOST_MOVED
 from rvsg.generation.result_facts import FEWER_ROWS, MOST_ROWS, feedback_facts, passes_of
 from rvsg.generation.vlm.model import Picture
-from rvsg.scenario.brief import Brief, Remembered, mechanism_of
+from rvsg.scenario.brief import Brief, Feedback, Remembered, mechanism_of
 from rvsg.scenario.placement import start_gap_m
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.rules import SPEED_RANGE_M_S, START_CLEARANCE_M
@@ -212,11 +212,17 @@ def told_facts(brief: Brief, world: World, undisturbed: Rehearsal | None, most_r
         _remembered(e) | {"same": e.mechanism == met != "", "same_as": _same_as(e, brief.memory)} for e in brief.memory
     ]
     fewer = min(FEWER_ROWS, most_rows)
+
+    def told_of(feedback: Feedback | None, rows: int) -> dict[str, Any] | None:
+        if feedback is None:
+            return None
+        return feedback_facts(feedback, requirement, passes, rows, mission=brief.mission)
+
     return {
         "memory": memory,
         "lessons": list(brief.lessons),
-        "feedback": feedback_facts(brief.feedback, requirement, passes, most_rows) if brief.feedback else None,
-        "untold": feedback_facts(brief.untold, requirement, passes, fewer) if brief.untold else None,
+        "feedback": told_of(brief.feedback, most_rows),
+        "untold": told_of(brief.untold, fewer),
     }
 
 
@@ -290,8 +296,6 @@ def _remembered(earlier: Remembered) -> dict[str, Any]:
         "capped": earlier.capped,
         "runs": earlier.runs,
         "mean": earlier.mean,
-        "low": earlier.interval[0],
-        "high": earlier.interval[1],
         "lesson": earlier.lesson,
         "mechanism": earlier.mechanism,
     }

@@ -10,7 +10,7 @@ from rvsg.generation.generator import Rehearsal
 from rvsg.generation.reply_json import TUNABLE
 from rvsg.scenario.brief import Feedback, Passing, Row, Stop, Tried
 from rvsg.scenario.requirement import Requirement
-from rvsg.scenario.scenario import Attention, Human, HumanConfiguration, PersonKind
+from rvsg.scenario.scenario import Attention, Human, HumanConfiguration, Mission, PersonKind, Scenario
 from rvsg.world.grid import Grid
 from rvsg.world.world import SolidObject
 
@@ -25,7 +25,7 @@ MOST_ROWS, FEWER_ROWS, BRIEF_BELOW = 14, 6, 10
 """Lines of the table of a run, of that of a second configuration, and from how few on all else gets shorter, too."""
 SEEN_M, POSITION_M = 6.0, 5.0
 """People farther from the robot than this are left out of a line, and their positions from this distance on."""
-NEAR_M, ROW_S = 2.0, 2.0
+NEAR_M, ROW_S, LATE_S = 2.0, 2.0, 0.2
 
 TOLD_AS_MEASURED = frozenset(
     {
@@ -38,9 +38,18 @@ TOLD_AS_MEASURED = frozenset(
 
 
 def feedback_facts(
-    feedback: Feedback, requirement: Requirement | None, passes: Mapping[str, Pass], most_rows: int = MOST_ROWS
+    feedback: Feedback,
+    requirement: Requirement | None,
+    passes: Mapping[str, Pass],
+    most_rows: int = MOST_ROWS,
+    *,
+    mission: Mission | None = None,
 ) -> dict[str, Any]:
-    """Return a result as prompts tell it; `passes` tells when the robot passes which waypoint without people."""
+    """Return a result as prompts tell it; `passes` tells when the robot passes which waypoint without people.
+
+    Args:
+        mission: That of the campaign, whose moved objects are not the generator's.
+    """
     worse, limit = (requirement.worse, requirement.threshold) if requirement else ("smaller", None)
     previous, runs, people = feedback.previous_mean, len(feedback.objectives), feedback.scenario.people
     share = feedback.violation_share
@@ -55,7 +64,9 @@ def feedback_facts(
     rows, shown = _rows(feedback, passes)
     brief = most_rows < BRIEF_BELOW
     fewer = 0 if brief else FEWER_ROWS
-    weaker = feedback_facts(feedback.weaker, requirement, passes, fewer) if feedback.weaker else None
+    weaker = None
+    if feedback.weaker:
+        weaker = feedback_facts(feedback.weaker, requirement, passes, fewer, mission=mission)
     return {
         "standing": _standing(standing),
         "beyond": None if limit is None else (limit - standing.mean) * (1 if worse == "smaller" else -1),
@@ -78,8 +89,10 @@ def feedback_facts(
         **feedback.model_dump(mode="json", include=set(TOLD_AS_MEASURED)),
         "tried": [_standing(each) for each in feedback.tried],
         "tuning": _tuning(feedback),
+        "ended": _ended(feedback),
         "rows": _fewer(rows, most_rows),
         "left_out": max(0, len(rows) - most_rows),
+        "mildest_rows": _mild_rows(feedback, passes, fewer),
         "change_characters": 160 if not brief else 80 if most_rows > FEWER_ROWS else 40,
         "stops_between": [_stop(stop) for k, stop in enumerate(feedback.stops) if k not in shown],
         "currency": _currency(feedback, requirement, passes),
@@ -95,8 +108,8 @@ def feedback_facts(
         ],
         "weaker": weaker,
         "behind_by_chance": feedback.weaker is not None and _within_chance(standing, feedback.weaker.standing),
-        "configuration": configuration_object(people),
-        "best": configuration_object(feedback.best.people) if feedback.best else None,
+        "configuration": _told_configuration(feedback.scenario, mission),
+        "best": _told_configuration(feedback.best, mission) if feedback.best else None,
         "series": [sample.model_dump(mode="json") for sample in feedback.series[:LONGEST_SERIES]],
     }
 
@@ -137,6 +150,27 @@ def _stage(feedback: Feedback, standing: Tried) -> str:
 def _failing(feedback: Feedback, standing: Tried) -> int:
     """Return how many runs violate the requirement or end at the time limit that sets the value."""
     return max(standing.violations or 0, feedback.capped)
+
+
+def _mild_rows(feedback: Feedback, passes: Mapping[str, Pass], most: int) -> list[dict[str, Any]]:
+    """Return the lines of the mildest run that are told."""
+    run = feedback.model_copy(update={"rows": feedback.mildest_rows, "stops": ()})
+    return _fewer(_rows(run, passes)[0], most) if most else []
+
+
+def _ended(feedback: Feedback) -> dict[str, list[float]]:
+    """Return when the robot arrived, when its navigation gave up, and the runs that the time limit ended, s."""
+    found: dict[str, list[float]] = {"arrived": [], "gave_up": [], "timed_out": []}
+    for time, arrived in feedback.ends:
+        late = time >= feedback.scenario.mission.route.time_limit_s - LATE_S
+        found["arrived" if arrived else "timed_out" if late else "gave_up"].append(time)
+    return found
+
+
+def _told_configuration(scenario: Scenario, mission: Mission | None) -> Any:
+    moved = scenario.mission.moved if mission is not None else ()
+    own = () if mission is None else tuple(thing for thing in moved if thing not in mission.moved)
+    return configuration_object(scenario.people, moved=own)
 
 
 def _less(feedback: Feedback) -> dict[str, Any] | None:

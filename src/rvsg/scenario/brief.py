@@ -247,11 +247,15 @@ class Feedback(Record):
     """The value of the run that is least bad for the robot; None with a single run."""
     mildest_parts: tuple[Part, ...] = ()
     """The parts of that run."""
+    mildest_rows: Annotated[tuple[Row, ...], Field(exclude_if=lambda rows: not rows)] = ()
+    """That run every two seconds, where it does not violate the requirement and others do."""
     arrivals: dict[str, tuple[Arrival, ...]] = Field(default_factory=dict)
     arrival_s: float | None = None
     """When the robot arrives on average; None if it never does."""
     arrived: int = 0
     """Runs in which the robot arrives."""
+    ends: Annotated[tuple[tuple[float, bool], ...], Field(exclude_if=lambda ends: not ends)] = ()
+    """When each run ends, s, and whether the robot has arrived, in the order of the runs."""
     touched: int = 0
     """Runs in which the robot and a person touch."""
     touches: tuple[Touched, ...] = ()

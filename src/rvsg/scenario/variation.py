@@ -168,6 +168,21 @@ MOST_TASKS, MOST_WAYPOINTS = 4, 8
 """More tasks, or waypoints of a way, than this are cut off."""
 
 
+NO_CHANGE = "no change"
+"""What `differences` says of equal configurations."""
+
+
+def objects_changed(before: Mission, after: Mission) -> str:
+    """Return which moved objects are elsewhere, new or gone; empty where none is."""
+    known = {thing.name: thing.box for thing in before.moved}
+    found = []
+    for thing in after.moved:
+        (x, y, _), (length, width, _) = thing.box.center, thing.box.size
+        if known.pop(thing.name, None) != thing.box:
+            found.append(f"{thing.name} stands at ({x:g}, {y:g}), {length:g} x {width:g} m")
+    return "; ".join([*found, *(f"without {name}" for name in known)])
+
+
 def differences(before: HumanConfiguration, after: HumanConfiguration) -> str:
     """Return what changed from one configuration to another; `no change` where they are equal."""
     known = {human.name: human for human in before.humans}
@@ -178,7 +193,7 @@ def differences(before: HumanConfiguration, after: HumanConfiguration) -> str:
         if words:
             found.append(f"{human.name} {', '.join(words)}")
     found += [f"without {name}" for name in known]
-    return "; ".join(found) or "no change"
+    return "; ".join(found) or NO_CHANGE
 
 
 def _changed(was: Human, human: Human) -> list[str]:
