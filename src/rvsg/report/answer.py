@@ -153,6 +153,7 @@ def answer_of(
             shown = latest.get(entry.attempt) or by_scenario[entry.scenario_id]
         rows.append(row_of(entry, shown, requirement, world, run_of, findings.get(shown.index)))
     elsewhere = _elsewhere(rows, attempts, requirement)
+    drove = drove_alone(plan, alone) if alone is not None else None
     strongest = max((e.verdict for e in listed if e.state == "confirmed"), key=_strength, default=None)
     status, is_, often = _status(summary, strongest, requirement)
     touched = sum(row.contacts for row in rows) + (elsewhere is not None)
@@ -163,11 +164,11 @@ def answer_of(
         tone=tone_of(strongest, touched) if strongest is not None else "warn" if touched else "quiet",
         title=f"{requirement.name}: {requirement.title}",
         setup=_setup(plan.mission, plan.mission.world, stack),
-        headline=_headline(plan, summary, rows, strongest, attempts),
+        headline=_headline(plan, summary, rows, strongest, attempts, drove),
         counts=_counts(rows),
         figures=_figures(rows[0], requirement) if rows else (),
         changes=changes,
-        alone=drove_alone(plan, alone) if alone is not None else None,
+        alone=drove,
         elsewhere=elsewhere,
         next=_next_steps(plan, summary, rows, elsewhere, strongest, commands or {}),
         rows=tuple(rows),
@@ -236,7 +237,12 @@ def _status(summary: Summary, strongest: Verdict | None, requirement: Requiremen
 
 
 def _headline(
-    plan: Plan, summary: Summary, rows: Sequence[Row], strongest: Verdict | None, attempts: Sequence[Attempt]
+    plan: Plan,
+    summary: Summary,
+    rows: Sequence[Row],
+    strongest: Verdict | None,
+    attempts: Sequence[Attempt],
+    alone: DroveAlone | None,
 ) -> str:
     """Return the most severe failure in a sentence, or what was found instead."""
     requirement, account = plan.requirement, summary.accounting
@@ -260,7 +266,8 @@ def _headline(
     if first.contacts and first.violated != "yes":
         return f"{first.name}. They touch in {first.contact} runs; {requirement.name} is violated in {first.share}."
     if first.violated == "yes":
-        more = "; how often is open" if first.often == "not settled" else ""
+        more = f", in {share_of(alone.violations, alone.judged)} without people" if alone and alone.violations else ""
+        more += "; how often is open" if first.often == "not settled" else ""
         more += f"; {first.contact} touch a person" if first.contacts else ""
         return f"{first.name}. {requirement.name} is violated in {first.share} runs{more}."
     if first.violated == "no" and first.bounds is not None:

@@ -269,7 +269,7 @@ def cause_of(finding: Finding) -> tuple[str, str]:
     if not finding.violated:
         return "–", "not violated"
     if finding.about_people == "no" and alone is not None:
-        return "not the people", f"alone: {share_of(alone.violated, alone.of)}"
+        return "not the people", f"without people: {share_of(alone.violated, alone.of)}"
     if blamed:
         names = ", ".join(each.without for each in blamed)
         first = blamed[0]
@@ -283,7 +283,7 @@ def cause_of(finding: Finding) -> tuple[str, str]:
         least = min(finding.cause, key=lambda each: each.p)
         return "open", f"without {least.without} {share_of(least.violated, least.of)} violate: not told apart"
     if finding.about_people == "yes" and alone is not None:
-        return "the people", f"alone: {share_of(alone.violated, alone.of)}"
+        return "the people", f"without people: {share_of(alone.violated, alone.of)}"
     return "open", "too few runs to tell" if alone is not None else "not tried"
 
 

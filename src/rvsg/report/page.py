@@ -47,7 +47,7 @@ from rvsg.report.replay_data import ReplayGroup, replay_payload
 from rvsg.report.run_facts import AttemptFacts, RunFacts, facts_of, run_facts
 from rvsg.report.stills import frame, plan_markup
 from rvsg.report.summary import Summary, summarise, tried_of
-from rvsg.report.words import direction, limit_in_words, quantity, robot_words, under_test, untimed
+from rvsg.report.words import direction, limit_in_words, quantity, robot_words, shown_at, under_test, untimed
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.scenario.world_lookup import as_world, world_of
@@ -189,7 +189,7 @@ def _shared(shown: Shown, replayed: Sequence[AttemptFacts], *, label: str = "") 
     if label:
         data["groups"][0] |= {"label": label, "purpose": "given"}
     if answer.rows:
-        data["opens"] = {"run": answer.rows[0].run, "t": answer.rows[0].moment_s}
+        data["opens"] = {"run": answer.rows[0].run, "t": float(shown_at(answer.rows[0].moment_s))}
     return {
         "answer": answer,
         "cards": failure_cards(shown),

@@ -19,6 +19,7 @@ from rvsg.core.plugins import ignore
 from rvsg.evaluation.verdict import how_sure
 from rvsg.report.answer import Answer, answer_of_runs
 from rvsg.report.answer_row import Row
+from rvsg.report.words import shown_at
 from rvsg.scenario.builder import save_scenario, without_people
 from rvsg_exchange import formats as exchange
 from rvsg_studio.frame import (
@@ -189,7 +190,7 @@ def _list(lines: Iterable[str]) -> None:
 
 def _events(shown: Shown) -> None:
     traced = json.dumps({"campaign": shown.folder, "name": shown.campaign.name})
-    first: dict[str, Any] = {"data_run": shown.row.run, "data_t": shown.row.moment_s}
+    first: dict[str, Any] = {"data_run": shown.row.run, "data_t": shown_at(shown.row.moment_s)}
     tag("div", data_studio="replay", data_url=address("/data/replay", **shown.query), data_keys="page", id="replay",
         data_trace=traced, data_stage="stage", data_runs="runs", **first)  # fmt: skip
 
