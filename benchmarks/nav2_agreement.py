@@ -144,7 +144,9 @@ def asked(given: argparse.Namespace) -> list[Question]:
     from rvsg.scenario.builder import load_scenario_in
 
     world = rvsg.load_world(given.world)
-    questions = [Question(path.stem, *load_scenario_in(path)) for path in given.scenarios]
+    stems = [path.stem for path in given.scenarios]
+    names = [s if stems.count(s) == 1 else f"{p.parent.name}-{s}" for p, s in zip(given.scenarios, stems, strict=True)]
+    questions = [Question(n, *load_scenario_in(p)) for p, n in zip(given.scenarios, names, strict=True)]
     if given.suite is not None:
         for case in Suite.open(given.suite).cases:
             if given.cases and case.name not in given.cases:
