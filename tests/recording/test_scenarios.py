@@ -13,6 +13,7 @@ from rvsg.app.reconstruction import rebuild, recorded_cases, suite_of_recordings
 from rvsg.campaign.nearness import nearest_violation
 from rvsg.core.errors import FileError
 from rvsg.evaluation.metrics.measurement import measure
+from rvsg.evaluation.sampled import sampled
 from rvsg.recording.fidelity import compare, estimates, recorded_as
 from rvsg.recording.intent import People, recorded_scenario
 from rvsg.recording.tracks import PersonTrack, Recording, load_recording
@@ -207,6 +208,31 @@ def test_encounters_are_cut_out_of_a_long_drive(world: World, tmp_path: Path) ->
     for case in cases:
         assert case.rebuilt is not None, case.problem
         assert len(case.rebuilt.made.scenario.people.humans) == 1
+
+
+@pytest.mark.parametrize(("beside_m", "contacts"), [(-0.15, True), (0.0, None), (0.15, False)])
+def test_contact_counts_only_beyond_the_error_of_the_recording(
+    world: World, beside_m: float, contacts: bool | None
+) -> None:
+    start, noise = world.route("route_1").start, np.random.default_rng(1)
+    ann = walker((0, start.x + 0.9, start.y - 2.0), (15, start.x + 0.9, start.y - 1.9))
+    ann.rows[:, 1:3] += noise.normal(0.0, 0.02, (len(ann.rows), 2))
+    made = recorded_scenario(recording(world, ann), world, people="as-recorded")
+    (run,) = rvsg.simulate(made.scenario, [0], world=world)
+    (person,) = made.recording.people
+    gap_m = float(sampled(recorded_as(made.recording, run), world).gap.min())
+    aside = np.array([0.0, beside_m - gap_m, 0.0, 0.0, 0.0])
+    found = replace(made.recording, people=(replace(person, rows=person.rows + aside),))
+    away = replace(run, trajectory=replace(run.trajectory, human_x=run.trajectory.human_x + 5.0), events=())
+    for other in (away, replace(away, simulator="recording", trajectory=recorded_as(found, run).trajectory)):
+        fidelity = compare(found, other, world)
+        (gap,) = fidelity.gaps
+        assert 0.005 < gap.error_m < 0.05 and gap.recorded_m == pytest.approx(beside_m, abs=0.02)
+        assert bool(fidelity.contact) == (contacts is None)
+        if contacts is not None:
+            assert bool(fidelity.events["contacts"][0]) == contacts
+        touches = bool(fidelity.events["contacts"][1])
+        assert any("contact" in each for each in fidelity.differences) == (contacts is not None and touches != contacts)
 
 
 def test_the_smallest_change_that_violates_is_found(world: World) -> None:

@@ -59,8 +59,8 @@ class Rebuilt:
         said = "The scenario repeats the recording" if self.repeats else "The scenario does not repeat the recording"
         said += (
             f": {count} of {counted(len(self.fidelities), 'run')} keep the smallest gap within {limits.gap_m:g} m, the "
-            f"time within {limits.time_share:.0%}, the path within {limits.path_m:g} m, and contact or none; "
-            "at least half have to."
+            f"time within {limits.time_share:.0%}, the path within {limits.path_m:g} m, and contact or none, where the "
+            "recording tells it; at least half have to."
         )
         if self.requirement.threshold is None:
             return said
@@ -74,7 +74,8 @@ class Rebuilt:
             f"The robot file says {each.parameter}: {each.file:g}; the recording shows {each.recorded:g}."
             for each in self.estimates
         ]
-        return (*map(str, self.made.notes), *proposed)
+        contact = [self.fidelities[0].contact] if self.fidelities[0].contact else []
+        return (*map(str, self.made.notes), *contact, *proposed)
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything but the scenario as plain data."""

@@ -142,8 +142,7 @@ def scenario(
     for note in made.notes:
         say(f"- {note}")
     for each in made.fidelities:
-        said = " ".join(each.differences) or "repeats the recording."
-        say(f"seed {each.seed}: {said}")
+        say(f"seed {each.seed}: {each}")
     say(made.verdict)
     made_world = f"; world: {folder}" if world is None else ""
     say(f"Scenario: {out}{made_world}" + (f"; page: {html}" if html is not None else ""))

@@ -236,13 +236,18 @@ class Sampled:
         """
         if not self.people:
             return []
-        if self.run.robot_outline:
+        if self._contacts_are_recorded:
             return self._recorded_contacts()
         return [
             Touch(person, first, last)
             for person in range(self.people)
             for first, last in joined(stretches(self.gap[:, person] <= 0.0), self.series.t, CONTACT_APART_S)
         ]
+
+    @property
+    def _contacts_are_recorded(self) -> bool:
+        """Whether the events of the run hold its contacts; those of a real robot are not measured."""
+        return bool(self.run.robot_outline) and self.run.simulator != "recording"
 
     def _recorded_contacts(self) -> list[Touch]:
         found = []
@@ -258,7 +263,7 @@ class Sampled:
     def touching(self) -> Flags:
         """(N, H) whether the robot touches each human."""
         flags: Flags = self.gap <= 0.0
-        if not self.run.robot_outline:
+        if not self._contacts_are_recorded:
             return flags
         flags = np.zeros((len(self), self.people), dtype=np.bool_)
         for touch in self.contacts:

@@ -53,6 +53,8 @@ class GapPair(Record):
     simulated_m: float
     recorded_s: float
     simulated_s: float
+    error_m: float
+    """Standard error of the recorded gap, by those of the robot's and the person's places along the line of both."""
 
 
 class Fidelity(Record):
@@ -70,11 +72,16 @@ class Fidelity(Record):
     """How often contacts, near misses, hard brakes and stops happen, recorded and simulated."""
     differences: tuple[str, ...]
     """What is beyond the limits, in words; without any the run repeats the recording."""
+    contact: str = ""
+    """Why the recording does not tell whether they touched, in words."""
 
     @property
     def repeats(self) -> bool:
         """Whether the run repeats the recording by the limits."""
         return not self.differences
+
+    def __str__(self) -> str:
+        return " ".join(self.differences) or "repeats the recording."
 
 
 class Estimate(Record):
@@ -115,6 +122,9 @@ def compare(recording: Recording, run: Run, world: World, limits: Limits | None 
     limits = limits or Limits()
     recorded = recorded_as(recording, run)
     a, b = sampled(recorded, world), sampled(run, world)
+    spreads = {
+        person.name: math.hypot(person.spread_m, recording.spread_m) / math.sqrt(2) for person in recording.people
+    }
     gaps = []
     for k, name in enumerate(run.human_names):
         at = [int(each.gap[:, k].argmin()) for each in (a, b)]
@@ -123,7 +133,12 @@ def compare(recording: Recording, run: Run, world: World, limits: Limits | None 
             for each, i in zip((a, b), at, strict=True)
         )
         if min(m, now_m) <= NEAR_M:
-            gaps.append(GapPair(person=name, recorded_m=m, simulated_m=now_m, recorded_s=s, simulated_s=now_s))
+            gaps.append(
+                GapPair(
+                    person=name, recorded_m=m, simulated_m=now_m, recorded_s=s, simulated_s=now_s,
+                    error_m=round(spreads[name], 3),
+                )
+            )  # fmt: skip
     smallest = (min(g.recorded_m for g in gaps), min(g.simulated_m for g in gaps)) if gaps else None
     time_s = (round(float(recorded.trajectory.t[-1]), 2), round(float(run.trajectory.t[-1]), 2))
     path_m = round(_apart(run.trajectory, recorded.trajectory), 3)
@@ -138,11 +153,15 @@ def compare(recording: Recording, run: Run, world: World, limits: Limits | None 
     if path_m > limits.path_m:
         said.append(f"The path leaves the recorded one by up to {path_m:.2f} m.")
     touched, touches = events[TOLD[Contact]]
-    if bool(touched) != bool(touches):
-        said.append(f"{counted(touches, 'contact')}, recorded {touched}.")
+    near = min(gaps, key=lambda gap: gap.recorded_m, default=None)
+    contact = ""
+    if near is not None and abs(near.recorded_m) <= near.error_m:
+        contact = f"Contact cannot be told: the recorded gap is {near.recorded_m:.2f} m ± {near.error_m:.2f} m."
+    elif bool(touched) != bool(touches):
+        said.append(f"The run has {counted(touches, 'contact')}, the recording {touched}.")
     return Fidelity(
         seed=run.seed, time_s=time_s, path_m=path_m, gap_m=smallest, gaps=tuple(gaps), events=events,
-        differences=tuple(said),
+        differences=tuple(said), contact=contact,
     )  # fmt: skip
 
 

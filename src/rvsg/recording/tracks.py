@@ -71,7 +71,7 @@ class PersonTrack:
     radius_m: float | None = None
     group: int | None = None
     spread_m: float = 0.0
-    """Standard error of the places, where the source tells it."""
+    """Standard error of the places: what the source tells, or, if that is more, what smoothing moves."""
 
     @property
     def begin_s(self) -> float:
@@ -114,6 +114,8 @@ class Recording:
     robot: Floats = field(default_factory=lambda: np.empty((0, 7)))
     acceleration: Floats = field(default_factory=lambda: np.empty((0, 2)))
     commands: Floats = field(default_factory=lambda: np.empty((0, 3)))
+    spread_m: float = 0.0
+    """Standard error of the robot's places, by what smoothing moves."""
     goal: tuple[float, float, float] | None = None
     goal_s: float | None = None
     """When the goal was given."""
@@ -233,6 +235,7 @@ def clean(recording: Recording) -> Recording:
     known = [replace(person, name=name) for person, name in zip(known, _names(known), strict=True)]
     smooth = [_smooth(person, begin, mending) for person in known]
     robot = recording.robot[(recording.robot[:, 0] >= begin - 1e-9) & (recording.robot[:, 0] <= end + 1e-9)].copy()
+    moved = 0.0
     if len(robot) > 5:
         robot, moved = _smooth_rows(robot)
         if moved >= VISIBLE_M:
@@ -242,6 +245,7 @@ def clean(recording: Recording) -> Recording:
         recording,
         people=tuple(smooth),
         robot=robot,
+        spread_m=moved,
         acceleration=recording.acceleration - np.array([begin, 0.0]),
         commands=recording.commands - np.array([begin, 0.0, 0.0]),
         goal_s=None,
@@ -362,7 +366,7 @@ def _smooth(person: PersonTrack, begin: float, mending: Mending) -> PersonTrack:
     x, y = (np.interp(times, rows[:, 0], rows[:, k]) for k in (1, 2))
     vx, vy = (np.gradient(values, PERIOD_S) if count > 1 else np.zeros(1) for values in (x, y))
     even = np.column_stack([times - begin, x, y, np.arctan2(vy, vx), np.hypot(vx, vy)])
-    return replace(person, rows=even)
+    return replace(person, rows=even, spread_m=max(person.spread_m, moved))
 
 
 def _smooth_rows(rows: Floats) -> tuple[Floats, float]:
