@@ -305,3 +305,15 @@ def test_a_bag_that_was_cut_off_is_one_message(said: list[Said], tmp_path: Path,
     cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
     with pytest.raises(FileError, match="mcap recover"):
         judged(cut, world=world)
+
+
+def test_only_a_bag_is_said_to_be_repairable(tmp_path: Path, world: World) -> None:
+    (tmp_path / "notes.mcap").write_text("Monday: the robot stopped at the gate.")
+    (tmp_path / "empty.db3").touch()
+    for path in (tmp_path / "notes.mcap", tmp_path / "empty.db3", tmp_path):
+        with pytest.raises(FileError) as caught:
+            judged(path, world=world)
+        assert ("recover" in str(caught.value) or "reindex" in str(caught.value)) == (path is tmp_path)
+    (tmp_path / "cut.db3").write_bytes(b"SQLite format 3\0" + bytes(100))
+    with pytest.raises(FileError, match="reindex"):
+        judged(tmp_path / "cut.db3", world=world)

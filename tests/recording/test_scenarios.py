@@ -15,6 +15,7 @@ from rvsg.core.errors import FileError
 from rvsg.evaluation.metrics.measurement import measure
 from rvsg.evaluation.sampled import sampled
 from rvsg.recording.fidelity import compare, estimates, recorded_as
+from rvsg.recording.inspection import inspect
 from rvsg.recording.intent import People, recorded_scenario
 from rvsg.recording.tracks import PersonTrack, Recording, load_recording
 from rvsg.report.run_facts import judged_curve
@@ -22,6 +23,7 @@ from rvsg.robots.robot import load_robot
 from rvsg.scenario.validity import check
 from rvsg.scenario.variation import shifted
 from rvsg.simulation.run import Run
+from rvsg.world.space import robot_space
 from rvsg.world.world import World
 
 pytest.importorskip("rosbags", reason="the extra `bag` is not installed")
@@ -154,6 +156,24 @@ def test_what_is_missing_is_one_message(world: World, bag: Path, tmp_path: Path)
     outside.robot[:, 1] += 500.0
     with pytest.raises(FileError):
         recorded_scenario(outside, world)
+
+
+def test_a_wrong_world_and_another_route_are_told(world: World, bag: Path) -> None:
+    found = load_recording(bag, world=world)
+    assert not any(note.kind == "world" for note in inspect(found, world).notes)
+    office = rvsg.load_world("office")
+    (note,) = (note for note in inspect(found, office).notes if note.kind == "world")
+    assert note.count > 0.1 * len(found.robot)
+    assert note.count == sum(not robot_space(office).is_free(x, y) for x, y in found.robot[:, 1:3])
+    start = world.route("route_1").start
+    far = [each for each in world.routes if np.hypot(each.start.x - start.x, each.start.y - start.y) > 2.0]
+    with pytest.raises(FileError):
+        recorded_scenario(found, world, route=far[0])
+    same = world.route("route_1")
+    beyond = same.model_copy(update={"goal": same.goal.model_copy(update={"x": same.goal.x + 3.0})})
+    notes = recorded_scenario(found, world, route=beyond).notes
+    assert sum(note.kind == "route" for note in notes) == 1
+    assert not any(note.kind == "route" for note in recorded_scenario(found, world, route=same).notes)
 
 
 def test_the_map_of_a_recording_becomes_a_world(bag: Path, tmp_path: Path) -> None:

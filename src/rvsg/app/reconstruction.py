@@ -210,8 +210,9 @@ def recorded_cases(
             found.append(RecordedCase(source=path.name, kinds=(), gap_m=math.inf, rebuilt=None, problem=str(error)))
             continue
         for name, part in parts:
+            goal = {} if part is whole else {"route": None}  # a part ends before the goal of the route
             try:
-                rebuilt = rebuild(part, world, requirement, **options)
+                rebuilt = rebuild(part, world, requirement, **options | goal)
             except RvsgError as error:
                 found.append(RecordedCase(source=name, kinds=(), gap_m=math.inf, rebuilt=None, problem=str(error)))
                 continue

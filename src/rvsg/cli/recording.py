@@ -39,43 +39,18 @@ def inspect(
     json: AsJson = False,
 ) -> None:
     """List what a recording holds: topics, rates, people, gaps, what is missing, and what cleaning would mend."""
-    from rvsg.core.errors import FileError
-    from rvsg.recording.tracks import clean, load_recording
+    from rvsg.recording import inspection
+    from rvsg.recording.tracks import load_recording
     from rvsg.scenario.world_lookup import as_world
 
     place = as_world(world) if world is not None else None
     topics = {"people_topic": people_topic, "robot_topic": robot_topic, "people_frames": people_frames}
-    found = load_recording(file, world=place, **topics)
-    shown: dict[str, Any] = {
-        "robot": {"poses": len(found.robot), "begin_s": round(found.begin_s, 2), "end_s": round(found.end_s, 2)},
-        "people": [_person(person) for person in found.people],
-        "streams": [stream.model_dump(mode="json") for stream in found.streams],
-    }
-    notes, usable = list(found.notes), ""
-    try:
-        mended = clean(found)
-        notes = list(mended.notes)
-        shown["usable"] = [_person(person) for person in mended.people]
-    except FileError as error:
-        usable = str(error)
-    shown["notes"] = [note.model_dump(mode="json") for note in notes]
+    found = inspection.inspect(load_recording(file, world=place, **topics), place)
     if json:
-        print_json(shown)
+        print_json(found.to_dict())
         return
-    for stream in found.streams:
-        rate = f", {stream.rate_hz:g} Hz" if stream.rate_hz else ""
-        read = f" ({stream.used_for})" if stream.used_for else ""
-        say(f"{stream.name}  {stream.kind}  {stream.messages} messages{rate}{read}")
-    say(f"robot: {len(found.robot)} poses; the drive is from {found.begin_s:.1f} to {found.end_s:.1f} s")
-    for person in shown["people"]:
-        say("{name}: {begin_s:.1f} to {end_s:.1f} s, {samples} places at {rate_hz:g} Hz, {gaps} gaps".format(**person))
-    if usable:
-        say(usable)
-    else:
-        said = ", ".join(f"{each['name']} {each['begin_s']:.1f} to {each['end_s']:.1f} s" for each in shown["usable"])
-        say(f"After cleaning, seconds of the drive: {said}.")
-    for note in notes:
-        say(f"- {note}")
+    for line in (*found.lines, *(f"- {note}" for note in found.notes)):
+        say(line)
 
 
 @app.command()
@@ -179,18 +154,3 @@ def suite(
         verdict = "" if case.rebuilt is None else case.rebuilt.verdict
         say(f"- {case.title}. {verdict or case.problem}" if verdict else f"- {case.source}: {case.problem}")
     say(f"{suite} holds {counted(len(made.cases), 'case')}. Run it with: rvsg suite run {suite}")
-
-
-def _person(person: Any) -> dict[str, Any]:
-    from rvsg.recording.tracks import gaps_of
-
-    seconds = person.end_s - person.begin_s
-    return {
-        "name": person.name,
-        "begin_s": round(person.begin_s, 2),
-        "end_s": round(person.end_s, 2),
-        "samples": len(person.rows),
-        "rate_hz": round((len(person.rows) - 1) / seconds, 1) if seconds > 0 else 0.0,
-        "gaps": len(gaps_of(person.rows[:, 0])),
-        "standard_error_m": round(person.spread_m, 3) or None,
-    }

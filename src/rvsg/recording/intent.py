@@ -14,6 +14,7 @@ import shapely
 from rvsg.core.errors import FileError, UnknownName
 from rvsg.core.records import Pose
 from rvsg.evaluation.sampled import stretches
+from rvsg.recording.inspection import outside
 from rvsg.recording.tracks import GAP_S, PERIOD_S, Floats, Note, PersonTrack, Recording, clean
 from rvsg.robots.robot import Robot
 from rvsg.scenario.builder import check_valid, mission_of
@@ -44,7 +45,9 @@ DETOUR = 1.1
 """Two waypoints that are no neighbours are joined over the grid where that is no longer than so many times as far."""
 AHEAD_M = 5.0
 """Who walks when last seen is taken to walk on for this far, up to the next obstacle."""
-NEAR_START_M = 0.3
+NEAR_START_M, ARRIVES_M = 0.3, 0.5
+OTHER_ROUTE_M = 2.0
+"""Who neither starts nor comes this near to the ends of a route drove another one."""
 
 
 class People(str, Enum):
@@ -92,6 +95,7 @@ def recorded_scenario(
     named = [replace(person, name=f"Person {k}") for k, person in enumerate(recording.people, start=1)]
     found = clean(replace(recording, people=tuple(named)))
     notes = list(found.notes)
+    notes += outside(found, world)
     mission, said = mission_of(world, _route(found, world, route, notes), ROBOT if robot is None else robot)
     notes += [Note(kind="route", text=text) for text in said]
     nearest = sorted(found.people, key=lambda person: _nearest_m(found, person))
@@ -150,8 +154,20 @@ def _route(recording: Recording, world: World, route: Route | None, notes: list[
         raise FileError(Path(recording.source), f"{said} Name the world whose map the robot drove with: --world.")
     if route is not None:
         away = math.dist((x, y), (route.start.x, route.start.y))
+        short = float(np.hypot(*(robot[:, 1:3] - (route.goal.x, route.goal.y)).T).min())
+        if min(away, short) > OTHER_ROUTE_M:
+            nearest = min(world.routes, key=lambda each: math.dist((x, y), (each.start.x, each.start.y)))
+            said = (
+                f"the robot starts {away:.1f} m from the start of {route.name} and comes no nearer than {short:.1f} m "
+                f"to its goal. Name the route that it drove, or none; {nearest.name} starts nearest."
+            )
+            raise FileError(Path(recording.source), said)
         if away > NEAR_START_M:
             notes.append(Note(kind="route", text=f"The robot starts {away:.2f} m from the start of {route.name}."))
+        if short > ARRIVES_M:
+            notes.append(
+                Note(kind="route", text=f"The robot comes no nearer than {short:.2f} m to the goal of {route.name}.")
+            )
         return route.model_copy(update={"start": start})
     goal = recording.goal
     if goal is None:

@@ -68,9 +68,8 @@ def open_bag(path: Path) -> Iterator[Any]:
         reader = AnyReader([path], default_typestore=types)
         reader.open()
     except Exception as error:  # whatever the library raises on a file that is no bag
-        said = f"this is no recording that rosbags can read ({_reason(error)})."
         raise FileError(
-            path, f"{said} One that was cut off is repaired by `mcap recover` or `ros2 bag reindex`."
+            path, f"this is no recording that rosbags can read ({_reason(error)}). {_repair(path)}"
         ) from error
     try:
         yield reader
@@ -91,6 +90,19 @@ def bag_messages(reader: Any, path: Path, topics: Collection[str]) -> Iterator[t
         except Exception as error:  # whatever the library raises on damaged data
             raise FileError(path, f"the recording is damaged ({_reason(error)}).") from error
         yield connection, stamp / 1e9, message
+
+
+def _repair(path: Path) -> str:
+    """Return what to do about a bag that cannot be opened: how it is repaired where it is one, else what is read."""
+    beginning = b""
+    if path.is_file():
+        with path.open("rb") as file:
+            beginning = file.read(16)
+    if beginning.startswith(b"\x89MCAP0"):
+        return "It was cut off: repair it with `mcap recover`."
+    if beginning.startswith(b"SQLite format 3") or (path.is_dir() and any(map(path.glob, ("*.mcap", "*.db3")))):
+        return "Repair it with `ros2 bag reindex`."
+    return f"Name a rosbag2 (.mcap, .db3, or its folder), or tracks ({', '.join(ENDINGS)})."
 
 
 def _reason(error: Exception) -> str:
