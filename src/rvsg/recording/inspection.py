@@ -53,7 +53,8 @@ class Inspection:
 
 def inspect(recording: Recording, world: World | None = None) -> Inspection:
     """Return what a recording holds; with a world, also whether the robot drove on its map."""
-    usable, notes, problem = (), recording.notes, ""
+    usable: tuple[PersonTrack, ...] = ()
+    notes, problem = recording.notes, ""
     try:
         mended = clean(recording)
         usable, notes = mended.people, mended.notes
