@@ -7,6 +7,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,8 @@ from rvsg.recording.fidelity import Estimate, Fidelity, Limits, compare, estimat
 from rvsg.recording.intent import RecordedScenario, recorded_scenario
 from rvsg.recording.recorded_run import recorded_run
 from rvsg.recording.tracks import Recording, between, load_recording
-from rvsg.report.comparison_page import recording_page
-from rvsg.report.run_facts import run_facts
+from rvsg.report.comparison_page import RECORDED, pair_replay, recording_page
+from rvsg.report.run_facts import RunFacts, run_facts
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.world_lookup import as_world, remember
 from rvsg.simulation.run import Run
@@ -87,25 +88,37 @@ class Rebuilt:
             "notes": [note.model_dump(mode="json") for note in self.made.notes],
         }
 
+    @property
+    def lines(self) -> list[str]:
+        """What the scenario rests on, and what each run does, a line each."""
+        return [*(f"- {note}" for note in self.notes), *(f"seed {each.seed}: {each}" for each in self.fidelities)]
+
+    def replay(self) -> dict[str, object]:
+        """Return both drives as data of the replay component: over one floor plan and on one clock."""
+        return pair_replay(self._both, RECORDED, self.made.scenario, self.requirement, self.world)
+
     def page(self) -> str:
         """Return the page with both drives on one clock."""
-        scenario, world = self.made.scenario, self.world
-        measuring = Evaluator(self.requirement, world)
-        recorded = recorded_as(self.made.recording, self.runs[0])
-        first, second = (
-            run_facts(run, measuring.measure(run), self.requirement, world, of)
-            for run, of in ((recorded, None), (self.runs[0], scenario))
-        )
         return recording_page(
             Path(self.made.recording.source).name,
-            (first, second),
+            self._both,
             self.fidelities,
-            scenario=scenario,
+            data=self.replay(),
             requirement=self.requirement,
-            world=world,
             verdict=self.verdict,
             notes=self.notes,
         )
+
+    @cached_property
+    def _both(self) -> tuple[RunFacts, RunFacts]:
+        """The recording, and the run that is nearest to it."""
+        nearest, measuring = self.runs[0], Evaluator(self.requirement, self.world)
+        recorded = recorded_as(self.made.recording, nearest)
+        first, second = (
+            run_facts(run, measuring.measure(run), self.requirement, self.world, of)
+            for run, of in ((recorded, None), (nearest, self.made.scenario))
+        )
+        return first, second
 
 
 def world_of_recording(recording: Recording, given: World | str | Path | None, folder: Path) -> World:

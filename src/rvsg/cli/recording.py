@@ -114,11 +114,8 @@ def scenario(
         write_text(html, made.page())
     if json:
         print_json(made.to_dict())
-    for note in made.notes:
-        say(f"- {note}")
-    for each in made.fidelities:
-        say(f"seed {each.seed}: {each}")
-    say(made.verdict)
+    for line in (*made.lines, made.verdict):
+        say(line)
     made_world = f"; world: {folder}" if world is None else ""
     say(f"Scenario: {out}{made_world}" + (f"; page: {html}" if html is not None else ""))
 

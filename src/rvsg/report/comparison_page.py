@@ -255,9 +255,8 @@ def recording_page(
     runs: tuple[RunFacts, RunFacts],
     fidelities: Sequence[Fidelity],
     *,
-    scenario: Scenario,
+    data: dict[str, object],
     requirement: Requirement,
-    world: World,
     verdict: str,
     notes: Sequence[str],
 ) -> str:
@@ -265,6 +264,7 @@ def recording_page(
 
     Args:
         runs: the recording and the simulated run that is nearest to it, of the first of `fidelities`.
+        data: both as `pair_replay` returns them.
     """
     return render(
         "recording.html",
@@ -275,7 +275,7 @@ def recording_page(
         notes=notes,
         names=RECORDED,
         stories=list(zip(RECORDED, [[said.text for said in each.story] for each in runs], strict=True)),
-        data=script_safe(pair_replay(runs, RECORDED, scenario, requirement, world)),
+        data=script_safe(data),
         ids=script_safe([each.run.id for each in runs]),
         component=Markup(component()),  # noqa: S704  (our own files)
     )

@@ -23,7 +23,6 @@ import rvsg
 from rvsg import Scenario, Spec, World
 from rvsg.app.comparison import VersionComparison, compare_versions
 from rvsg.app.playback import kept_trace, trace_source
-from rvsg.app.view import SUFFIX
 from rvsg.campaign.run_set import RunSet
 from rvsg.core import permission
 from rvsg.core.errors import InputError, RvsgError
@@ -54,13 +53,13 @@ from rvsg_studio.scenario_editor import (
     with_person,
 )
 from rvsg_studio.workspace import (
+    BOTH,
     LARGEST_FILE,
     Workspace,
     forget,
     listed,
     read_json,
-    receive,
-    receive_view,
+    receiver,
     typed,
     typed_keep,
 )
@@ -298,6 +297,14 @@ def runs(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     return workspace.kept(("runs", str(file), str(scenario_file)), file, made)
 
 
+def recording(workspace: Workspace, given: dict[str, Any]) -> Any:
+    """Return the replay of a recorded drive and the nearest simulated one, of a job that has finished."""
+    job = workspace.jobs.get(text_of(given, "job"))
+    if (found := read_json(job.folder / BOTH, None)) is None:
+        raise InputError(f"The job {job.id} made no scenario of a recording.")
+    return found
+
+
 def versions(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     """Return the replay of a case of a suite by two versions, run again on the first seed that differs."""
     compared = compared_versions(workspace, *(text_of(given, key) for key in ("first", "second", "suite")))
@@ -418,6 +425,7 @@ ANSWERS: dict[str, Answer] = {
     "world-check": world_check,
     "scenario": scenario,
     "runs": runs,
+    "recording": recording,
     "versions": versions,
     "picture": picture,
     "still": still,
@@ -476,8 +484,7 @@ def add_data(app: FastAPI, workspace: Workspace) -> None:
         content = await _limited(request, LARGEST_FILE)
         if content is None:
             return JSONResponse({"error": f"{name}: the file has more than {LARGEST_FILE} bytes."}, status_code=413)
-        taken = receive_view if name.endswith(SUFFIX) else receive
-        return await _answered(workspace, lambda place, _: taken(place, name, content), {})
+        return await _answered(workspace, lambda place, _: receiver(name)(place, name, content), {})
 
 
 async def _limited(request: Request, most: int) -> bytes | None:

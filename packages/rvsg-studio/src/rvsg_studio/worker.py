@@ -17,6 +17,7 @@ from typing import Any, TextIO
 import rvsg
 from rvsg.app.matrix import Ended, Matrix
 from rvsg.app.proposal import propose_as
+from rvsg.app.reconstruction import rebuild, world_of_recording
 from rvsg.app.settings import effective, safe_name
 from rvsg.app.wiring import wire
 from rvsg.campaign.execution import (
@@ -32,12 +33,13 @@ from rvsg.core.files import write_whole
 from rvsg.generation.environment import open_session, propose_names
 from rvsg.generation.generator import proposal_json
 from rvsg.generation.vlm.access import CallNews
+from rvsg.recording.tracks import load_recording
 from rvsg.report.terminal import describe_calls
 from rvsg.scenario.builder import load_scenario_in, save_scenario
 from rvsg.simulation.archive import runs_text
 from rvsg.world.world import Description
 from rvsg.world.world_folder import shipped_worlds
-from rvsg_studio.workspace import EVENTS, JOB, PAUSE, RESULT, holding
+from rvsg_studio.workspace import BOTH, EVENTS, JOB, PAUSE, RESULT, holding
 
 
 class Work:
@@ -46,7 +48,9 @@ class Work:
     def __init__(self, folder: Path, events: TextIO) -> None:
         job = json.loads((folder / JOB).read_text(encoding="utf-8"))
         self.kind: str = job["kind"]
+        self.target: str = job["target"]
         self.arguments: dict[str, Any] = job["arguments"]
+        self.folder = folder
         self._events = events
         self.pausing = False
         self.cancel: Callable[[], None] = lambda: None
@@ -237,6 +241,20 @@ def make_proposals(work: Work) -> dict[str, Any]:
     return {"state": "finished", "reason": f"{valid} of {given['count']} proposals are valid."}
 
 
+def rebuild_recording(work: Work) -> dict[str, Any]:
+    """Make the scenario of a recording, run it, and write it with the page of both drives."""
+    given, out = work.arguments, Path(work.target)
+    place = rvsg.load_world(_world(given["world"])) if given["world"] else None
+    found = load_recording(given["file"], world=place, people_topic=given["people_topic"] or None)
+    place = world_of_recording(found, place, out.with_name(f"{out.stem}-world"))
+    options = {key: given[key] for key in ("robot", "people", "requirement")}
+    made = rebuild(found, place, jobs=os.cpu_count() or 1, on_message=work.say, **options)
+    save_scenario(made.made.scenario, out)
+    write_whole(out.with_suffix(".html"), made.page())
+    write_whole(work.folder / BOTH, json.dumps(made.replay()))
+    return {"state": "finished", "out": work.target, "reason": made.verdict, "lines": made.lines}
+
+
 KINDS: dict[str, Callable[[Work], dict[str, Any]]] = {
     "campaign": run_campaign,
     "matrix": run_matrix,
@@ -246,6 +264,7 @@ KINDS: dict[str, Callable[[Work], dict[str, Any]]] = {
     "describe": describe,
     "names": name_areas,
     "propose": make_proposals,
+    "recording": rebuild_recording,
 }
 
 

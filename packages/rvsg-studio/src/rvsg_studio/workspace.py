@@ -37,7 +37,8 @@ import yaml
 from pydantic import Field
 
 from rvsg.app.folder import LEDGER
-from rvsg.app.view import unpack_view
+from rvsg.app.reconstruction import SUFFIXES
+from rvsg.app.view import SUFFIX, unpack_view
 from rvsg.core.documents import read_document
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
@@ -46,6 +47,8 @@ from rvsg_studio.listing import Lister, Listing
 from rvsg_studio.server import OWN
 
 JOB, EVENTS, RESULT, LOCK, LOG = "job.json", "events.jsonl", "result.json", ".lock", "worker.log"
+BOTH = "both.json"
+"""A recorded drive and the nearest simulated one, as data of the replay component."""
 PAUSE = "pause"
 """A file in a job's folder that asks its worker to pause, also one that has not begun yet."""
 State = Literal["starting", "running", "finished", "paused", "failed", "ended"]
@@ -367,14 +370,36 @@ def receive(workspace: Workspace, name: str, content: bytes) -> dict[str, Any]:
 
 def receive_view(workspace: Workspace, name: str, content: bytes) -> dict[str, Any]:
     """Unpack a `.rvsg` file into a folder `received/NAME`, and return the address that shows what it holds."""
-    plain = Path(name.replace("\\", "/")).name
-    if plain.startswith(".") or "\0" in plain or len(plain.encode()) > 200:
-        raise InputError(f"{plain[:200]}: a file of this name cannot be unpacked. Rename it.")
+    plain = _plain(name)
     with tempfile.TemporaryDirectory(dir=workspace.own) as draft:
         Path(draft, plain).write_bytes(content)
         folder = unpack_view(Path(draft, plain), workspace.path(f"received/{Path(plain).stem}"))
     shown = urlencode({"folder": workspace.relative(folder)})
     return {"address": f"/campaign?{shown}" if (folder / LEDGER).exists() else "/compare/versions"}
+
+
+def receive_recording(workspace: Workspace, name: str, content: bytes) -> dict[str, Any]:
+    """Keep a recording as `recordings/NAME`, and return the address that shows what it holds."""
+    path = workspace.path(f"recordings/{_plain(name)}")
+    if path.exists() and path.read_bytes() != content:
+        raise InputError(f"{workspace.relative(path)} is another recording. Rename the file.")
+    write_whole(path, content)
+    return {"address": f"/recording?{urlencode({'file': workspace.relative(path)})}"}
+
+
+def _plain(name: str) -> str:
+    """Return the name of a file without any folder in it; InputError where it cannot be kept."""
+    plain = Path(name.replace("\\", "/")).name
+    if plain.startswith(".") or "\0" in plain or len(plain.encode()) > 200:
+        raise InputError(f"{plain[:200]}: a file of this name cannot be kept. Rename it.")
+    return plain
+
+
+def receiver(name: str) -> Callable[[Workspace, str, bytes], dict[str, Any]]:
+    """Return what takes a dropped file of this name."""
+    if name.endswith(SUFFIX):
+        return receive_view
+    return receive_recording if Path(name).suffix in SUFFIXES else receive
 
 
 def listed(workspace: Workspace, _: dict[str, Any]) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from typing import Any
 from nicegui import ui
 
 import rvsg
+from rvsg.app.view import SUFFIX
 from rvsg.core.errors import InputError
 from rvsg.evaluation.verdict import counted
 from rvsg.world.world_folder import shipped_worlds
@@ -33,7 +34,7 @@ from rvsg_studio.frame import (
 )
 from rvsg_studio.listing import Failure, FoundCampaign, Listing
 from rvsg_studio.pages.finding import FOLLOW_S, JobLine, job_buttons
-from rvsg_studio.workspace import STATES, Job, Note, Notes, Workspace, note, notes_of
+from rvsg_studio.workspace import LARGEST_FILE, STATES, Job, Note, Notes, Workspace, note, notes_of
 
 FAILURES = ("", "", "Failure", "Violated", "Contact", "Cause", "Status", "Age")
 CAMPAIGNS = ("Campaign", "Answer", "Tried", "Runs", "Changed")
@@ -42,6 +43,7 @@ STARTS = (
     ("New campaign", "/campaign/new", "Find failures on a world that ships with RVSG."),
     ("New world", "/world/new", "Bring your own Nav2 map or Gazebo world."),
     ("New scenario", "/scenario", "Say where people walk, and watch what the robot does."),
+    ("Recording", "/recording", "Drop a bag of a real robot; its scenario repeats what happened."),
 )
 
 
@@ -65,6 +67,9 @@ def add(workspace: Workspace) -> None:
                 if found.kind in ("matrix", "campaign"):
                     name = "Open the campaigns" if found.kind == "matrix" else "Open the campaign"
                     link(name, f"/{found.kind}", cls="st-button", folder=found.target)
+                if found.kind == "recording":
+                    asked = {key: found.arguments[key] for key in ("file", "world", "people_topic")}
+                    link("Open the recording", "/recording", cls="st-button", **asked)
                 if found.running:
                     job_buttons(made, found)
             made.command(found.title, found.command)
@@ -116,7 +121,15 @@ class Home:
             if listing.cut:
                 tag("p", "The folder holds very many folders; only the first of them are shown.", cls="soft")
             _starts(self.workspace.folder, listing)
-            tag("div", data_studio="view", cls="small soft")
+            label = "Open a .rvsg file, or drop it here"
+            tag(
+                "div",
+                data_studio="view",
+                data_accept=SUFFIX,
+                data_label=label,
+                data_most=str(LARGEST_FILE),
+                cls="small soft",
+            )
             _running([job for job in jobs if job.running])
             if listing.campaigns:
                 new = sum(self._status(each) == "new" for each in self.failures)

@@ -82,12 +82,14 @@
     element.dataset.ready = "true";
   };
 
-  /* A .rvsg file that is dropped on the page, or chosen: the studio unpacks it, and shows what it holds. */
+  /* A file that is dropped on the page, or chosen, and the page that shows what it holds: data-label says what for,
+     data-accept what it ends in, data-most how many bytes it may have. */
   parts.view = function (element) {
-    const chosen = labelled(element, "Open a .rvsg file, or drop it here", html(null, "input", { type: "file", accept: ".rvsg" }));
+    const chosen = labelled(element, element.dataset.label, html(null, "input", { type: "file", accept: element.dataset.accept }));
     const told = html(element, "p", { class: "st-wrong small", role: "status" });
     function take(file) {
       told.textContent = "";
+      if (file.size > +element.dataset.most) { told.textContent = file.name + " is too large to be sent. Copy it into the folder of the studio, and name it here."; return; }
       studio.request("/data/file?name=" + encodeURIComponent(file.name), { method: "POST", headers: { "content-type": "application/octet-stream" }, body: file })
         .then(function (found) { location.href = found.address; }, function (error) { told.textContent = error.message; });
       chosen.value = "";

@@ -1,0 +1,179 @@
+"""A recording of a real robot among people: what it holds, the scenario made of it, and both drives on one clock."""
+
+from __future__ import annotations
+
+import shlex
+from functools import partial
+from pathlib import Path
+
+from nicegui import ui
+
+from rvsg.app.reconstruction import SUFFIXES
+from rvsg.app.settings import safe_name
+from rvsg.core.errors import RvsgError
+from rvsg.recording.inspection import Inspection, inspect
+from rvsg.recording.intent import People
+from rvsg.recording.tracks import load_recording
+from rvsg.robots.robot import shipped_robots
+from rvsg.scenario.scenario import ROBOT
+from rvsg.scenario.world_lookup import as_world
+from rvsg.world.world_folder import shipped_worlds
+from rvsg_studio.answers import world_place
+from rvsg_studio.frame import (
+    PATIENT_S,
+    Page,
+    actions,
+    address,
+    field,
+    link,
+    load,
+    page,
+    route,
+    section,
+    select,
+    tag,
+    text_input,
+)
+from rvsg_studio.pages.finding import JobLine
+from rvsg_studio.pages.new_campaign import REQUIREMENTS
+from rvsg_studio.workspace import LARGEST_FILE, Job, Workspace
+
+SHOWN = 50
+DROP = f"Drop a recording here, or choose it ({', '.join(SUFFIXES)}, up to {LARGEST_FILE // 1_000_000} MB)"
+
+
+def add(workspace: Workspace) -> None:
+    """Add the page."""
+
+    @route(workspace, "/recording", "Recording", patience_s=PATIENT_S)
+    async def recording(file: str = "", world: str = "", people_topic: str = "") -> None:
+        asked = {"file": file, "world": world, "people_topic": people_topic}
+        listing, here = await load(workspace.listing), await load(recordings_in, workspace)
+        found, wrong = None, ""
+        try:
+            found = await load(inspected, workspace, asked) if file else None
+        except RvsgError as error:
+            wrong = str(error)
+        job = await load(workspace.jobs.of, _scenario_of(file))
+        with page(workspace, f"Recording {file}".strip(), wide=True) as made:
+            made.say(wrong, wrong=True)
+            _choose(made, asked, here, (*shipped_worlds(), *listing.worlds))
+            if found is not None:
+                _show(found)
+                _ask(made, asked)
+                if job is not None:
+                    _result(made, job)
+
+
+def recordings_in(workspace: Workspace) -> list[str]:
+    """Return the recordings in the folder of the studio and one level below: files, and folders of rosbag2."""
+    paths = [path for pattern in ("*", "*/*") for path in sorted(workspace.folder.glob(pattern))]
+    bags = [path for path in paths if (path / "metadata.yaml").is_file()]
+    files = [path for path in paths if path.suffix in SUFFIXES and path.parent not in bags]
+    return [workspace.relative(path) for path in (*bags, *files)][:SHOWN]
+
+
+def inspected(workspace: Workspace, asked: dict[str, str]) -> Inspection:
+    """Return what a recording of the folder holds."""
+    path = workspace.existing(asked["file"])
+
+    def made() -> Inspection:
+        world = as_world(world_place(workspace, asked)) if asked["world"] else None
+        return inspect(load_recording(path, world=world, people_topic=asked["people_topic"] or None), world)
+
+    return workspace.kept(("recording", *asked.values()), path, made)
+
+
+def _scenario_of(file: str) -> str:
+    return f"scenarios/{safe_name(Path(file).stem)}.json"
+
+
+def _choose(made: Page, asked: dict[str, str], here: list[str], worlds: tuple[str, ...]) -> None:
+    """Lay out the choice of a recording, its world, and its people where several topics hold some."""
+    chosen = dict(asked)
+    most = str(LARGEST_FILE)
+    tag("div", data_studio="view", data_accept=",".join(SUFFIXES), data_label=DROP, data_most=most, cls="small soft")
+    with tag("datalist", id="recordings"):
+        for name in here:
+            tag("option", value=name)
+    with tag("div", cls="st-form"):
+        with field("Recording", help="A file or a folder in the folder of the studio; large bags are copied there"):
+            text_input(asked["file"], partial(chosen.__setitem__, "file"), list="recordings", autocomplete="off")
+        with field("World", help="The map that the robot drove with"):
+            options = {"": "the map of the recording"} | {name: name for name in worlds}
+            select(options, asked["world"], partial(chosen.__setitem__, "world"))
+        with field("Topic of the people", help="Where several hold people; one of laser scans finds them in all"):
+            text_input(asked["people_topic"], partial(chosen.__setitem__, "people_topic"), autocomplete="off")
+    with actions():
+        made.button("Inspect", lambda: ui.navigate.to(address("/recording", **chosen)))
+    made.command("Inspect", f"rvsg recording inspect {_options(asked)}")
+
+
+def _options(asked: dict[str, str]) -> str:
+    named = [
+        f"--{key.replace('_', '-')} {shlex.quote(value)}" for key, value in asked.items() if value and key != "file"
+    ]
+    return " ".join([shlex.quote(asked["file"] or "FILE"), *named])
+
+
+def _show(found: Inspection) -> None:
+    with section("What it holds", "holds"), tag("ul", cls="small"):
+        for line in (*found.lines, *found.notes):
+            tag("li", str(line))
+
+
+def _ask(made: Page, asked: dict[str, str]) -> None:
+    """Lay out how the scenario is made, and the button that begins it."""
+    chosen = {"robot": ROBOT, "people": People.BLENDED.value, "requirement": "R1"}
+    choices = {
+        "robot": {name: name for name in shipped_robots()},
+        "people": {
+            "as-recorded": "as recorded, whatever the robot does",
+            "intent": "with their intent: they react",
+            "blended": "blended: recorded until the robot differs, then with intent",
+        },
+        "requirement": {name: f"{name}: {each.title}" for name, each in REQUIREMENTS.items()},
+    }
+    out = _scenario_of(asked["file"])
+
+    def start() -> None:
+        options = _options(asked | chosen)
+        command = f"rvsg recording scenario {options} --out {out} --html {Path(out).with_suffix('.html')}"
+        made.workspace.jobs.start(
+            "recording", title="Scenario of a recording", command=command, target=out, **asked, **chosen
+        )
+        ui.navigate.reload()
+
+    with section("Make its scenario", "make"):
+        with tag("div", cls="st-form"):
+            for key, options in choices.items():
+                with field(key.capitalize()):
+                    select(options, chosen[key], partial(chosen.__setitem__, key))
+        with actions():
+            made.button("Make the scenario", start, cls="st-primary")
+    made.command("Make the scenario", f"rvsg recording scenario {_options(asked | chosen)} --out {out}")
+
+
+def _result(made: Page, job: Job) -> None:
+    """Lay out the newest job on this recording, and once it has ended, the verdict and both drives."""
+    made.command(job.title, job.command)
+    with section("Does it repeat what happened?", "verdict"):
+        if job.state != "finished":
+            with tag("ul", cls="st-list"):
+                JobLine(made, job)
+            if job.running:
+                ui.timer(1.0, made.guarded(partial(_follow, made.workspace, job)))
+            return
+        tag("p", job.result["reason"])
+        with tag("ul", cls="small"):
+            for line in job.result["lines"]:
+                tag("li", line)
+        with actions():
+            link("Open in the editor", "/scenario", cls="st-button", file=job.target)
+        tag("p", "The recorded drive, and over it the nearest simulated one.", cls="soft")
+        tag("div", data_studio="replay", data_url=address("/data/recording", job=job.id), data_both="")
+
+
+async def _follow(workspace: Workspace, job: Job) -> None:
+    if not (await load(workspace.jobs.get, job.id)).running:
+        ui.navigate.reload()
