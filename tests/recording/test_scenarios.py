@@ -24,7 +24,7 @@ from rvsg.scenario.validity import check
 from rvsg.scenario.variation import shifted
 from rvsg.simulation.run import Run
 from rvsg.world.space import robot_space
-from rvsg.world.world import World
+from rvsg.world.world import Route, World
 
 pytest.importorskip("rosbags", reason="the extra `bag` is not installed")
 T = np.arange(0.0, 20.0, 0.1)
@@ -165,15 +165,19 @@ def test_a_wrong_world_and_another_route_are_told(world: World, bag: Path) -> No
     (note,) = (note for note in inspect(found, office).notes if note.kind == "world")
     assert note.count > 0.1 * len(found.robot)
     assert note.count == sum(not robot_space(office).is_free(x, y) for x, y in found.robot[:, 1:3])
-    start = world.route("route_1").start
-    far = [each for each in world.routes if np.hypot(each.start.x - start.x, each.start.y - start.y) > 2.0]
-    with pytest.raises(FileError):
-        recorded_scenario(found, world, route=far[0])
     same = world.route("route_1")
-    beyond = same.model_copy(update={"goal": same.goal.model_copy(update={"x": same.goal.x + 3.0})})
-    notes = recorded_scenario(found, world, route=beyond).notes
-    assert sum(note.kind == "route" for note in notes) == 1
-    assert not any(note.kind == "route" for note in recorded_scenario(found, world, route=same).notes)
+
+    def told(route: Route) -> list[str]:
+        return [note.text for note in recorded_scenario(found, world, route=route).notes if "goal of" in note.text]
+
+    def away_m(route: Route) -> float:
+        return float(np.hypot(*(found.robot[:, 1:3] - (route.goal.x, route.goal.y)).T).min())
+
+    elsewhere = same.model_copy(update={"goal": max(world.routes, key=away_m).goal})
+    assert told(elsewhere) and not told(same)
+    start = same.start.replace(x=same.start.x + 50.0)
+    with pytest.raises(FileError):
+        recorded_scenario(found, world, route=elsewhere.model_copy(update={"start": start}))
 
 
 def test_the_map_of_a_recording_becomes_a_world(bag: Path, tmp_path: Path) -> None:
