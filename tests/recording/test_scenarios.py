@@ -197,6 +197,11 @@ def test_a_faster_robot_and_a_slow_answer_are_estimated(bag: Path, run: Run, wor
     found = {each.parameter: each.recorded for each in estimates(faster, run, robot)}
     assert found["limits.speed_m_s"] == pytest.approx(robot.limits.speed_m_s / 0.7, rel=0.1)
     assert found["latency_s"] == pytest.approx(0.3, abs=0.05)
+    steady = made.recording.robot.copy()
+    steady[:, 1] = steady[0, 1] + 0.3 * steady[:, 0]
+    steady[:, 2] = steady[0, 2]
+    told = estimates(replace(faster, robot=steady, commands=np.empty((0, 3))), run, robot)
+    assert "limits.acceleration_m_s2" not in {each.parameter for each in told}
 
 
 def test_a_folder_becomes_a_suite_and_what_cannot_be_read_is_told(bag: Path, world: World, tmp_path: Path) -> None:

@@ -32,6 +32,8 @@ FRESH_S = 0.5
 """Speeds change over this when the acceleration of a recording is estimated."""
 LATENCIES_S = np.arange(0.0, 0.8, 0.02)
 LEAST_COMMANDS = 50
+SHOWN = 0.1
+"""A drive that never goes, or speeds up, faster than this, m/s or m/s², shows nothing of what the robot can."""
 
 
 class Limits(Record):
@@ -188,7 +190,7 @@ def estimates(recording: Recording, run: Run, robot: Robot) -> tuple[Estimate, .
     ):
         measure: Callable[[Floats, Floats], float] = of
         recorded, simulated = (measure(*pair) for pair in pairs)
-        if abs(recorded - simulated) > least * simulated:
+        if recorded > SHOWN and abs(recorded - simulated) > least * simulated:
             found.append(Estimate(parameter=parameter, file=file, recorded=round(file * recorded / simulated, 2)))
     latency_s = _latency(recording)
     if latency_s is not None and abs(latency_s - robot.latency_s) > 0.1:
