@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rvsg.generation.generator import Rehearsal
+from rvsg.generation.people_sampler import added
 from rvsg.generation.reply_json import TUNABLE
 from rvsg.scenario.brief import Feedback, Passing, Row, Stop, Tried
 from rvsg.scenario.requirement import Requirement
@@ -76,8 +77,6 @@ def feedback_facts(
         "less": _less(feedback),
         "runs": runs,
         "mildest_parts": [part.model_dump() for part in feedback.mildest_parts],
-        "low": feedback.interval[0],
-        "high": feedback.interval[1],
         "separable": bool(feedback.separable),
         "better": previous is not None
         and (feedback.mean < previous if worse == "smaller" else feedback.mean > previous),
@@ -168,9 +167,8 @@ def _ended(feedback: Feedback) -> dict[str, list[float]]:
 
 
 def _told_configuration(scenario: Scenario, mission: Mission | None) -> Any:
-    moved = scenario.mission.moved if mission is not None else ()
-    own = () if mission is None else tuple(thing for thing in moved if thing not in mission.moved)
-    return configuration_object(scenario.people, moved=own)
+    """The configuration of a scenario with the objects that it adds to those of the campaign."""
+    return configuration_object(scenario.people, moved=added(mission, scenario.mission) if mission is not None else ())
 
 
 def _less(feedback: Feedback) -> dict[str, Any] | None:
