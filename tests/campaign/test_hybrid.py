@@ -29,7 +29,7 @@ from rvsg.campaign.hybrid import HybridStrategy, MapElitesStrategy, MultiStrateg
 from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.observation import encounter_of
-from rvsg.campaign.race import estimate, in_the_race
+from rvsg.campaign.race import FIT, estimate, fit, in_the_race
 from rvsg.campaign.ranking import best_attempt, front_of, hypervolume, measured, seeds_of, share_of, undominated
 from rvsg.core.errors import BudgetSpent, NotRecorded
 from rvsg.evaluation.metrics.measurement import measure as measure_all
@@ -139,6 +139,7 @@ def test_estimates_of_a_long_line_of_changes_and_of_a_quiet_objective_stay_near_
     quiet = [candidate(k, 1.0 + k, 1.001 + k) for k in range(5)]
     estimate(quiet)
     assert in_the_race(quiet) == [quiet[-1]]
+    assert fit.signatures == [FIT], "what is compiled beforehand is what is called"
 
 
 class Dear(WalkGenerator):

@@ -13,7 +13,9 @@ from rvsg.generation.forecast import (
     TURNS_FOR_S,
     Forecaster,
     goals_of,
+    kinds_of_run_all,
     push,
+    run_all,
 )
 from rvsg.generation.workplaces import WalkingGraph, nearest_on
 from rvsg.scenario.brief import Feedback, Sample
@@ -72,6 +74,7 @@ def test_a_robot_without_people_near_arrives_after_its_way_at_its_usual_speed() 
     length = sum(np.hypot(*np.subtract(a, b)) for a, b in pairwise(GROUND.robot_path))
     assert forecast.duration_s == pytest.approx(STARTS_AFTER_S + length / ROBOT_SPEED_M_S + TURNS_FOR_S, abs=0.3)
     assert forecast.blocked_s == 0.0 and forecast.swerved_m == 0.0
+    assert tuple(run_all.signatures[0]) == kinds_of_run_all(), "what is compiled beforehand is what is called"
 
 
 def test_somebody_who_stands_in_the_way_is_swerved_around() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import subprocess
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -106,6 +107,17 @@ def reject_unused_model_options(
         on_message(
             f'The generator is "{config.generator_name}": {", ".join(unused)} in the campaign file have no effect.'
         )
+
+
+def _compile_search() -> subprocess.Popen[bytes] | None:
+    """Begin to compile what the search computes with, beside the simulator's kernels; None if it is in the cache."""
+    from rvsg.campaign import race
+    from rvsg.core.kernels import compile_aside, is_cached
+    from rvsg.generation import forecast
+
+    work: list[tuple[Any, tuple[Any, ...]]] = [(race.fit, race.FIT), (forecast.run_all, forecast.kinds_of_run_all())]
+    missing = [each for each in work if not is_cached(each[0])]
+    return compile_aside(missing, nice=10) if missing else None
 
 
 class Campaign(StoredCampaign):
@@ -230,7 +242,10 @@ class Campaign(StoredCampaign):
     def prepare(self, on_message: Callable[[str], None] = ignore) -> None:
         """Compile or load what the simulator needs; `run` does it, too."""
         if not self._prepared:
+            aside = _compile_search()
             self._wired.simulator.prepare(on_message)
+            if aside is not None:
+                aside.wait()
             tell_of_robot(self._wired.plan.mission, self._wired.simulator, on_message)
             self._prepared = True
 

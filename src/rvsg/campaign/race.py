@@ -21,6 +21,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numba import float64, int64
 from numpy.typing import NDArray
 
 from rvsg.campaign.candidates import Candidate
@@ -196,6 +197,8 @@ def fit(
     return values, own - 2.0 * mean + mean.mean()
 
 
+FIT = (int64[::1], int64[::1], int64[::1], float64[::1], int64, float64[::1], float64, float64, int64)
+"""numba's types of the arguments of `fit`, to compile it beforehand."""
 ITERATIONS = 8
 """Steps of the estimation of the variances."""
 PRIOR_RUNS = 1.0

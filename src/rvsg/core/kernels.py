@@ -95,16 +95,18 @@ def compile_for(function: Callable[..., object], kinds: tuple[Any, ...]) -> None
     cast(Any, function).compile(kinds)
 
 
-def compile_aside(work: Sequence[tuple[Any, tuple[Any, ...]]]) -> subprocess.Popen[bytes] | None:
+def compile_aside(work: Sequence[tuple[Any, tuple[Any, ...]]], *, nice: int = 0) -> subprocess.Popen[bytes] | None:
     """Begin to compile cached functions for types of arguments in another process; None on a single processor.
 
     Wait for the process before the functions are used. What it has not compiled is compiled where it is needed.
+    `nice`: how far it steps back for other processes.
     """
     if (os.cpu_count() or 1) < 2:
         return None
     named = [(function.py_func.__module__, function.py_func.__qualname__, kinds) for function, kinds in work]
     code = (
-        "import importlib, pickle, sys\n"
+        "import importlib, os, pickle, sys\n"
+        f"getattr(os, 'nice', int)({nice})\n"
         "for module, name, kinds in pickle.load(sys.stdin.buffer):\n"
         "    getattr(importlib.import_module(module), name).compile(kinds)"
     )

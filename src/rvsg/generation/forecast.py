@@ -15,12 +15,13 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import boolean, complex128, float64, int64
 from numpy.typing import NDArray
 
-from rvsg.core.kernels import inner, kernel
+from rvsg.core.kernels import inner, kernel, type_of
 from rvsg.generation.workplaces import Point, WalkingGraph, walking_graph
 from rvsg.scenario.brief import Feedback
 from rvsg.scenario.requirement import Aim
@@ -430,6 +431,13 @@ def _way(points: Sequence[Point], bodies: float) -> Way:
     legs = np.diff(corners)
     marks = np.concatenate([[0.0], np.cumsum(np.abs(legs))])
     return Way(corners, marks, np.asarray(legs / np.maximum(np.abs(legs), 1e-9), complex), float(bodies))
+
+
+def kinds_of_run_all() -> tuple[Any, ...]:
+    """Return numba's types of the arguments of `run_all`, to compile it beforehand."""
+    way = type_of(_way([(0.0, 0.0), (1.0, 0.0)], 0.6))
+    paths, places, people = complex128[:, :, ::1], float64[:, :, ::1], float64[:, ::1]
+    return (way, paths, places, int64[:, ::1], people, boolean[:, ::1], people, float64[::1], int64, paths)
 
 
 # How many of a refinement's variants count as equally promising. The forecast ranks nearness as the simulator does
