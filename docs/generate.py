@@ -44,7 +44,8 @@ def command_line_page(commands: dict[tuple[str, ...], Any]) -> str:
     """The page with every command: what it does, and a table of the options that only it has."""
     rows = {words: [option_row(option) for option in options_of(each)] for words, each in commands.items()}
     uses = Counter(row for each in rows.values() for row in set(each))
-    shared = {row for row in uses if uses[row] > 2}
+    usual = {row[0]: row for row, count in reversed(uses.most_common()) if count > 1}
+    shared = set(usual.values())
     settings_of_run = {option_of(key) for key in settings()}
     parts = ["# Command line\n\n", GENERATED]
     parts.append(

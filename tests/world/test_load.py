@@ -180,7 +180,14 @@ def test_the_example_is_a_world(documented_room: Path) -> None:
     assert not human_space(world).is_free(3.0, 2.5)
 
 
-def test_the_messages_shown_are_the_messages_given(documented_room: Path) -> None:
+MISTAKES = """\
+3 things are wrong:
+  - room/world.yaml:2: there is no key "tilte". Did you mean "title"? Known: format, name, title, map
+  - room/labels.yaml:4: areas[0].rectangle[2]: expected a number, got 'wide'
+  - room/routes.yaml:2: routes[0]: "start" is missing"""
+
+
+def test_all_mistakes_of_all_files_are_listed(documented_room: Path) -> None:
     for file, old, new in (
         ("world.yaml", "format: 1\nname: room\ntitle", "name: room\ntilte"),
         ("labels.yaml", "2.1, 3.8", "2.1, wide"),
@@ -191,11 +198,9 @@ def test_the_messages_shown_are_the_messages_given(documented_room: Path) -> Non
         (documented_room / file).write_text(text.replace(old, new))
     with pytest.raises(DocumentError) as caught:
         load_world(documented_room)
-    shown = re.search(r"^3 things are wrong:\n.*?(?=```)", PAGE.read_text(), flags=re.MULTILINE | re.DOTALL)
-    assert shown is not None
     given = str(caught.value).replace(str(documented_room.parent) + "/", "").splitlines()
-    for line, said in zip(given, shown[0].splitlines(), strict=True):
-        assert line.startswith(said.split(", ...")[0])
+    for line, said in zip(given, MISTAKES.splitlines(), strict=True):
+        assert line.startswith(said)
 
 
 @pytest.mark.parametrize("model", [WorldFile, GridSpec, ObjectEntry, AreaEntry, RouteEntry])
