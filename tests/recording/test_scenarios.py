@@ -17,12 +17,13 @@ from rvsg.evaluation.sampled import sampled
 from rvsg.recording.fidelity import compare, estimates, recorded_as
 from rvsg.recording.inspection import inspect
 from rvsg.recording.intent import People, recorded_scenario
+from rvsg.recording.recorded_run import recorded_run
 from rvsg.recording.tracks import PersonTrack, Recording, load_recording
 from rvsg.report.run_facts import judged_curve
 from rvsg.robots.robot import load_robot
 from rvsg.scenario.validity import check
 from rvsg.scenario.variation import shifted
-from rvsg.simulation.run import Run
+from rvsg.simulation.run import Outcome, RobotContact, Run
 from rvsg.world.space import robot_space
 from rvsg.world.world import Route, World
 
@@ -162,7 +163,7 @@ def test_a_wrong_world_and_another_route_are_told(world: World, bag: Path) -> No
     found = load_recording(bag, world=world)
     assert not any(note.kind == "world" for note in inspect(found, world).notes)
     office = rvsg.load_world("office")
-    (note,) = (note for note in inspect(found, office).notes if note.kind == "world")
+    note, _ = (note for note in inspect(found, office).notes if note.kind == "world")
     assert note.count > 0.1 * len(found.robot)
     assert note.count == sum(not robot_space(office).is_free(x, y) for x, y in found.robot[:, 1:3])
     same = world.route("route_1")
@@ -178,6 +179,27 @@ def test_a_wrong_world_and_another_route_are_told(world: World, bag: Path) -> No
     start = same.start.replace(x=same.start.x + 50.0)
     with pytest.raises(FileError):
         recorded_scenario(found, world, route=elsewhere.model_copy(update={"start": start}))
+
+
+def test_people_in_walls_tell_a_wrong_world_whose_floor_the_robot_could_drive_on(world: World) -> None:
+    start = world.route("route_1").start
+    ann = walker((0, start.x + 1.0, start.y - 2.0), (15, start.x + 1.0, start.y - 1.9))
+    assert not inspect(recording(world, ann), world).notes
+    aside = replace(ann, rows=ann.rows + np.array([0.0, 40.0, 0.0, 0.0, 0.0]), name="Bob")
+    (note,) = inspect(recording(world, ann, aside), world).notes
+    assert note.kind == "world" and note.count == len(aside.rows)
+
+
+def test_a_robot_that_stops_at_its_goal_has_arrived_by_one_rule(world: World) -> None:
+    start = world.route("route_1").start
+    found = recording(world, walker((0, start.x + 1.0, start.y - 2.0), (15, start.x + 1.0, start.y - 1.9)))
+    x, y, yaw = found.goal or (0.0, 0.0, 0.0)
+    for short_m, outcome in ((0.3, Outcome.REACHED), (1.0, Outcome.ABORTED)):
+        other = replace(found, goal=(x, y - short_m, yaw))
+        assert recorded_run(other)[0].outcome is outcome
+        made = recorded_scenario(other, world, people="as-recorded")
+        (run,) = rvsg.simulate(made.scenario, [0], world=world)
+        assert recorded_as(made.recording, run).outcome is outcome
 
 
 def test_the_map_of_a_recording_becomes_a_world(bag: Path, tmp_path: Path) -> None:
@@ -262,6 +284,26 @@ def test_contact_counts_only_beyond_the_error_of_the_recording(
             assert bool(fidelity.events["contacts"][0]) == contacts
         touches = bool(fidelity.events["contacts"][1])
         assert any("contact" in each for each in fidelity.differences) == (contacts is not None and touches != contacts)
+
+
+def test_a_contact_that_the_bag_holds_is_told_whatever_smoothing_leaves_of_it(
+    run: Run, world: World, tmp_path: Path
+) -> None:
+    from rvsg_exchange.bag import write_bag
+
+    touch = RobotContact(
+        time_s=8.0, x=0.0, y=0.0, person=run.human_names[1], until_s=8.3, closing_speed_m_s=0.5, robot_part_m_s=0.5,
+        person_part_m_s=0.0, bearing_rad=0.0, overlap_m=0.0,
+    )  # fmt: skip
+    path = tmp_path / "contact.mcap"
+    write_bag(replace(run, events=(touch,)), world, path)
+    found = load_recording(path, world=world)
+    assert found.contacts == (touch,) and any("contact" in line for line in inspect(found, world).lines)
+    made = recorded_scenario(found, world, people="as-recorded")
+    again = replace(run, human_names=tuple(person.name for person in made.recording.people), events=())
+    fidelity = compare(made.recording, again, world)
+    assert fidelity.events["contacts"] == (1, 0) and not fidelity.contact
+    assert any("contact" in each for each in fidelity.differences)
 
 
 def test_the_smallest_change_that_violates_is_found(world: World) -> None:

@@ -246,8 +246,10 @@ class Sampled:
 
     @property
     def _contacts_are_recorded(self) -> bool:
-        """Whether the events of the run hold its contacts; those of a real robot are not measured."""
-        return bool(self.run.robot_outline) and self.run.simulator != "recording"
+        """Whether the events of the run hold its contacts; most recordings do not measure them."""
+        if self.run.simulator == "recording":
+            return any(isinstance(event, RobotContact) for event in self.run.events)
+        return bool(self.run.robot_outline)
 
     def _recorded_contacts(self) -> list[Touch]:
         found = []

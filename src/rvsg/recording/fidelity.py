@@ -17,10 +17,10 @@ from rvsg.evaluation.detection import events_of
 from rvsg.evaluation.run_events import Contact, HardBrake, NearMiss, StandStill
 from rvsg.evaluation.sampled import sampled
 from rvsg.evaluation.verdict import counted
-from rvsg.recording.recorded_run import speed_of
+from rvsg.recording.recorded_run import outcome_of, speed_of
 from rvsg.recording.tracks import GAP_S, Floats, Recording
 from rvsg.robots.robot import Robot
-from rvsg.simulation.run import Outcome, Run, Trajectory
+from rvsg.simulation.run import Run, Trajectory
 from rvsg.world.world import World
 
 NEAR_M = 2.0
@@ -111,10 +111,10 @@ def recorded_as(recording: Recording, run: Run) -> Run:
         human_yaw=np.stack(yaws, axis=1) if yaws else np.empty((len(t), 0)),
         human_speed=np.stack(speeds, axis=1) if speeds else np.empty((len(t), 0)),
     )  # fmt: skip
-    reached = math.dist(robot[-1, 1:3], run.goal[:2]) <= NEAR_M
+    contacts = tuple(each for each in recording.contacts if each.person in people)
     return dataclasses.replace(
         run, simulator="recording", options={"recording": recording.source}, trajectory=trajectory, log=trajectory,
-        imu=np.empty(0), events=(), outcome=Outcome.REACHED if reached else Outcome.ABORTED,
+        imu=np.empty(0), events=contacts, outcome=outcome_of(robot, run.goal, run.time_limit_s),
         details={"absent_at": dict.fromkeys(run.human_names, (-AWAY_M, -AWAY_M))}, recoveries=0,
     )  # fmt: skip
 
@@ -157,7 +157,7 @@ def compare(recording: Recording, run: Run, world: World, limits: Limits | None 
     touched, touches = events[TOLD[Contact]]
     near = min(gaps, key=lambda gap: gap.recorded_m, default=None)
     contact = ""
-    if near is not None and abs(near.recorded_m) <= near.error_m:
+    if near is not None and abs(near.recorded_m) <= near.error_m and not recording.contacts:
         contact = f"Contact cannot be told: the recorded gap is {near.recorded_m:.2f} m ± {near.error_m:.2f} m."
     elif bool(touched) != bool(touches):
         said.append(f"The run has {counted(touches, 'contact')}, the recording {touched}.")

@@ -9,11 +9,11 @@ import numpy as np
 
 from rvsg.core.errors import FileError
 from rvsg.recording.tracks import Note, PersonTrack, Recording, clean, gaps_of
-from rvsg.world.space import robot_space
+from rvsg.world.space import human_space, robot_space
 from rvsg.world.world import World
 
-OUTSIDE = 0.02
-"""A robot that is in obstacles or off the map for more than this share of its poses drove with another map."""
+OUTSIDE, PEOPLE_OUTSIDE = 0.02, 0.1
+"""A robot, or people, in obstacles or off the map for more than this share of their places were on another map."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +31,7 @@ class Inspection:
         return {
             "robot": {"poses": len(found.robot), "begin_s": round(found.begin_s, 2), "end_s": round(found.end_s, 2)},
             "people": [_person(person) for person in found.people],
+            "contacts": [{"person": each.person, "time_s": each.time_s} for each in found.contacts],
             "streams": [stream.model_dump(mode="json") for stream in found.streams],
             "notes": [note.model_dump(mode="json") for note in self.notes],
         } | ({} if self.problem else {"usable": [_person(person) for person in self.usable]})
@@ -47,6 +48,7 @@ class Inspection:
         said.append(f"robot: {poses} poses; the drive is from {begin:.1f} to {end:.1f} s")
         form = "{name}: {begin_s:.1f} to {end_s:.1f} s, {samples} places at {rate_hz:g} Hz, {gaps} gaps"
         said += [form.format(**_person(person)) for person in found.people]
+        said += [f"contact with {each.person} at {each.time_s:.1f} s" for each in found.contacts]
         seen = ", ".join(f"{each.name} {each.begin_s:.1f} to {each.end_s:.1f} s" for each in self.usable)
         return [*said, self.problem or f"After cleaning, seconds of the drive: {seen}."]
 
@@ -66,16 +68,24 @@ def inspect(recording: Recording, world: World | None = None) -> Inspection:
 
 
 def outside(recording: Recording, world: World) -> tuple[Note, ...]:
-    """Return a note where the robot was in obstacles of a world or off its map."""
-    wrong = np.flatnonzero(robot_space(world).clearances(recording.robot[:, 1:3]) <= 0.0)
-    if len(wrong) <= OUTSIDE * len(recording.robot):
-        return ()
-    t, x, y = recording.robot[wrong[0], :3]
-    text = (
-        f"The robot is in obstacles of {world.name} or off its map for {len(wrong) / len(recording.robot):.0%} of its "
-        f"poses, first at ({x:.1f}, {y:.1f}) after {t:.1f} s. Name the world whose map it drove with: --world."
-    )
-    return (Note(kind="world", text=text, count=len(wrong)),)
+    """Return notes where the robot or the people were in obstacles of a world or off its map."""
+    notes = []
+    everybody = [each.rows[:, :3] for each in recording.people]
+    for who, rows, space, most in (
+        ("The robot is", recording.robot[:, :3], robot_space(world), OUTSIDE),
+        ("People are", np.concatenate(everybody or [np.empty((0, 3))]), human_space(world), PEOPLE_OUTSIDE),
+    ):
+        wrong = np.flatnonzero(space.clearances(rows[:, 1:3]) <= 0.0)
+        if len(wrong) <= most * len(rows):
+            continue
+        t, x, y = rows[wrong[0]]
+        text = (
+            f"{who} in obstacles of {world.name} or off its map for {len(wrong) / len(rows):.0%} of the recorded "
+            f"places, first at ({x:.1f}, {y:.1f}) after {t:.1f} s. Name the world whose map the robot drove with: "
+            "--world."
+        )
+        notes.append(Note(kind="world", text=text, count=len(wrong)))
+    return tuple(notes)
 
 
 def _person(person: PersonTrack) -> dict[str, Any]:

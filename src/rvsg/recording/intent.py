@@ -15,6 +15,7 @@ from rvsg.core.errors import FileError, UnknownName
 from rvsg.core.records import Pose
 from rvsg.evaluation.sampled import stretches
 from rvsg.recording.inspection import outside
+from rvsg.recording.recorded_run import ARRIVES_M
 from rvsg.recording.tracks import GAP_S, PERIOD_S, Floats, Note, PersonTrack, Recording, clean
 from rvsg.robots.robot import Robot
 from rvsg.scenario.builder import check_valid, mission_of
@@ -45,7 +46,7 @@ DETOUR = 1.1
 """Two waypoints that are no neighbours are joined over the grid where that is no longer than so many times as far."""
 AHEAD_M = 5.0
 """Who walks when last seen is taken to walk on for this far, up to the next obstacle."""
-NEAR_START_M, ARRIVES_M = 0.3, 0.5
+NEAR_START_M = 0.3
 OTHER_ROUTE_M = 2.0
 """Who neither starts nor comes this near to the ends of a route drove another one."""
 
@@ -93,7 +94,9 @@ def recorded_scenario(
         raise UnknownName("form of people", str(people), forms)
     form = People(people)
     named = [replace(person, name=f"Person {k}") for k, person in enumerate(recording.people, start=1)]
-    found = clean(replace(recording, people=tuple(named)))
+    names = {person.name: other.name for person, other in zip(recording.people, named, strict=True)}
+    contacts = [each.replace(person=names[each.person]) for each in recording.contacts]
+    found = clean(replace(recording, people=tuple(named), contacts=tuple(contacts)))
     notes = list(found.notes)
     notes += outside(found, world)
     mission, said = mission_of(world, _route(found, world, route, notes), ROBOT if robot is None else robot)

@@ -17,7 +17,8 @@ from rvsg.world.world import Route
 
 SIDEWAYS_M_S = 0.02
 """Less lateral speed than this in an odometry is noise: the base does not move sideways."""
-GOAL_TOLERANCE_M = 0.25
+ARRIVES_M = 0.35
+"""A robot that stops this near to the goal has arrived: Nav2's tolerance of 0.25 m, and the error of the poses."""
 PERSON_RADIUS_M, ROBOT_RADIUS_M = 0.4, 0.35
 
 
@@ -66,13 +67,18 @@ def recorded_run(recording: Recording, route: Route | None = None) -> tuple[Run,
         return Run(**values, trajectory=trajectory, log=log, imu=recording.imu), tuple(notes)
     notes.append(Note(kind="bodies", text=_bodies(recording.people)))
     goal, limit = _task(recording, route)
+    if (outcome := outcome_of(robot, goal, limit)) is not Outcome.REACHED:
+        away = math.dist(robot[-1, 1:3], goal[:2])
+        notes.append(
+            Note(kind="goal", text=f"The recording ends {away:.2f} m from the goal after {robot[-1, 0]:.1f} s.")
+        )
     name = Path(recording.source).name
     run = Run(
         scenario_id=text_id("scenario", name),
         simulator="recording",
         options={"recording": name},
         seed=0,
-        outcome=_outcome(robot, goal, limit, notes),
+        outcome=outcome,
         trajectory=trajectory,
         log=trajectory,
         imu=recording.imu,
@@ -136,13 +142,12 @@ def _task(recording: Recording, route: Route | None) -> tuple[tuple[float, float
     return recording.goal, float(recording.robot[-1, 0]) + 1.0
 
 
-def _outcome(robot: Floats, goal: tuple[float, float, float], limit: float, notes: list[Note]) -> Outcome:
-    t, x, y = robot[-1, :3]
-    distance = math.hypot(x - goal[0], y - goal[1])
-    if distance <= GOAL_TOLERANCE_M and t <= limit:
+def outcome_of(robot: Floats, goal: tuple[float, float, float], limit_s: float) -> Outcome:
+    """Return how the recorded drive of a robot ends."""
+    end_s = robot[-1, 0]
+    if math.dist(robot[-1, 1:3], goal[:2]) <= ARRIVES_M and end_s <= limit_s:
         return Outcome.REACHED
-    notes.append(Note(kind="goal", text=f"The recording ends {distance:.2f} m from the goal after {t:.1f} s."))
-    return Outcome.TIMED_OUT if t >= limit else Outcome.ABORTED
+    return Outcome.TIMED_OUT if end_s >= limit_s else Outcome.ABORTED
 
 
 def _bodies(people: tuple[PersonTrack, ...]) -> str:

@@ -22,7 +22,7 @@ from rvsg.core.records import Record
 from rvsg.evaluation.sampled import wrap
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.archive import RunHeader
-from rvsg.simulation.run import Trajectory
+from rvsg.simulation.run import RobotContact, Trajectory
 from rvsg.world.world import OccupancyMap, World
 
 Floats = NDArray[np.float64]
@@ -125,6 +125,8 @@ class Recording:
     notes: tuple[Note, ...] = ()
     header: RunHeader | None = None
     """The run that RVSG wrote as this recording."""
+    contacts: tuple[RobotContact, ...] = ()
+    """Contacts that the recording holds; others show in the tracks alone."""
     log: Trajectory | None = None
     imu: Floats = field(default_factory=lambda: np.empty(0))
 
@@ -248,6 +250,11 @@ def clean(recording: Recording) -> Recording:
         spread_m=moved,
         acceleration=recording.acceleration - np.array([begin, 0.0]),
         commands=recording.commands - np.array([begin, 0.0, 0.0]),
+        contacts=tuple(
+            each.replace(time_s=each.time_s - begin, until_s=each.until_s - begin)
+            for each in recording.contacts
+            if begin <= each.time_s <= end
+        ),
         goal_s=None,
         notes=(*recording.notes, *mending.notes),
     )
