@@ -112,6 +112,8 @@ class Recording:
     source: str
     people: tuple[PersonTrack, ...]
     robot: Floats = field(default_factory=lambda: np.empty((0, 7)))
+    odometry: bool = False
+    """Whether the robot measured its speeds; else they are the change of its places."""
     acceleration: Floats = field(default_factory=lambda: np.empty((0, 2)))
     commands: Floats = field(default_factory=lambda: np.empty((0, 3)))
     spread_m: float = 0.0
@@ -239,7 +241,7 @@ def clean(recording: Recording) -> Recording:
     robot = recording.robot[(recording.robot[:, 0] >= begin - 1e-9) & (recording.robot[:, 0] <= end + 1e-9)].copy()
     moved = 0.0
     if len(robot) > 5:
-        robot, moved = _smooth_rows(robot)
+        robot, moved = _smooth_rows(robot, _driven(robot) if recording.odometry else 0.0)
         if moved >= VISIBLE_M:
             mending.note("smooth", 1, f"Smoothing moves the robot's path by {moved:.3f} m (root mean square).")
     robot[:, 0] -= begin
@@ -376,16 +378,25 @@ def _smooth(person: PersonTrack, begin: float, mending: Mending) -> PersonTrack:
     return replace(person, rows=even, spread_m=max(person.spread_m, moved))
 
 
-def _smooth_rows(rows: Floats) -> tuple[Floats, float]:
+def _driven(robot: Floats) -> Floats:
+    """Return the way that the measured speeds make, (N, 2)."""
+    t, yaw, ahead, left = robot[:, 0], robot[:, 3], robot[:, 4], robot[:, 6]
+    speeds = np.column_stack([ahead * np.cos(yaw) - left * np.sin(yaw), ahead * np.sin(yaw) + left * np.cos(yaw)])
+    steps = np.diff(t)[:, None] * (speeds[1:] + speeds[:-1]) / 2.0
+    return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+
+
+def _smooth_rows(rows: Floats, known: Floats | float = 0.0) -> tuple[Floats, float]:
     """Return rows with smooth places, by a spline whose stiffness leaves out what its neighbours do not tell.
 
-    The stiffness is that of generalised cross-validation. The second value is the root mean square of the changes, m.
+    The spline is that of what the places differ from a `known` way, (N, 2); generalised cross-validation gives its
+    stiffness. The second value is the root mean square of the changes, m.
     """
     from scipy.interpolate import make_smoothing_spline
 
     t = rows[:, 0] - rows[0, 0]
-    smooth = rows.copy()
-    for k in (1, 2):
-        smooth[:, k] = make_smoothing_spline(t, rows[:, k])(t)
+    smooth, rest = rows.copy(), rows[:, 1:3] - known
+    for k in (0, 1):
+        smooth[:, k + 1] += make_smoothing_spline(t, rest[:, k])(t) - rest[:, k]
     changed = smooth[:, 1:3] - rows[:, 1:3]
     return smooth, float(np.sqrt((changed**2).sum(axis=1).mean()))

@@ -428,6 +428,7 @@ class _Alignment:
             source=str(self.path),
             people=people,
             robot=self.robot,
+            odometry=bool(contents.odometry),
             acceleration=self._timed(source),
             commands=self._timed(contents.commands),
             goal=self._goal(),
