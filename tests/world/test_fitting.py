@@ -155,6 +155,12 @@ def test_ways_that_graze_something_are_proposed_only_where_there_is_no_other() -
     world = load_world("warehouse")
     clean = propose_routes(world, trial=SomeTouch(1))
     assert [route.name for route in clean] == ["route_1"]
+    notes: list[str] = []
+    assert propose_routes(world, trial=SomeTouch(1), notes=notes) == clean
+    (note,) = notes
+    assert note.startswith("not proposed, because the robot alone touches something on the way: ") and " to " in note
+    propose_routes(world, trial=SomeTouch(9), notes=notes)
+    assert notes == [note]
     grazed = propose_routes(world, trial=SomeTouch(0))
     assert [route.name for route in grazed] == ["route_1", "route_2", "route_3"]
     assert propose_routes(world, trial=NobodyArrives()) == ()

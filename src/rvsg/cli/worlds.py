@@ -375,13 +375,14 @@ def _show_world(world: World) -> None:
 
 
 def _show_created(created: Created, remarks: tuple[Remark, ...], folder: Path) -> None:
+    from rvsg.evaluation.verdict import counted
     from rvsg.world.world_folder import as_named, size_m
 
     world = created.world
     wide, high = size_m(world)
     say(
-        f"{folder}: {wide:.1f} x {high:.1f} m, {len(world.grid.valid)} waypoints, {len(world.areas)} areas and "
-        f"{len(world.routes)} routes proposed."
+        f"{folder}: {wide:.1f} x {high:.1f} m, {len(world.grid.valid)} waypoints, "
+        f"{counted(len(world.areas), 'area')} and {counted(len(world.routes), 'route')} proposed."
     )
     for note in created.notes:
         say(f"Note: {note}")

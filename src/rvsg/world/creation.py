@@ -357,7 +357,7 @@ def _with_proposals(world: World, stem: str, notes: list[str], trial: Trial | No
         notes.append(f"generators may use {', '.join(world.actors)}, as usual here: see actors in world.yaml.")
     if world.grid.spacing_m > 1.0:  # wider than the metre that suits people's paths
         notes.append(f"the map is large, so the grid is {world.grid.spacing_m:g} m wide; --spacing makes it finer.")
-    world = replace(world, routes=propose_routes(world, trial=trial, robot=robot))
+    world = replace(world, routes=propose_routes(world, trial=trial, robot=robot, notes=notes))
     notes += route_notes(world, trial)
     if not world.routes:
         notes.append(

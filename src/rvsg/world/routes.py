@@ -180,14 +180,20 @@ class _Walk(NamedTuple):
 
 
 def propose_routes(
-    world: World, count: int = ROUTES, trial: Trial | None = None, robot: Robot | None = None
+    world: World,
+    count: int = ROUTES,
+    trial: Trial | None = None,
+    robot: Robot | None = None,
+    notes: list[str] | None = None,
 ) -> tuple[Route, ...]:
     """Return routes that cross the building: the longest way, the busiest, and the one through the narrowest place.
 
     With a trial each is driven once in a simulator: a way the robot does not drive alone is no proposal, and one on
-    which it touches something only where there is no other. `robot`: the one to propose for.
+    which it touches something only where there is no other. `robot`: the one to propose for. `notes` receives the
+    ways that were driven and left out, where there are fewer than `count` others.
     """
     walks = _walks(world, robot)
+    late: dict[_Walk, None] = {}
     chosen: list[_Walk] = []
     routes: list[Route] = []
     grazed: dict[_Walk, tuple[int, Route]] = {}
@@ -203,6 +209,12 @@ def propose_routes(
                 break
             if driven is not None:
                 grazed[walk] = driven
+            else:
+                late[walk] = None
+    if routes and len(routes) < count and notes is not None:
+        for why, left in (("touches something", grazed), ("does not arrive", late)):
+            ways = "; ".join(f"{walk.start} to {walk.goal}" for walk in left)
+            notes += [f"not proposed, because the robot alone {why} on the way: {ways}."] if left else []
     if not routes:
         least = sorted(grazed.values(), key=lambda driven: driven[0])[:count]
         routes = [route.model_copy(update={"name": f"route_{n}"}) for n, (_, route) in enumerate(least, start=1)]
