@@ -3,6 +3,7 @@ from __future__ import annotations
 import lzma
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -84,6 +85,28 @@ def test_a_demo_that_was_begun_is_not_shown_as_a_finished_one(
     rvsg.Campaign.create(tmp_path / "begun", file=read_campaign_file(folder / "campaign.yaml"), replay=str(folder))
     assert main(["demo", "--out", str(tmp_path / "begun")]) == 2
     assert "demo-unfinished" in capsys.readouterr().err
+
+
+def test_a_demo_keeps_its_conversation_and_its_next_step_is_short(terminal: Terminal) -> None:
+    terminal("demo --out shown")
+    (step,) = (line for line in terminal.err.splitlines() if line.startswith("  next "))
+    assert step.split("rvsg ")[1] == "run --requirement no_contact --seed 1"
+    page = Path("shown/report.html").read_text()
+    assert 'id="conversation"' in page and "VIOLATED: a one-sided test rules out" in page
+    terminal("export shown --to view --out sent.rvsg")
+    terminal("report sent.rvsg")
+    assert Path("sent/inputs/replay/warehouse-route_1-R1/calls.jsonl").is_file()
+    assert 'id="conversation"' in Path("sent/report.html").read_text()
+
+
+def test_a_campaign_that_replays_calls_is_complete_without_the_folder_they_came_from(tmp_path: Path) -> None:
+    folder, calls = recording_folder(None), tmp_path / "calls"
+    shutil.copytree(folder, calls)
+    rvsg.Campaign.create(tmp_path / "first", file=read_campaign_file(calls / "campaign.yaml"), replay=str(calls))
+    shutil.rmtree(calls)
+    kept = rvsg.Campaign.open(tmp_path / "first").recording
+    assert kept is not None and len(kept) == 9
+    assert STORED not in {path.name for path in kept.folder.iterdir()}
 
 
 def test_options_that_make_runs_are_refused_in_the_folder_of_a_shown_demo(terminal: Terminal) -> None:

@@ -231,7 +231,7 @@ def test_in_junit_a_violation_of_which_fail_or_flaky_is_open_is_a_failure_that_s
     suite = _junit(the_plan, summary)
     assert summary.violated and suite.attrib["failures"] == "1"
     confirmed, *candidates = summary.ranking
-    assert "violated; FAIL or FLAKY is still open" in _scenario_case(suite, confirmed)[-1].attrib["message"]
+    assert "VIOLATED (FAIL or FLAKY is still open)" in _scenario_case(suite, confirmed)[-1].attrib["message"]
     assert candidates and {_scenario_case(suite, each)[-1].tag for each in candidates} == {"skipped"}
     assert {_properties(_scenario_case(suite, each))["state"] for each in candidates} == {"candidate"}
 
@@ -363,7 +363,9 @@ def test_the_conversation_of_a_model_stands_on_the_page_as_text(tmp_path: Any) -
     said = call(recording, 1, ("user", NASTY), answer="an answer")
     changed = [a.replace(proposal=a.proposal.replace(calls=(said,))) if a.purpose == "search" else a for a in attempts]
     text = page(the_plan, changed, ledger, recording=recording)
-    assert "replayed" not in text and "replayed" in page(the_plan, changed, ledger, recording=recording, replayed=True)
+    assert "from a recording" not in text and "from a recording" in page(
+        the_plan, changed, ledger, recording=recording, replayed=True
+    )
     assert "an answer" in text and "&lt;script&gt;alert(1)" in text and "img" not in Reader.of(text).tags
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rvsg.app.folder import BEST
-from rvsg.app.settings import MACHINE, OF_THE_CALL, CampaignConfig, option_of
+from rvsg.app.settings import MACHINE, OF_THE_CALL, RUNS, TEST, CampaignConfig, option_of, settings
 from rvsg.report.summary import Summary
 
 
@@ -49,20 +49,28 @@ def confirm_command(folder: Path, attempt: int) -> str:
 
 def next_commands(config: CampaignConfig, summary: Summary) -> dict[str, str]:
     """Return the commands of next steps, by the names that `rvsg.report.answer` gives them."""
-    folder, requirement = config.folder, config.requirement
+    folder, requirement, other = config.folder, config.requirement, _without_recording(config)
     scenarios = sum(entry.state == "confirmed" for entry in summary.ranking)
     verdict = summary.confirmed.verdict if summary.confirmed else None
     each = max(summary.accounting.confirmation_runs, verdict.runs * scenarios if verdict else 0)
     kept = ["--suite", "suite", *(("--requirement", requirement) if requirement != "R1" else ())]
     return {
         "resume": resume_command(config),
-        "contact": command_for(config.replace(requirement="no_contact")),
+        "contact": command_for(other.replace(requirement="no_contact")),
         "confirm": shlex.join(["rvsg", "confirm", str(folder)]),
         "more": command_for_more(config, each),
         "keep": shlex.join(["rvsg", "suite", "add", str(folder / BEST), *kept]),
         "planner": shlex.join(["rvsg", "replay", str(folder), "--trace"]),
-        "repeat": command_for(config.replace(seed=config.seed + 1)),
+        "repeat": command_for(other.replace(seed=config.seed + 1)),
     }
+
+
+def _without_recording(config: CampaignConfig) -> CampaignConfig:
+    """Return the settings of another search in the same test: recorded replies answer only the search they are of."""
+    if config.replay is None:
+        return config
+    kept = {key for key, setting in settings().items() if setting.group in (TEST, RUNS)}
+    return CampaignConfig(**{key: getattr(config, key) for key in kept}, seed=config.seed)
 
 
 def runs_command(scenario: str, config: CampaignConfig | None, *, seed: int, repeats: int, out: str) -> str:

@@ -1,4 +1,4 @@
-"""Input files of a campaign: its world, robot, parameters, requirements and moved objects, copied into its folder.
+"""Input files of a campaign: its world, robot, requirements, recorded calls and others, copied into its folder.
 
 A campaign stores paths as they were typed, and the folder it was begun in. Each is read from there while it has the
 content it had then, else from the copy. So a folder can be moved to another machine and resumed there.
@@ -13,13 +13,14 @@ from typing import Any
 from rvsg.app.settings import FILES, CampaignConfig, file_of
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
+from rvsg.generation.vlm.recording import recorded_files
 from rvsg.robots.robot import shipped_robots
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.world.world_folder import file_names, shipped_worlds, world_folder
 
 INPUTS = "inputs"
 """The folder of the copies in the folder of a campaign."""
-COPIED = ("world", "requirement", "also", "robot", "moved", "stack", "start_from")
+COPIED = ("world", "requirement", "also", "robot", "moved", "stack", "start_from", "replay")
 
 
 def paths_of(values: Mapping[str, Any], begun_in: str | None, folder: Path) -> dict[str, str]:
@@ -96,6 +97,8 @@ def _typed(values: Mapping[str, Any], folder: Path) -> Iterator[tuple[str, str, 
 
 def _files(key: str, source: Path, copy: Path) -> list[tuple[Path, Path]]:
     """Return the files of an input, each with the place of its copy."""
+    if key == "replay":
+        return [(path, copy / path.relative_to(source)) for path in recorded_files(source)]
     if key != "world":
         return [(source, copy)]
     place = world_folder(source)

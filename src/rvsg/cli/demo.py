@@ -85,6 +85,7 @@ def show_stored(recording: Path, out: Path, *, as_json: bool) -> None:
     """
     from rvsg.app.campaign import Campaign
     from rvsg.app.folder import LEDGER, check_out, store_of
+    from rvsg.app.input_files import copy_inputs
     from rvsg.cli.tables import show_answer
     from rvsg.core.files import write_whole
 
@@ -92,7 +93,8 @@ def show_stored(recording: Path, out: Path, *, as_json: bool) -> None:
     if store_of(out) is None:
         out.mkdir(parents=True, exist_ok=True)
         write_whole(out / LEDGER, lzma.decompress((recording / STORED).read_bytes()))
-    campaign = Campaign.open(out, replay=str(recording))
+    copy_inputs({"replay": recording.name}, {recording.name: str(recording)}, out, anew=False)
+    campaign = Campaign.open(out)
     if not campaign.summary().complete:
         raise InputError(
             f"{out}: this campaign is not finished. Finish it: rvsg demo {recording.name} --simulate --out {out}. Or "

@@ -162,8 +162,8 @@ class Verdict(Record):
         return self.procedure or DEFAULT
 
 
-OPEN = "FAIL or FLAKY is still open"
-"""What is added to a verdict that is violated for sure, but not yet FAIL or FLAKY."""
+OPEN, OPEN_STATUS = "FAIL or FLAKY is still open", "VIOLATED"
+"""What is said of a verdict that is violated for sure, but not yet FAIL or FLAKY; and its code instead of a status."""
 
 
 def metres(gap: float) -> str:
@@ -223,8 +223,8 @@ def _with_interval(verdict: Verdict, unit: str) -> str:
 
 
 def status_in_words(verdict: Verdict) -> str:
-    """Return the status, and where it is open between FAIL and FLAKY that it is violated."""
-    return verdict.status.value + (f" (violated; {OPEN})" if still_open(verdict) else "")
+    """Return the status; VIOLATED where it surely is and FAIL or FLAKY is open."""
+    return f"{OPEN_STATUS} ({OPEN})" if still_open(verdict) else verdict.status.value
 
 
 def share_in_words(verdict: Verdict) -> str:
@@ -284,7 +284,7 @@ def _decision(verdict: Verdict) -> str:
     open_ = f"the budget of {counted(procedure.max_runs, 'run')} is spent" if spent else "too few runs for a verdict"
     if still_open(verdict):
         ruled = f"a one-sided test rules out that {percent(rare)} of runs or fewer violate it ({sure})"
-        return f"INCONCLUSIVE: {ruled}; {OPEN}, {open_}"
+        return f"{OPEN_STATUS}: {ruled}; {OPEN}, {open_}"
     return f"INCONCLUSIVE: no test has decided; {open_}"
 
 

@@ -283,9 +283,9 @@ def _counts(rows: Sequence[Row]) -> str:
     confirmed = [row for row in rows if row.state == "confirmed"]
     bad = Counter(row.often for row in confirmed if row.violated == "yes")
     words: dict[Often, str] = {
-        "always": "always violate it",
-        "sometimes": "sometimes",
-        "not settled": "how often is open",
+        "always": "always violated",
+        "sometimes": "sometimes violated",
+        "not settled": "violated, how often is open",
     }
     parts = [f"{bad[key]} {text}" for key, text in words.items() if bad[key]]
     kept, undecided = (sum(row.violated == each for row in confirmed) for each in ("no", "open"))

@@ -14,6 +14,7 @@ from rvsg.evaluation.detection import contacts, place_namer
 from rvsg.evaluation.run_events import Contact, place_name
 from rvsg.evaluation.sampled import sampled
 from rvsg.evaluation.verdict import (
+    OPEN_STATUS,
     Status,
     Verdict,
     counted,
@@ -38,8 +39,6 @@ MOVED = {
     "neither": "neither approaches",
 }
 """Who moves where robot and person first touch."""
-OPEN_STATUS = "VIOLATED"
-"""The status where the requirement is violated, and FAIL or FLAKY is open."""
 LISTED = 3
 """People that are named as a cause; of more, their number."""
 MANY = 4

@@ -37,6 +37,11 @@ TELLS_A_REHEARSAL = "rehearse"
 """The purpose of a call whose last message tells what was simulated; like all measurements it may differ today."""
 
 
+def recorded_files(folder: Path) -> list[Path]:
+    """Return the files of the record in a folder, which may hold others."""
+    return sorted([*folder.glob("*.jsonl"), *folder.glob(f"{PICTURES}/*.png")])
+
+
 class RecordedCall(Record):
     """One call as it is kept. `request` is the content id of all the model was given."""
 

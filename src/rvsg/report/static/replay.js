@@ -657,7 +657,7 @@
       const rise = Math.min(size - 6, 28 / Math.max(1, rows - 1));  /* at most 72 px in all */
       strip.classList.toggle("rp-dense", size < 24);
       strip.querySelectorAll(".rp-dot").forEach(function (dot) { dot.style.bottom = dot.dataset.level * rise + 16 + "px"; });
-      strip.style.height = Math.min(72, (rows - 1) * rise + size + 18) + "px";
+      strip.style.height = Math.min(72, (rows - 1) * rise + size + 18) + (limit === null ? 0 : 16) + "px";  /* 16: its label */
       ticks(low, high, Math.max(2, Math.floor(width / 110))).forEach(function (v, k) {
         const tick = html(strip, "span", { class: "rp-strip-tick", "aria-hidden": "true" }, String(v) + (k ? "" : " " + data.requirement.unit));
         tick.style.left = Math.round((v - low) / (high - low) * (width - size - 8)) + 4 + size / 2 + "px";
