@@ -78,7 +78,7 @@ def test_the_folder_of_separate_campaigns_has_an_overview_and_links_both_ways(te
 
 def test_a_rvsg_file_is_unpacked_beside_it_and_reported(terminal: Terminal) -> None:
     cut_off(terminal, 7, "--out one")
-    terminal("export one --to view --out sent.rvsg")
+    assert "rvsg report or rvsg studio" in terminal("export one --to view --out sent.rvsg")
     assert "3 of 6" in terminal("report sent.rvsg") and Path("sent/report.html").is_file()
     terminal.refused("report sent.rvsg")
 

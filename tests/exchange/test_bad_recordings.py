@@ -18,7 +18,7 @@ from rvsg.core.errors import FileError
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 from rvsg_exchange.bag import CYLINDER, Messages, rosbags_types, write_bag
-from rvsg_exchange.recordings import open_bag
+from rvsg_exchange.recordings import MCAP, open_bag
 
 rosbags = pytest.importorskip("rosbags.rosbag2", reason="the extra `bag` is not installed")
 NEEDED = ("/odom", "/tf", "/tf_static", "/human_states", "/goal_pose")
@@ -310,7 +310,9 @@ def test_a_bag_that_was_cut_off_is_one_message(said: list[Said], tmp_path: Path,
 def test_only_a_bag_is_said_to_be_repairable(tmp_path: Path, world: World) -> None:
     (tmp_path / "notes.mcap").write_text("Monday: the robot stopped at the gate.")
     (tmp_path / "empty.db3").touch()
-    for path in (tmp_path / "notes.mcap", tmp_path / "empty.db3", tmp_path):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "whole.mcap").write_bytes(MCAP + bytes(20) + MCAP)
+    for path in (*map(tmp_path.joinpath, ("notes.mcap", "empty.db3", "folder", "whole.mcap")), tmp_path):
         with pytest.raises(FileError) as caught:
             judged(path, world=world)
         assert ("recover" in str(caught.value) or "reindex" in str(caught.value)) == (path is tmp_path)

@@ -65,6 +65,20 @@ def test_a_damaged_index_is_made_anew(folder: Path, text: str) -> None:
     assert len(Lister(folder, cache).listing().campaigns) == 1
 
 
+def test_what_the_studio_adds_to_the_folder_of_a_campaign_is_listed(folder: Path) -> None:
+    top = folder / "runs" / "a"
+    shutil.copytree(top, top / "received" / "sent")
+    (top / "received" / "results.json").write_text('{"suite": "x"}')
+    (top / "inputs" / "world").mkdir(parents=True)
+    (top / "inputs" / "world" / "world.yaml").write_text("name: x\n")
+    found = Lister(top).listing()
+    assert {each.folder: each.shown for each in found.campaigns} == {
+        ".": "this folder",
+        "received/sent": "received/sent",
+    }
+    assert found.worlds == () and listing.suite_results_in(top) == ("received/results.json",)
+
+
 def test_a_damaged_ledger_is_listed_with_its_problem(folder: Path) -> None:
     (folder / "runs" / "bad").mkdir()
     (folder / "runs" / "bad" / "ledger.sqlite").write_bytes(b"no database at all")

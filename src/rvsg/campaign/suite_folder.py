@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import os
 import re
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -292,7 +293,7 @@ def _updated(expectation: Expectation, result: CaseResult | None) -> Expectation
 
 def _title(scenario: Scenario) -> str:
     text = " ".join(scenario.description.split()) or f"{len(scenario.people.humans)} people"
-    return f"{scenario.mission.route.name}: {text}"[:200]
+    return textwrap.shorten(f"{scenario.mission.route.name}: {text}", 200, placeholder="…")
 
 
 def _free_name(wanted: str, taken: set[str], *, given: bool) -> str:

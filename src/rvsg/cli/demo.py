@@ -161,6 +161,6 @@ def what_it_means(plan: Plan, summary: Summary) -> str:
     between = "always and sometimes" if still_open(verdict) else "always, sometimes and never"
     unsure = (
         f"{worst} violated {name} ({limit}) in {verdict.violations} of {runs}, which does not decide between "
-        f"{between}. More --confirmations can"
+        f"{between}. More runs can decide: add --confirmations 40 and a new --out"
     )
     return f"What {status_of(verdict)} means: {said.get(verdict.status, unsure)}."

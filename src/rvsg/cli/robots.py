@@ -50,8 +50,7 @@ def robots(
             f"{'':20} {each.length_m:.2f} x {each.width_m:.2f} m, {each.drive.kind}, "
             f"{each.driving_speed_m_s:g} m/s{base}, {limits.acceleration_m_s2:g} m/s2; {compared}\n"
             f"{'':20} lidars: {lidars}; safety zones: {len(each.safety_zones)}; bumper: "
-            f"{'yes' if each.bumper else 'no'}\n"
-            f"{'':20} Source: {each.source}"
+            f"{'yes' if each.bumper else 'no'}" + (f"\n{'':20} Source: {each.source}" if each.source else "")
         )
         for doubt in each.doubts:
             console.say(f"warning: {doubt}")

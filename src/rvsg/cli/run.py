@@ -224,7 +224,7 @@ def run_matrix(matrix: Matrix, *, as_json: bool) -> int:
                 campaigns[0].prepare(say)
             failed = _run_all(matrix, campaigns, interruption.check)
     except KeyboardInterrupt:
-        raise Interrupted(f"Interrupted; everything finished is stored. Resume with: {resume}") from None
+        raise Interrupted(f"Interrupted. Resume with: {resume}") from None
     matrix.report()
     done = [each for each in campaigns if str(each.folder) not in failed]
     _show_all(matrix, campaigns, done, time.monotonic() - started, as_json=as_json)

@@ -85,7 +85,7 @@ def watch(
         )
     except KeyboardInterrupt:
         command = as_started(f"rvsg watch {suite} --monitor {monitor} --out {out}")
-        raise Interrupted(f"Interrupted; finished work is kept. Resume with: {command}") from None
+        raise Interrupted(f"Interrupted. Resume with: {command}") from None
     if not journal.seen:
         say(f"{monitor} holds no campaign and no recording (.mcap, .db3, rosbag2) that can be read.")
     done, spent = counted(journal.cycle, "cycle"), counted(journal.spent, "run")

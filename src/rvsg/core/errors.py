@@ -32,6 +32,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+CONSTRAINTS = Path(__file__).parents[3] / "constraints.txt"
+"""There in a clone; not where RVSG is installed from wheels."""
 DISTRIBUTIONS = {
     "bag": ("exchange",),
     "exchange": ("exchange",),
@@ -44,8 +46,11 @@ DISTRIBUTIONS = {
 
 
 def how_to_install(extra: str) -> str:
-    """Return the command that installs an extra into the environment that the README sets up."""
-    beside = "".join(f" -e ./packages/rvsg-{name}" for name in DISTRIBUTIONS.get(extra, ()))
+    """Return the command that installs an extra where RVSG is installed: in a clone, or from wheels."""
+    names = [f"rvsg-{name}" for name in DISTRIBUTIONS.get(extra, ())]
+    if not CONSTRAINTS.is_file():
+        return " ".join([f"pip install --find-links FOLDER_OF_WHEELS 'rvsg[{extra}]'", *names])
+    beside = "".join(f" -e ./packages/{name}" for name in names)
     return f"in your clone, .venv/bin/pip install -c constraints.txt -e '.[{extra}]'{beside}"
 
 

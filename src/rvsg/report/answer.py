@@ -285,7 +285,7 @@ def _counts(rows: Sequence[Row]) -> str:
     words: dict[Often, str] = {
         "always": "always violated",
         "sometimes": "sometimes violated",
-        "not settled": "violated, how often is open",
+        "not settled": "violated (how often is open)",
     }
     parts = [f"{bad[key]} {text}" for key, text in words.items() if bad[key]]
     kept, undecided = (sum(row.violated == each for row in confirmed) for each in ("no", "open"))

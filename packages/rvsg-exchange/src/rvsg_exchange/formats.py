@@ -349,7 +349,8 @@ def export(
         if not isinstance(source, str | Path):
             raise InputError("A view is of the folder of a campaign, or of a file of results of a suite.")
         write_view(Path(source), Path(out))
-        return (f"{out} opens in viewer.html (rvsg export --to viewer) and with rvsg report or rvsg studio.",)
+        verbs = "rvsg report or rvsg studio" if Path(source).is_dir() else "rvsg studio"
+        return (f"{out} opens in viewer.html (rvsg export --to viewer) and with {verbs}.",)
     options: dict[str, dict[str, Any]] = {"hunav": {"dialect": dialect}, "nav2-goals": {"release": release}}
     exporter: Exporter = plugins.make("exporter", format, options.get(format, {}))
     if exporter.takes == "nothing":

@@ -48,6 +48,8 @@ DETECTIONS, POSES = "vision_msgs/msg/Detection3DArray", "geometry_msgs/msg/PoseA
 TRANSFORMS, GOAL, TEXT = "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/PoseStamped", "std_msgs/msg/String"
 GRID, SCAN = "nav_msgs/msg/OccupancyGrid", "sensor_msgs/msg/LaserScan"
 COMMANDS = ("geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped")
+MCAP = b"\x89MCAP0\r\n"
+"""The first and the last bytes of an MCAP file."""
 NO_BODIES = (0, 4, 5, 8, 9)
 """Types of visualization_msgs/Marker that show no body: arrow, lines, points, text."""
 BACK_S = 1.0
@@ -95,13 +97,16 @@ def bag_messages(reader: Any, path: Path, topics: Collection[str]) -> Iterator[t
 
 def _repair(path: Path) -> str:
     """Return what to do about a bag that cannot be opened: how it is repaired where it is one, else what is read."""
-    beginning = b""
+    beginning = end = b""
     if path.is_file():
         with path.open("rb") as file:
             beginning = file.read(16)
-    if beginning.startswith(b"\x89MCAP0"):
+            file.seek(max(len(MCAP), path.stat().st_size - len(MCAP)))
+            end = file.read()
+    if beginning.startswith(MCAP) and end != MCAP:
         return "It was cut off: repair it with `mcap recover`."
-    if beginning.startswith(b"SQLite format 3") or (path.is_dir() and any(map(path.glob, ("*.mcap", "*.db3")))):
+    bags = path.is_dir() and any(any(path.glob(pattern)) for pattern in ("*.mcap", "*.db3"))
+    if beginning.startswith(b"SQLite format 3") or bags:
         return "Repair it with `ros2 bag reindex`."
     return f"Name a rosbag2 (.mcap, .db3, or its folder), or tracks ({', '.join(ENDINGS)})."
 

@@ -15,6 +15,7 @@ from pydantic import Field, ValidationError
 
 from rvsg.app.campaign import Campaign, campaigns_in
 from rvsg.app.folder import LEDGER, MATRIX, STORE
+from rvsg.app.input_files import INPUTS
 from rvsg.campaign.execution import calls_of
 from rvsg.campaign.ranking import search_attempts
 from rvsg.campaign.suite_folder import HEAD
@@ -83,6 +84,11 @@ class FoundCampaign(Record):
     """Why it has no answer; without a name, why it cannot be read."""
     unread: bool = False
     """Whether it is still to be read; what is known of it may be old, or its folder alone."""
+
+    @property
+    def shown(self) -> str:
+        """The folder as pages name it."""
+        return "this folder" if self.folder == "." else self.folder
 
     @property
     def tried(self) -> str:
@@ -260,7 +266,9 @@ def _folders(top: Path) -> Iterator[tuple[Path, frozenset[str]]]:
         depth = len(here.relative_to(top).parts)
         inside = LEDGER in files or "world.yaml" in files
         listed = sorted(each for each in folders if not each.startswith(".") and each not in SKIPPED)
-        folders[:] = [] if depth >= DEEPEST or inside else listed
+        if inside and here == top:  # the folder of a campaign that is itself the studio's holds what the studio adds
+            listed = [each for each in listed if each not in (INPUTS, "vlm")]
+        folders[:] = [] if depth >= DEEPEST or (inside and here != top) else listed
         yield here, frozenset(files)
 
 

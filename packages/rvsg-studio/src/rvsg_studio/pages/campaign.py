@@ -33,7 +33,7 @@ def add(workspace: Workspace) -> None:
     @route(workspace, "/campaign", "Campaign")
     async def campaign(folder: str = "", name: str = "") -> None:
         state = await load(known, workspace, folder, name)
-        with page(workspace, folder, wide=True) as made:
+        with page(workspace, workspace.folder.name if folder == "." else folder, wide=True) as made:
             Live(made, workspace.relative(workspace.path(folder)), state)
 
     @route(workspace, "/matrix", "Campaigns")

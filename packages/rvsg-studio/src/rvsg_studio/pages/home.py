@@ -205,7 +205,7 @@ class Home:
 
         with tag("tr"):
             with tag("td"):
-                box = tag("input", type="checkbox", aria_label=f"Select {row.name}, {campaign.folder}")
+                box = tag("input", type="checkbox", aria_label=f"Select {row.name}, {campaign.shown}")
                 if key in self.selected:
                     box._props["^checked"] = True
                 box.on("change", lambda event: select_it(bool(event.args)), js_handler="(e) => emit(e.target.checked)")
@@ -213,7 +213,7 @@ class Home:
                 tag("img", src=address("/data/still", **query, run=row.run, t=row.moment_s), alt="", loading="lazy")
             with tag("td", data_label="Failure"), tag("div"):
                 link(row.name, "/finding", **query)
-                where = f"{campaign.requirement} · {campaign.world}, {campaign.route} · {campaign.folder} {row.number}"
+                where = f"{campaign.requirement} · {campaign.world}, {campaign.route} · {campaign.shown} {row.number}"
                 tag("div", where, cls="soft small")
             with tag("td", data_label="Violated", cls="st-rate"):
                 rate(row)
@@ -339,9 +339,9 @@ def _campaigns(listing: Listing) -> None:
 def _campaign(campaign: FoundCampaign) -> None:
     with tag("td", data_label="Campaign"), tag("div"):
         if campaign.problem and not campaign.name:
-            tag("span", campaign.folder)
+            tag("span", campaign.shown)
         else:
-            link(campaign.folder, "/campaign", folder=campaign.folder, name=campaign.name or None)
+            link(campaign.shown, "/campaign", folder=campaign.folder, name=campaign.name or None)
         if campaign.name:
             where = f"{campaign.requirement} · {campaign.world}, {campaign.route}"
             tag("div", where, cls="soft small")
