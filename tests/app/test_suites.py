@@ -45,6 +45,12 @@ def test_one_scenario_with_two_requirements_is_one_case(suite: rvsg.Suite, scena
     assert rvsg.Suite.open(suite.folder).cases == suite.cases
 
 
+def test_a_title_from_a_long_description_ends_with_a_whole_word(tmp_path: Path, scenario: rvsg.Scenario) -> None:
+    told = scenario.replace(description="somebody walks " * 30)
+    (case,) = rvsg.Suite.create(tmp_path / "long").add(told).cases
+    assert case.title.endswith(("somebody…", "walks…")) and len(case.title) <= 200
+
+
 def test_a_run_spends_runs_until_every_verdict_is_sure(suite: rvsg.Suite) -> None:
     result = suite.run(simulator=FAST, version="1")
     assert [case.state for case in result.cases] == [State.PASSED, State.KNOWN_FAILURE]

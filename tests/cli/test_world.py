@@ -71,6 +71,7 @@ def test_shipped_worlds_are_listed_and_shown_by_name(terminal: Terminal) -> None
     assert {"hospital", "office", "warehouse"} <= {world["name"] for world in terminal.json("world list")}
     terminal("world list")
     assert terminal.json("world check office --no-simulation") == []
+    assert "Next: rvsg run --world office --route route_1\n" in terminal("world check office --no-simulation")
     assert terminal.json("world show office")["routes"][0]["description"].startswith("The robot starts")
 
 

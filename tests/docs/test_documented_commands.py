@@ -27,6 +27,7 @@ from rvsg.world.world_folder import SHIPPED
 ROOT = Path(__file__).parents[2]
 FOLDERS = ("docs", "examples", "packages")
 FOUND = [*ROOT.glob("*.md"), *(path for name in FOLDERS for path in (ROOT / name).rglob("*.md"))]
+CONSOLE = r"^```(?:console|sh|bash|shell)\n(.*?)^```"
 PAGES = sorted(path.relative_to(ROOT).as_posix() for path in FOUND)
 
 
@@ -41,7 +42,7 @@ class Shown(NamedTuple):
 def shown_on(page: str) -> Iterator[Shown]:
     """Yield the lines of a page's console blocks that call rvsg."""
     text = (ROOT / page).read_text(encoding="utf-8")
-    for block in re.findall(r"^```(?:console|sh|bash|shell)\n(.*?)^```", text, flags=re.S | re.M):
+    for block in re.findall(CONSOLE, text, flags=re.S | re.M):
         for line in re.sub(r"\\\n\s*", " ", block).splitlines():
             if (found := re.match(r"\$ (?:\.venv/bin/)?(rvsg .*)", line)) is None:
                 continue
@@ -95,6 +96,22 @@ NOT_RUN = {
     "rvsg knowledge status": "needs a database server; tests/store has one",
 }
 """Why commands that begin so are not run here."""
+ELSEWHERE = {
+    "make ": "installs into .venv; .ci/run and the release checklist run them",
+    ".venv/bin/pip install -c constraints.txt ": "tests/architecture/test_install_lines.py holds the one form",
+    "pip install --no-deps ./packages/rvsg-ros2": ROS2,
+    "pip install --find-links dist ": "tests/plugins/test_distributions.py installs the wheels",
+    "source .venv/bin/activate": "changes the shell alone",
+    "pytest --rvsg-suite suite": "tests/app runs the plug-in of pytest",
+    ".venv/bin/python examples/field_robot.py field ": "works for an hour; tests/app watches for seconds",
+    "g++ ": COMPILER,
+    "dask ": "needs a cluster; tests/campaign starts one",
+    "git clone ": OTHERS,
+    "export ": "sets a variable of the shell",
+    "source /opt/ros/": ROS2,
+    "ros2 ": ROS2,
+}
+"""Why commands of other programs are not run here, by how they begin."""
 FILES = """
 simulate scenario.json --world worlds/site --bag incident.mcap --out site.jsonl
 simulate scenario.json --out runs.jsonl
@@ -166,3 +183,30 @@ def test_every_reason_not_to_run_a_command_is_about_one_that_is_shown() -> None:
     shown = [" ".join(shlex.split(each.text, comments=True)) for page in SHOWN.values() for each in page]
     assert [begin for begin in NOT_RUN if not any(text.startswith(begin) for text in shown)] == []
     assert sum(map(len, SHOWN.values())) > 80 and sum(map(len, RUN.values())) > 50
+
+
+def console_lines(page: str) -> list[str]:
+    """Return the commands in the console blocks of a page."""
+    blocks = re.findall(CONSOLE, (ROOT / page).read_text(encoding="utf-8"), flags=re.S | re.M)
+    return [line[2:] for block in blocks for line in block.splitlines() if line.startswith("$ ")]
+
+
+def test_commands_of_other_programs_say_why_they_are_not_run() -> None:
+    lines = [line for page in PAGES for line in console_lines(page)]
+    others = [line for line in lines if not re.match(r"(\.venv/bin/)?rvsg ", line)]
+    assert [line for line in others if not line.startswith(tuple(ELSEWHERE))] == []
+    assert [begin for begin in ELSEWHERE if not any(line.startswith(begin) for line in others)] == []
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_command_within_a_sentence_exists_with_its_options(page: str) -> None:
+    verbs = installed_verbs(VERBS)
+    text = re.sub(CONSOLE, "", (ROOT / page).read_text(encoding="utf-8"), flags=re.S | re.M)
+    for said in re.findall(r"`(?:\.venv/bin/)?rvsg ([a-z][^`]*)`", text) if page != "CHANGELOG.md" else ():
+        name, *words = said.split()
+        command = full_command(name, verbs[name], everything=True)
+        while words and (commands := getattr(command, "commands", None)):
+            command, words = commands[words[0]], words[1:]
+        known = {option for each in command.params for option in (*each.opts, *each.secondary_opts)}
+        asked = {word.partition("=")[0] for word in words if word.startswith("--")}
+        assert asked <= known | {"--help", "--help-all", "--budget-..."}, said

@@ -187,7 +187,7 @@ def check(
     from rvsg.simulation.route_trial import trial_of
     from rvsg.world.checks import check_world
     from rvsg.world.creation import other_robot
-    from rvsg.world.world_folder import folder_named
+    from rvsg.world.world_folder import folder_named, load_world
 
     driver = other_robot(robot)
     trial = None if no_simulation else trial_of(driver, progress=say)
@@ -207,7 +207,12 @@ def check(
                 for each, at in found
             ]
         )
-    raise typer.Exit(2 if any(remark.serious for remark in remarks) else 0)
+    if any(remark.serious for remark in remarks):
+        raise typer.Exit(2)
+    if routes := load_world(world).routes:
+        driven = ["--robot", robot] if robot else []
+        words = ["rvsg", "run", "--world", world, "--route", routes[0].name, *driven]
+        say(f"Next: {as_started(shlex.join(words))}")
 
 
 @app.command()
