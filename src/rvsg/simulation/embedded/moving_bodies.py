@@ -257,7 +257,9 @@ BODY_SHARE = 0.8
 PUSH_SIGMA_M = 0.2
 PUSH_REACH_M = 1.0
 MOST_PUSH_M_S = 0.4
-"""Bodies keep apart by HuNavSim's force of obstacles: factor times exp(-gap / 0.2 m), up to this change in a tick."""
+"""Bodies keep apart by HuNavSim's force of obstacles: factor times exp(-gap / 0.2 m), up to this change in a tick.
+
+People who anticipate only learn where the nearest one is: see `off_cart`."""
 PATIENCE_S = 1.5
 """A pusher who is blocked by walls or people for so long gets past them, as people lift and squeeze; never the robot.
 A person who turns sideways does so after 5 s."""
@@ -304,6 +306,7 @@ class MovingBodies:
         x, y, yaw = float(body[base.X]), float(body[base.Y]), float(body[base.YAW])
         robot = placed(self.crowd.outline, x, y, yaw)
         self.touches.sort_out(t, self.placed)
+        crowd.cart[:] = 0.0
         for i in self._outlines:
             self._push(i, t, robot, body)
         first = self._first + 4 * len(self.leaves.leaves)
@@ -365,10 +368,13 @@ class MovingBodies:
         crowd.vx[i], crowd.vy[i] = go * velocity[0], go * velocity[1]
         # The pusher keeps away from the robot, and others from what is pushed.
         if i not in self._heedless:
-            self._nudge(i, shape, robot, 0.0)
+            v, side, heading = (float(body[part]) for part in (base.V, base.SIDE, base.YAW))
+            cos, sin = math.cos(heading), math.sin(heading)
+            self._keep_apart(i, shape, robot, 0.0, (v * cos - side * sin, v * sin + side * cos))
+        pace = float(crowd.vx[i]), float(crowd.vy[i])
         for j in range(crowd.x.size):
             if j != i and self._apart(i, j) < self._reach[i] + PUSH_REACH_M:
-                self._nudge(j, shapely.Point(crowd.x[j], crowd.y[j]), shape, float(crowd.radius[j]))
+                self._keep_apart(j, shapely.Point(crowd.x[j], crowd.y[j]), shape, float(crowd.radius[j]), pace)
 
     def _retreats(self, i: int, robot: Any) -> bool:
         """Return whether a person who stands in front of the robot with what they push steps back, for a while."""
@@ -402,8 +408,8 @@ class MovingBodies:
         crowd = self.crowd
         return math.hypot(crowd.x[j] - crowd.x[i], crowd.y[j] - crowd.y[i]) - float(crowd.radius[j])
 
-    def _nudge(self, j: int, shape: Any, other: Any, radius: float) -> None:
-        """Change the velocity of a person away from a body near `shape`, which is theirs; it acts in the next tick."""
+    def _keep_apart(self, j: int, shape: Any, other: Any, radius: float, pace: tuple[float, float]) -> None:
+        """Push a person away from a body near `shape`, which is theirs; it acts in the next tick. `pace`: the body's."""
         crowd = self.crowd
         gap = float(shape.distance(other)) - radius
         if gap >= PUSH_REACH_M or crowd.stands[j]:
@@ -415,6 +421,11 @@ class MovingBodies:
             (ax, ay), (bx, by) = a, b
         length = math.hypot(ax - bx, ay - by)
         if length < 1e-9:
+            return
+        if crowd.anticipates:
+            share = max(gap, MOVES_M) / length
+            if not crowd.cart[j].any() or share * length < math.hypot(crowd.cart[j, 0], crowd.cart[j, 1]):
+                crowd.cart[j] = share * (ax - bx), share * (ay - by), *pace
             return
         push = min(MOST_PUSH_M_S, float(crowd.factor_obstacle[j]) * math.exp(-max(0.0, gap) / PUSH_SIGMA_M) * PERIOD_S)
         crowd.vx[j] += push * (ax - bx) / length

@@ -111,6 +111,7 @@ def acceleration(
         fy += py
     rate = gain(crowd, i)
     vx, vy = off_bodies(crowd, i, vx + fx / rate, vy + fy / rate, robot)
+    vx, vy = off_cart(crowd, i, vx, vy)
     if robot_in_social:
         vx, vy = off_robot(crowd, i, vx, vy, robot)
     vx, vy = off_wall(crowd, i, vx, vy)
@@ -132,9 +133,28 @@ def off_robot(crowd: Crowd, i: int, vx: float, vy: float, robot: RobotState) -> 
     if inside or distance < 1e-6:
         return vx, vy
     nx, ny = dx / distance, dy / distance
-    gap = distance - crowd.radius[i] - TOUCHING_M
+    approach = robot.vx * nx + robot.vy * ny
+    return at_gap(crowd, i, vx, vy, nx, ny, distance - crowd.radius[i] - TOUCHING_M, approach)
+
+
+@inner
+def off_cart(crowd: Crowd, i: int, vx: float, vy: float) -> tuple[float, float]:
+    """Return a velocity that keeps off the nearest trolley or wheelchair, or a pusher's own off the robot."""
+    gap = math.sqrt(crowd.cart[i, 0] ** 2 + crowd.cart[i, 1] ** 2)
+    if crowd.horizon[i] <= 0.0 or gap == 0.0:
+        return vx, vy
+    nx, ny = crowd.cart[i, 0] / gap, crowd.cart[i, 1] / gap
+    approach = crowd.cart[i, 2] * nx + crowd.cart[i, 3] * ny
+    return at_gap(crowd, i, vx, vy, nx, ny, gap - TOUCHING_M, approach)
+
+
+@inner
+def at_gap(
+    crowd: Crowd, i: int, vx: float, vy: float, nx: float, ny: float, gap: float, approach: float
+) -> tuple[float, float]:
+    """Return a velocity that closes a gap no faster than a person can stop; `approach`: of the body, along (nx, ny)."""
     look = STOP_S * min(1.0, crowd.horizon[i] / STOP_HORIZON_S)
-    least = robot.vx * nx + robot.vy * ny - gap / look
+    least = approach - gap / look
     least = min(least, BACK_M_S)
     away = vx * nx + vy * ny
     if away >= least:

@@ -185,6 +185,7 @@ class Crowd(NamedTuple):
     obstacle_x: Floats
     obstacle_y: Floats
     obstacle_near: Ints  # 0 none, 1 outside it, -1 inside it
+    cart: Floats  # (N, 4) from the nearest trolley or wheelchair to the body, and its velocity; zeros: none
     boxes: Floats  # (M, 6)
     origins: Floats  # (M, 3)
     segments: Floats  # (S, 4)
@@ -319,6 +320,7 @@ def initial(
         beyond=np.zeros(n, np.bool_),
         slow_count=np.zeros(1, np.int64),
         pairs=np.zeros((n * (n - 1) // 2, 2), np.int64),
+        cart=np.zeros((n, 4)),
         boxes=boxes,
         origins=origins,
         segments=surfaces.segments if surfaces else np.zeros((0, 4)),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from rvsg.core.kernels import inner
-from rvsg.simulation.embedded.people.anticipation import acceleration, towards, way_given
+from rvsg.simulation.embedded.people.anticipation import acceleration, off_robot, towards, way_given
 from rvsg.simulation.embedded.people.crowd import (
     AHEAD,
     IMPASSIVE,
@@ -298,7 +298,10 @@ def stand_at_place(crowd: Crowd, i: int, dt: float, social: bool, robot: RobotSt
         gx, gy = way_given(crowd, i, robot, social)
         crowd.stands[i] = 1
         pace = min(crowd.speed[i], away / SETTLE_S) / away if away > 0.05 and gx == 0.0 and gy == 0.0 else 0.0
-        fx, fy = towards(crowd, i, pace * dx + gx, pace * dy + gy)
+        vx, vy = pace * dx + gx, pace * dy + gy
+        if social:
+            vx, vy = off_robot(crowd, i, vx, vy, robot)
+        fx, fy = towards(crowd, i, vx, vy)
         step(crowd, i, dt, fx, fy, crowd.speed[i])
         return
     push_x, push_y, _, _ = social_forces(crowd, i, False, social, robot)
