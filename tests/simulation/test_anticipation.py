@@ -15,6 +15,7 @@ from rvsg.scenario.scenario import Attention, Behaviour, HumanAgent, reaction_of
 from rvsg.simulation.embedded.people.anticipation import past_body
 from rvsg.simulation.embedded.people.behaviour import tick
 from rvsg.simulation.embedded.people.crowd import Anticipation, PeopleOptions, initial
+from rvsg.simulation.embedded.people.obstacles import on_outline
 from rvsg.world.world import World
 
 OPTIONS = PeopleOptions(anticipation=Anticipation())
@@ -157,3 +158,16 @@ def test_a_velocity_that_touches_nobody_stays_and_others_pass_on_the_nearer_side
     x, y = change(2.0, 0.1, 2.0, 0.0, 0.5, 1.5)
     assert y < -0.2
     assert change(2.0, 0.1, 2.0 + 1.01 * x, 1.01 * y, 0.5, 1.5) == (0.0, 0.0)
+
+
+def test_somebody_who_stands_steps_back_before_a_robot_that_turns_to_them_touches() -> None:
+    stands = somebody(-1.0, -1.0, -1.0, -1.0).model_copy(update={"goals": ((-1.0, -1.0),), "pauses_s": (36_000.0,)})
+    crowd = initial([stands], world_with(), options=EVEN, seed=1)
+    reference, x, y, yaw, gaps = refer(crowd), 0.0, 0.0, math.pi, []
+    for k in range(30):
+        yaw += 0.1 if k < 13 else 0.0
+        x, y = x + 0.05 * math.cos(yaw), y + 0.05 * math.sin(yaw)
+        tick(reference, 0.1 * (k + 1), 0.1, x, y, yaw, 0.5, 0.0)
+        px, py, _ = on_outline(crowd.outline, crowd.x[0], crowd.y[0], x, y, yaw)
+        gaps.append(math.hypot(crowd.x[0] - px, crowd.y[0] - py) - crowd.radius[0])
+    assert 0.1 < min(gaps) < 0.3

@@ -152,6 +152,15 @@ def test_a_wheelchair_is_as_wide_as_its_frame() -> None:
     assert sampled.gap.min() < smaller.gap.min()
 
 
+def test_a_wheelchair_follows_somebody_slower_as_people_walk() -> None:
+    slow = person((6, 2), (15, 2), speed_m_s=0.6, radius_m=0.25)
+    chair = person((4.5, 2), (15, 2), kind=PersonKind.WHEELCHAIR, radius_m=0.33, speed_m_s=1.2)
+    found = run_along(hall(gap=False), slow, chair, time_limit_s=10.0).trajectory
+    times = np.arange(0.5, 10.0, 0.1)
+    places = [[np.interp(times, found.t, way[:, k]) for k in (0, 1)] for way in (found.human_x, found.human_y)]
+    assert np.hypot(*np.diff(places, n=2, axis=2)).max() / 0.1**2 <= 1.7
+
+
 def test_the_profile_of_the_study_knows_none_of_them() -> None:
     with pytest.raises(InputError):
         simulate_agents(hall(door()), ALONG, (), options=profile("published-study"))
