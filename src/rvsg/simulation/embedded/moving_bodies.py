@@ -409,7 +409,7 @@ class MovingBodies:
         return math.hypot(crowd.x[j] - crowd.x[i], crowd.y[j] - crowd.y[i]) - float(crowd.radius[j])
 
     def _keep_apart(self, j: int, shape: Any, other: Any, radius: float, pace: tuple[float, float]) -> None:
-        """Push a person away from a body near `shape`, which is theirs; it acts in the next tick. `pace`: the body's."""
+        """Push a person off a body near `shape`, theirs, or note where it is; it acts in the next tick."""
         crowd = self.crowd
         gap = float(shape.distance(other)) - radius
         if gap >= PUSH_REACH_M or crowd.stands[j]:
