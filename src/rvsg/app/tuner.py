@@ -24,7 +24,7 @@ from rvsg.app.campaign import Campaign
 from rvsg.app.record import differences, other_settings
 from rvsg.app.suites import Suite, subject
 from rvsg.campaign.attempt import Failure
-from rvsg.campaign.parameter_search import Candidate, Optimiser, ParameterSearch, unsolved
+from rvsg.campaign.parameter_search import SEEDS, Candidate, Optimiser, ParameterSearch, unsolved
 from rvsg.campaign.runner import Evaluator
 from rvsg.campaign.setting_runs import SettingRun, SettingRuns, TuningCase, Values, results_of
 from rvsg.campaign.suite import Case, CaseChange, Change, Comparison, SuiteResult, case_result, compare
@@ -64,6 +64,17 @@ ATTACKED = 3
 """Missions that are attacked at most, those that violate most often first."""
 
 
+def check_budget(runs: int, cases: int) -> None:
+    """Refuse a budget that does not hold the runs of one setting beside those before tuning."""
+    whole = cases * SEEDS
+    if runs < 2 * whole:
+        raise InputError(
+            f"A budget of {counted(runs, 'run')} holds no setting: {counted(cases, 'case')} with {SEEDS} seeds each "
+            f"take {whole} runs before tuning and up to {whole} for each setting. Give at least {2 * whole}.",
+            code="budget-too-small",
+        )
+
+
 class Narrowing(Record):
     """What the user's file says of the parameters that a stack declares."""
 
@@ -86,7 +97,7 @@ class Tuner:
         narrowing: a YAML file that narrows, fixes or adds parameters.
         robot: drives every case instead of the robot of its scenario.
         more_time: how much longer the robot may take on average, as a share.
-        budget_runs: runs of the search.
+        budget_runs: runs of the search at most, those of the stack before included.
         budget_minutes: ends the search earlier.
         check_runs: runs of each case that check the proposal.
         attack_runs: runs of each of the searches against the stack before and after; 0: none.
@@ -133,6 +144,7 @@ class Tuner:
             parameters, fixed, notes = self._parameters(choice, cases)
             for text in notes:
                 self.on_message(text)
+            check_budget(self.budget_runs, len(cases))
             counts = counted(len(cases), "case"), counted(len(parameters), "parameter")
             self.on_message(f"{stack.name}: {counts[0]}, {counts[1]}.")
             present = {each.name: float(each.present or 0.0) for each in parameters}
@@ -159,6 +171,7 @@ class Tuner:
                     more_time=self.more_time,
                 )
                 search.begin()
+                search.spent = len(before.runs)  # those of held-out cases count, too
                 end = None if self.budget_minutes is None else time.monotonic() + 60.0 * self.budget_minutes
                 for _ in search.run(self.budget_runs):
                     self.on_search(search)

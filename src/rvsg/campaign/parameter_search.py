@@ -2,8 +2,9 @@
 
 Every setting meets the same cases and seeds (common random numbers), those cases first that tell settings apart. A
 setting leaves the race where Wald's sequential test on the runs that differ from the best setting's says that it is
-worse, with the error rate of a verdict, and it is not faster. Optuna is asked for a batch of fixed size, and told its
-results in the order of asking, so the search is the same for any number of workers, and resumes by asking again.
+worse, with the error rate of a verdict, and it is not faster. Optuna is asked for a batch at a time, whose size follows
+from the runs so far, and told its results in the order of asking, so the search is the same for any number of workers,
+and resumes by asking again.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 Optimiser = Literal["tpe", "cmaes", "nsga2"]
 BATCH = 4
-"""Settings that are asked for together, whatever the number of workers."""
+"""Settings that are asked for together, whatever the number of workers; fewer where the budget holds no more."""
 SEEDS = 3
 """Seeds of each case in the search."""
 WORSE = 0.8
@@ -210,9 +211,9 @@ class ParameterSearch:
         return first
 
     def run(self, budget: int) -> Iterator[None]:
-        """Ask, race and tell until the runs are spent; yields after each batch."""
-        while self.spent < budget:
-            trials = [self._study.ask(self._distributions()) for _ in range(BATCH)]
+        """Ask, race and tell while the runs that are left suffice for another setting; yields after each batch."""
+        while (count := min(BATCH, (budget - self.spent) // len(self.before.runs))) > 0:
+            trials = [self._study.ask(self._distributions()) for _ in range(count)]
             batch = [Candidate(len(self.candidates) + k, self._values(trial.params)) for k, trial in enumerate(trials)]
             best, done = self.best, 0
             for done, block in enumerate(self._blocks(), 1):

@@ -36,9 +36,7 @@ def tune(
     only: Annotated[
         list[str] | None, typer.Option(metavar="CASE", hidden=True, help="Only this case; repeatable.")
     ] = None,
-    budget_runs: Annotated[
-        int, typer.Option(min=1, help="Runs of the search, which ends with its last four settings; checks come on top.")
-    ] = 3000,
+    budget_runs: Annotated[int, typer.Option(min=1, help="Runs of the search at most; checks come on top.")] = 3000,
     budget_minutes: Annotated[
         float | None, typer.Option(min=0.1, help="End the search earlier; checks come on top.")
     ] = None,
@@ -114,18 +112,10 @@ class _Shown:
         self.budget, self.begun, self.tenth = budget, time.monotonic(), -1
 
     def show(self, search: ParameterSearch) -> None:
+        from rvsg.report.tuning_page import search_text
+
         tenth = 10 * search.spent // self.budget
         if not console().is_terminal and tenth == self.tenth:
             return
         self.tenth = tenth
-        left = (time.monotonic() - self.begun) * max(0, self.budget - search.spent) / search.spent / 60.0
-        before, best = search.before.score, search.best.score
-        assert before is not None and best is not None
-        state = f"{search.spent} of {self.budget} runs, about {left:.0f} min of it left"
-        if search.spent >= self.budget:
-            state = f"done, {search.spent} runs ({self.budget} asked for; its last settings are finished)"
-        say(
-            f"  search: {state}; {len(search.candidates)} settings, "
-            f"violations {before.violated} to {best.violated} of {best.runs}, contact {before.contacts} to "
-            f"{best.contacts}, time {100 * (best.time - 1.0):+.0f} %"
-        )
+        say(f"  search: {search_text(search, self.budget, time.monotonic() - self.begun)}")

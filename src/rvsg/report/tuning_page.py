@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 from markupsafe import Markup
 
-from rvsg.campaign.parameter_search import Score, Unsolved
+from rvsg.campaign.parameter_search import ParameterSearch, Score, Unsolved
 from rvsg.campaign.tuning import Change, Check, Part, Sweep, Tuning
 from rvsg.evaluation.verdict import counted, number, percent
 from rvsg.report.charts import Scale, ticks
@@ -73,6 +74,18 @@ def part_text(part: Part) -> str:
     return f"{row['name']} ({row['cases']} cases): {shares}; {contacts}; time {row['time']}"
 
 
+def search_text(search: ParameterSearch, budget: int, took_s: float) -> str:
+    """Return how far a search is, and the best setting so far."""
+    left = took_s * (budget - search.spent) / search.spent / 60.0
+    before, best = search.before.score, search.best.score
+    assert before is not None and best is not None
+    return (
+        f"{search.spent} of {budget} runs, about {left:.0f} min of it left; {len(search.candidates)} settings, "
+        f"violations {before.violated} to {best.violated} of {best.runs}, contact {before.contacts} to "
+        f"{best.contacts}, time {100 * (best.time - 1.0):+.0f} %"
+    )
+
+
 def trade(score: Score, before: Score) -> str:
     """Return what a setting trades, as its name."""
     said, more = [], score.violated - before.violated
@@ -83,6 +96,17 @@ def trade(score: Score, before: Score) -> str:
         if abs(change := 100 * (share - 1.0)) >= least:
             said.append(f"{abs(change):.0f} % {words[change < 0]}")
     return ", ".join(said)
+
+
+def front_row(number: int, score: Score, before: Score) -> dict[str, Any]:
+    """Return a setting of a front: its number, what it trades, and the figures of that."""
+    return {
+        "number": number,
+        "trade": "as it is" if number == 0 else trade(score, before),
+        "violated": f"{score.violated} of {score.runs}",
+        "contact": f"{score.contacts} of {score.runs}",
+        "time": f"{100 * (score.time - 1.0):+.1f} %",
+    }
 
 
 def reason(change: Change, score: Score | None) -> str:
@@ -135,7 +159,7 @@ def tuning_page(found: Tuning, replayed: ReplayedChange | None = None) -> str:
         "tuning.html",
         found=found,
         headline=headline(found),
-        front=[(each, "as it is" if each.number == 0 else trade(each.score, found.before)) for each in found.front],
+        front=[(each, front_row(each.number, each.score, found.before)["trade"]) for each in found.front],
         changes=[(each, reason(each, found.score)) for each in found.changes],
         parts=[part_row(each) for each in found.parts],
         sweeps=[sweep_chart(each) for each in found.sweeps],
