@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from tests.cli.commands import Terminal
 
-from rvsg import Suite, load_world, scenario, walk
+from rvsg import Campaign, Suite, load_world, scenario, walk
 from rvsg.scenario.builder import save_scenario
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Outcome
@@ -53,6 +53,29 @@ def test_a_broken_case_ends_with_exit_code_1(terminal: Terminal) -> None:
     )
     terminal("suite add s.json --suite suite --requirement far/far.yaml --expect pass")
     terminal("suite run suite", RUN, code=1)
+
+
+def test_the_confirmed_failures_of_a_campaign_are_kept_as_they_were_found(terminal: Terminal) -> None:
+    settings = {
+        "scenarios": 2,
+        "refinements": 1,
+        "repeats": 3,
+        "confirmations": 12,
+        "simulator": "kinematic",
+        "jobs": 1,
+    }
+    campaign = Campaign.create(Path("found"), requirement="R3", **settings)
+    list(campaign.run())
+    failures = campaign.answer.failures
+    assert failures
+    for _ in range(2):
+        assert f"holds {len(failures)} case" in terminal("suite add found --suite kept")
+    kept = Suite.open("kept").cases
+    assert {each.title for each in kept} == {each.name for each in failures}
+    assert {each.expectations[0].requirement for each in kept} <= {"R3", "no_contact"}
+    assert "Leave --name, --simulator-option out" in terminal(
+        "suite add found --suite kept --name one --simulator-option a=1", code=2
+    )
 
 
 def test_a_group_of_commands_alone_shows_its_help(terminal: Terminal) -> None:

@@ -7,6 +7,7 @@ from contextlib import suppress
 from itertools import groupby
 from pathlib import Path
 
+from rvsg.app.campaign import Campaign
 from rvsg.campaign.attempt import Measurement
 from rvsg.campaign.runner import Evaluator
 from rvsg.campaign.suite import Case, CaseResult, SuiteResult
@@ -15,6 +16,7 @@ from rvsg.core import permission
 from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec, ignore
 from rvsg.evaluation.verdict import counted
+from rvsg.report.answer_row import Row
 from rvsg.report.film import shot_of_run, write_film
 from rvsg.robots.robot import Robot
 from rvsg.scenario.builder import as_robot
@@ -105,6 +107,21 @@ class Suite(SuiteFolder):
             robot=other,
             cases=tuple(results),
         )
+
+
+def add_failures(suite: Suite, campaign: Campaign, rows: Sequence[Row]) -> Suite:
+    """Add failures of a campaign as cases, those that only touch a person under `no_contact`; return the new suite.
+
+    Args:
+        rows: failures of its answer.
+    """
+    scenarios = {each.index: each.proposal.scenario for each in campaign.attempts()}
+    for row in rows:
+        scenario = scenarios[row.attempt]
+        assert scenario is not None, "a confirmed scenario is valid"
+        judged = str(campaign.record.config["requirement"]) if row.violated == "yes" else "no_contact"
+        suite = suite.add(scenario, judged, title=row.name, world=campaign.world, simulator=campaign.found_with)
+    return suite
 
 
 def subject(case: Case, simulator: str | Spec | Simulator | None, stack: StackLike | None) -> Spec | Simulator:

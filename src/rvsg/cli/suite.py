@@ -7,10 +7,11 @@ from typing import Annotated, Any
 
 import typer
 
-from rvsg.app.settings import effective
+from rvsg.app.settings import effective, option_of
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
 from rvsg.cli.options import AsJson, Jobs, Junit, OtherWorld, setting_options
+from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec
 
 app = verb(no_args_is_help=True)
@@ -23,13 +24,19 @@ Folder = Annotated[Path, typer.Argument(help="The folder of the suite.")]
 def add(
     settings: dict[str, Any],
     scenario: Annotated[
-        Path, typer.Argument(help="A scenario, proposal or attempt as JSON, e.g. runs/first/best_scenario.json.")
+        Path,
+        typer.Argument(
+            help="A scenario, proposal or attempt as JSON, e.g. runs/first/best_scenario.json; or the folder of a "
+            "campaign: all its confirmed failures."
+        ),
     ],
     suite: Annotated[Path, typer.Option(help="The folder of the suite; created if missing.")],
-    requirement: Annotated[str, typer.Option(help="A shipped requirement, or FILE.yaml#NAME beside the suite.")] = "R1",
+    requirement: Annotated[
+        str | None, typer.Option(help="A shipped requirement, or FILE.yaml#NAME beside the suite. [R1]")
+    ] = None,
     name: Annotated[str | None, typer.Option(help="Name of the case, and of its file.")] = None,
     title: Annotated[str | None, typer.Option(help="Title of the case.")] = None,
-    expect: Annotated[str, typer.Option(help="`violation` for a known failure, or `pass`.")] = "violation",
+    expect: Annotated[str | None, typer.Option(help="`violation` for a known failure, or `pass`. [violation]")] = None,
     reason: Annotated[str | None, typer.Option(help="Why the failure is known.")] = None,
     world: OtherWorld = None,
 ) -> None:
@@ -38,19 +45,43 @@ def add(
     The case keeps the requirement, the robot, the simulator and the stack by content. Simulator and stack are those of
     the options; without them those that the scenario's file names, as best_scenario.json of a campaign does.
     """
-    from rvsg import Suite
+    from rvsg import Campaign, Suite
+    from rvsg.app.suites import add_failures
     from rvsg.evaluation.verdict import counted
 
-    made = Suite.create(suite).add(
-        scenario,
-        requirement,
-        name=name,
-        title=title,
-        expected=expect,
-        reason=reason,
-        world=world,
-        simulator=_found_with(settings),
-    )
+    if scenario.is_dir():
+        own = {
+            "requirement": requirement,
+            "name": name,
+            "title": title,
+            "expect": expect,
+            "reason": reason,
+            "world": world,
+        }
+        named = [f"--{key}" for key, value in own.items() if value is not None] + [option_of(key) for key in settings]
+        if named:
+            raise InputError(
+                f"{scenario}: failures of a campaign are kept as they were found. Leave {', '.join(named)} out, or add "
+                "one scenario at a time.",
+                code="campaign-as-found",
+            )
+        campaign = Campaign.open(scenario)
+        if not (failures := campaign.answer.failures):
+            raise InputError(
+                f"{scenario}: no failure is confirmed in it, so there is nothing to keep.", code="no-failure"
+            )
+        made = add_failures(Suite.create(suite), campaign, failures)
+    else:
+        made = Suite.create(suite).add(
+            scenario,
+            requirement or "R1",
+            name=name,
+            title=title,
+            expected=expect or "violation",
+            reason=reason,
+            world=world,
+            simulator=_found_with(settings),
+        )
     say(f"{suite} holds {counted(len(made.cases), 'case')}. Run it with: rvsg suite run {suite}")
 
 

@@ -62,7 +62,7 @@ def tune(
     from rvsg.app.settings import effective
     from rvsg.app.tuner import PAGE, Tuner
     from rvsg.app.wiring import jobs_of
-    from rvsg.report.tuning_page import headline, part_text, reason, unsolved_text
+    from rvsg.report.tuning_page import headline, result_lines
     from rvsg.simulation.stacks.stack_choice import DEFAULT_STACK
 
     chosen = effective(None, {}, {**settings, "jobs": jobs})
@@ -91,15 +91,8 @@ def tune(
         print_json(found.model_dump(mode="json"))
         return
     say(headline(found))
-    for part in found.parts:
-        say(f"  {part_text(part)}")
-    for change in found.changes:
-        before = "" if change.before is None else f"{change.before:g} to "
-        say(f"  {change.key or change.name}: {before}{change.after:g} {change.unit}; {reason(change, found.score)}")
-    for each in found.unsolved:
-        say(f"  {unsolved_text(each, found)}")
-    if found.failed:
-        say(f"  The stack failed in, or refused, {len(found.failed)} settings, e.g. {found.failed[0]}")
+    for line in result_lines(found):
+        say(f"  {line}")
     say(f"  open  {folder / PAGE}")
     for command in found.commands[:1]:
         say(f"  next  {as_started(command)}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from markupsafe import Markup
@@ -140,6 +140,18 @@ def unsolved_text(each: Unsolved, found: Tuning) -> str:
     return (
         f"{text} {each.limited_by} may limit it: the best values lie at the end of its range, {number(each.end, unit)}."
     )
+
+
+def result_lines(found: Tuning) -> Iterator[str]:
+    """Yield the checks, the changes with their reasons, what no setting removes, and what failed."""
+    yield from map(part_text, found.parts)
+    for change in found.changes:
+        before = "" if change.before is None else f"{change.before:g} to "
+        yield f"{change.key or change.name}: {before}{change.after:g} {change.unit}; {reason(change, found.score)}"
+    for each in found.unsolved:
+        yield unsolved_text(each, found)
+    if found.failed:
+        yield f"The stack failed in, or refused, {counted(len(found.failed), 'setting')}, e.g. {found.failed[0]}"
 
 
 def tuning_page(found: Tuning, replayed: ReplayedChange | None = None) -> str:

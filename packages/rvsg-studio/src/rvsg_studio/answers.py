@@ -14,6 +14,7 @@ from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from fastapi import FastAPI, Request
 from fastapi.responses import JSONResponse, Response
@@ -23,8 +24,11 @@ import rvsg
 from rvsg import Scenario, Spec, World
 from rvsg.app.comparison import VersionComparison, compare_versions
 from rvsg.app.playback import kept_trace, trace_source
+from rvsg.app.tuner import PAGE, RESULT
 from rvsg.campaign.run_set import RunSet
+from rvsg.campaign.tuning import Tuning
 from rvsg.core import permission
+from rvsg.core.documents import read_record
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import write_whole
 from rvsg.evaluation.verdict import counted, load_requirement
@@ -305,6 +309,29 @@ def recording(workspace: Workspace, given: dict[str, Any]) -> Any:
     return found
 
 
+def tuning_in(workspace: Workspace, folder: str) -> Tuning | None:
+    """Return the tuning in a folder; None where there is none."""
+    path = workspace.path(folder) / RESULT
+    return read_record(path, Tuning) if path.is_file() else None
+
+
+def tuning(workspace: Workspace, given: dict[str, Any]) -> Response:
+    """Return the page of a tuning, a file of the folder: its scripts may not act on the studio."""
+    path = workspace.existing(f"{text_of(given, 'folder')}/{PAGE}")
+    headers = {"content-security-policy": "sandbox allow-scripts"}
+    return Response(path.read_bytes(), media_type="text/html", headers=headers)
+
+
+def tuned(workspace: Workspace, given: dict[str, Any]) -> Response:
+    """Return the file that a tuning proposes, to be saved."""
+    found = tuning_in(workspace, folder := text_of(given, "folder"))
+    if found is None or found.file is None:
+        raise InputError(f"{folder}: there is no proposal here.")
+    path = workspace.existing(f"{folder}/{Path(found.file).name}")
+    headers = {"content-disposition": f"attachment; filename*=UTF-8''{quote(path.name)}"}
+    return Response(path.read_bytes(), media_type="application/octet-stream", headers=headers)
+
+
 def versions(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     """Return the replay of a case of a suite by two versions, run again on the first seed that differs."""
     compared = compared_versions(workspace, *(text_of(given, key) for key in ("first", "second", "suite")))
@@ -426,6 +453,8 @@ ANSWERS: dict[str, Answer] = {
     "scenario": scenario,
     "runs": runs,
     "recording": recording,
+    "tuning": tuning,
+    "tuned": tuned,
     "versions": versions,
     "picture": picture,
     "still": still,

@@ -19,6 +19,7 @@ from rvsg.app.matrix import Ended, Matrix
 from rvsg.app.proposal import propose_as
 from rvsg.app.reconstruction import rebuild, world_of_recording
 from rvsg.app.settings import effective, safe_name
+from rvsg.app.tuner import Tuner
 from rvsg.app.wiring import wire
 from rvsg.campaign.execution import (
     AttemptFinished,
@@ -26,6 +27,7 @@ from rvsg.campaign.execution import (
     Message,
     ModelCall,
 )
+from rvsg.campaign.parameter_search import ParameterSearch
 from rvsg.cli.progress import CampaignProgress
 from rvsg.core import permission
 from rvsg.core.errors import RvsgError
@@ -35,6 +37,7 @@ from rvsg.generation.generator import proposal_json
 from rvsg.generation.vlm.access import CallNews
 from rvsg.recording.tracks import load_recording
 from rvsg.report.terminal import describe_calls
+from rvsg.report.tuning_page import front_row, headline, search_text
 from rvsg.scenario.builder import load_scenario_in, save_scenario
 from rvsg.simulation.archive import runs_text
 from rvsg.world.world import Description
@@ -255,6 +258,38 @@ def rebuild_recording(work: Work) -> dict[str, Any]:
     return {"state": "finished", "out": work.target, "reason": made.verdict, "lines": made.lines}
 
 
+def tune(work: Work) -> dict[str, Any]:
+    """Tune a stack on a suite; a pause ends it at once, and every run that was made is stored."""
+
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    given, begun = work.arguments, time.monotonic()
+    budget = given["budget_runs"]
+
+    def show(search: ParameterSearch) -> None:
+        before = search.before.score
+        assert before is not None
+        work.say(f"search: {search_text(search, budget, time.monotonic() - begun)}")
+        rows = [front_row(each.number, each.score, before) for each in search.front() if each.score is not None]
+        work.tell("front", rows=rows)
+
+    tuner = Tuner(
+        **{**given, "suite": Path(given["suite"])}, out=Path(work.target), jobs=os.cpu_count() or 1,
+        on_message=work.say, on_search=show,
+    )  # fmt: skip
+    try:
+        work.cancel = interrupt
+        found = None if work.pausing else tuner.run()
+    except KeyboardInterrupt:
+        found = None
+    finally:
+        work.cancel = lambda: None
+    if found is None:
+        return {"state": "paused", "reason": "Paused. What was run is stored."}
+    return {"state": "finished", "out": work.target, "reason": headline(found)}
+
+
 KINDS: dict[str, Callable[[Work], dict[str, Any]]] = {
     "campaign": run_campaign,
     "matrix": run_matrix,
@@ -265,6 +300,7 @@ KINDS: dict[str, Callable[[Work], dict[str, Any]]] = {
     "names": name_areas,
     "propose": make_proposals,
     "recording": rebuild_recording,
+    "tuning": tune,
 }
 
 

@@ -15,7 +15,7 @@ from rvsg.world.creation import save_created, world_from
 from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.answers import scenario_place, world_place
 from rvsg_studio.frame import PATIENT_S, Page, actions, address, field, load, page, route, select, tag, text_input
-from rvsg_studio.pages import recording
+from rvsg_studio.pages import recording, tuning
 from rvsg_studio.workspace import KINDS, Typed, Workspace, forget, received
 from rvsg_studio.world_editor import editable_world, folder_of_world
 
@@ -36,6 +36,7 @@ def add(workspace: Workspace) -> None:
 
     _add_scenario(workspace)
     recording.add(workspace)
+    tuning.add(workspace)
 
 
 def _lay_out(made: Page, name: str, found: dict[str, Any]) -> None:

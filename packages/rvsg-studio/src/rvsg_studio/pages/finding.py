@@ -141,6 +141,8 @@ def lay_out(made: Page, shown: Shown, failures: Sequence[Failure]) -> None:
     with tag("div", cls="st-actions st-head"):
         _facts(shown, failures)
         _actions(made, shown)
+        if any(campaign.folder == shown.folder and each.row == shown.row for campaign, each in failures):
+            link("Tune", "/tune", cls="st-button", campaign=shown.folder, attempt=shown.attempt.index)
     if shown.changes:
         tag("p", shown.changes, cls="strip warn")
     with tag("div", cls="st-panes"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import posixpath
 import time
 from collections.abc import Iterable
 from functools import partial
@@ -11,6 +12,7 @@ from typing import Any
 from nicegui import ui
 
 import rvsg
+from rvsg.app.suites import add_failures
 from rvsg.app.view import SUFFIX
 from rvsg.core.errors import InputError
 from rvsg.evaluation.verdict import counted
@@ -70,6 +72,8 @@ def add(workspace: Workspace) -> None:
                 if found.kind == "recording":
                     asked = {key: found.arguments[key] for key in ("file", "world", "people_topic")}
                     link("Open the recording", "/recording", cls="st-button", **asked)
+                if found.kind == "tuning":
+                    link("Open the tuning", "/tuning", cls="st-button", folder=found.target)
                 if found.running:
                     job_buttons(made, found)
             made.command(found.title, found.command)
@@ -81,6 +85,14 @@ def add(workspace: Workspace) -> None:
             made.command("Run it", f"rvsg suite run {suite}")
             if not found.cases:
                 tag("p", "This suite holds no case yet. Save a scenario in it from the scenario editor.", cls="soft")
+            else:
+                with actions():
+                    link("Tune a stack on it", "/tune", cls="st-button", suite=suite)
+            for note in found.head.tunings:
+                with tag("p"):
+                    folder = posixpath.normpath(posixpath.join(suite, note.folder))
+                    link(f"Tuning of {note.stack}, {note.date}", "/tuning", folder=folder)
+                    tag("span", f" {note.result}", cls="soft small")
             for case in found.cases:
                 with tag("div", cls="st-row"):
                     with tag("span", cls="st-row-head"):
@@ -263,14 +275,10 @@ def _key(each: Failure) -> tuple[str, str, int]:
 
 
 def add_to_suite(workspace: Workspace, chosen: Iterable[Failure], name: str) -> str:
-    """Add failures as cases, those that only touch a person under `no_contact`; return what the suite holds then."""
+    """Add failures as cases; return what the suite holds then."""
     suite = rvsg.Suite.create(workspace.path(name))
     for found, failure in chosen:
-        campaign, row = rvsg.Campaign.open(workspace.existing(found.folder), found.name), failure.row
-        scenario = next(a.proposal.scenario for a in campaign.attempts() if a.index == row.attempt)
-        assert scenario is not None, "a confirmed scenario is valid"
-        judged = str(campaign.record.config["requirement"]) if row.violated == "yes" else "no_contact"
-        suite = suite.add(scenario, judged, title=row.name, world=campaign.world, simulator=campaign.found_with)
+        suite = add_failures(suite, rvsg.Campaign.open(workspace.existing(found.folder), found.name), [failure.row])
     return f"{name} holds {counted(len(suite.cases), 'case')}."
 
 
