@@ -123,6 +123,16 @@ def test_a_standstill_has_the_reason_that_is_next_to_the_robot(x, y, reason) -> 
     assert stop.person == ("" if reason == "unknown" else "Human 1")
 
 
+def test_a_robot_that_is_stuck_at_a_wall_stands_because_of_it_and_not_because_of_a_person_before_it() -> None:
+    """Seen with people 1 m away: the robot touched a corner of a shelf from the moment it stood."""
+    v = np.where(T < 6, 0.5, 0.0)
+    wall = recorded.ObstacleContact(time_s=5.9, x=0.3, y=-0.3, until_s=19.95, speed_m_s=0.1)
+    for x, reason in ((1.2, "obstacle_contact"), (0.5, "contact")):
+        run = run_of(trajectory(T, 0.0, v=v, humans=[(x, 0.0)]), outcome=Outcome.STUCK, events=(wall,))
+        (stop,) = of(StandStill, run)
+        assert (stop.reason, stop.person) == (reason, "Human 1" if reason == "contact" else "")
+
+
 def test_waiting_for_the_goal_and_standing_at_it_are_no_standstill() -> None:
     v = np.where((T >= 3) & (T < 15), 0.5, 0.0)
     assert of(StandStill, run_of(trajectory(T, 0.0, v=v))) == []

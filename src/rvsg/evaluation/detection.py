@@ -147,8 +147,6 @@ def _beside(s: Sampled, index: int, person: int) -> Literal["robot", "person", "
     return "person" if len(away) > 1 and away.min() < BESIDE_PERSON_M else "unknown"
 
 
-Reason = Literal["person_ahead", "person_close", "obstacle", "recovery", "contact", "goal_taken", "unknown"]
-
 NEAR_MISS_M = 0.25
 """A gap below this without contact is a near miss: half of the clearance that ISO 3691-4 asks for beside a truck."""
 APART_S = 2.0
@@ -359,15 +357,19 @@ def standstills(s: Sampled, at: PlaceAt) -> Iterator[run_events.StandStill]:
         yield run_events.StandStill(**_span(s, first, last, at), reason=reason, person=person)
 
 
-def _main_reason(s: Sampled, first: int, last: int) -> tuple[Reason, str]:
+def _main_reason(s: Sampled, first: int, last: int) -> tuple[run_events.Reason, str]:
     """Return what stands next to the robot for most of a standstill; what is known of a part where most is unknown."""
     found = Counter(_reason(s, index) for index in range(first, last + 1))
     known = [(count, reason) for reason, count in found.items() if reason[0] != "unknown"]
     return max(known, key=lambda each: each[0])[1] if known else ("unknown", "")
 
 
-def _reason(s: Sampled, index: int) -> tuple[Reason, str]:
+def _reason(s: Sampled, index: int) -> tuple[run_events.Reason, str]:
     """Return what stands next to the robot at a sample, and the name of the person if it is one."""
+    t = float(s.series.t[index])
+    at_wall = any(isinstance(e, recorded.ObstacleContact) and e.time_s <= t + 1e-9 < e.until_s for e in s.run.events)
+    if at_wall and not (s.people and s.touching[index].any()):
+        return "obstacle_contact", ""
     if s.people:
         ahead = (s.bearing_of_human[index] < AHEAD_RAD) & (s.gap[index] < BESIDE_M)
         nearest = int(s.gap[index].argmin())
@@ -377,7 +379,6 @@ def _reason(s: Sampled, index: int) -> tuple[Reason, str]:
             return "person_ahead", s.run.human_names[int(np.where(ahead, s.gap[index], np.inf).argmin())]
         if s.gap[index, nearest] < BESIDE_M:
             return "person_close", s.run.human_names[nearest]
-    t = float(s.series.t[index])
     if any(isinstance(e, recorded.Recovery) and e.time_s <= t + 1e-9 < e.until_s for e in s.run.events):
         return "recovery", ""
     if s.obstacle_distance is not None and s.obstacle_distance[index] < s.run.robot_radius_m + OBSTACLE_M:

@@ -113,11 +113,16 @@ class HardBrake(_Lasting):
     """The nearest person if within 2 m; else empty."""
 
 
+Reason = Literal[
+    "contact", "obstacle_contact", "person_ahead", "person_close", "goal_taken", "obstacle", "recovery", "unknown"
+]
+
+
 class StandStill(_Lasting):
     """The robot neither drives nor turns for at least a second on its way."""
 
     kind: Literal["standstill"] = "standstill"
-    reason: Literal["person_ahead", "person_close", "obstacle", "recovery", "contact", "goal_taken", "unknown"]
+    reason: Reason
     """What holds it up for most of the standstill; `goal_taken`: a person stands on its goal."""
     person: str = ""
     """The person of the reason; else empty."""

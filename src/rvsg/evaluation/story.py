@@ -176,6 +176,7 @@ def standing_because(event: run_events.StandStill) -> str:
         "person_ahead": f"{event.person} in front of it",
         "person_close": f"{event.person} close to it",
         "goal_taken": f"{event.person} on its goal",
+        "obstacle_contact": "in contact with an obstacle",
         "obstacle": "an obstacle close to it",
         "recovery": "in a recovery of its navigation",
         "unknown": "without a visible cause",

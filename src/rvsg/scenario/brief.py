@@ -102,7 +102,15 @@ class Stop(Record):
     at: str
     """The nearest waypoint."""
     reason: Literal[
-        "contact", "person_ahead", "person_close", "person_near", "goal_taken", "obstacle", "recovery", "unknown"
+        "contact",
+        "obstacle_contact",
+        "person_ahead",
+        "person_close",
+        "person_near",
+        "goal_taken",
+        "obstacle",
+        "recovery",
+        "unknown",
     ]
     """What holds it up for most of the time. `goal_taken`: somebody stands on its goal. `person_near` is in old
     recordings only."""
