@@ -67,6 +67,7 @@ def test_a_hop_through_a_gap_too_narrow_for_a_person_is_refused() -> None:
     mission = MISSION.model_copy(update={"world_id": world.id})
     found = check(people(human("walk: A1 B1 A1")), mission, world)
     assert [(finding.rule, finding.position) for finding in found] == [("too-narrow", 1), ("too-narrow", 2)]
+    assert {finding.suggestion for finding in found} == {"Lead the path over other waypoints."}
 
 
 def test_a_finding_says_who_where_why_and_what_helps() -> None:

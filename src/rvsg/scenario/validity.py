@@ -125,8 +125,7 @@ def _hop_finding(a: str, b: str, world: World) -> Finding | None:
         if is_walkable(a, b, world):
             return None
         reason = f"Nobody fits through between {a} and {b}: less than {2 * BODY_HALF_WIDTH_M:g} m is free."
-        better = "Choose another way, or lay the grid with a larger hop_clearance_m."
-        return Finding.of("too-narrow", reason, better)
+        return Finding.of("too-narrow", reason, "Lead the path over other waypoints.")
     if a == b:
         return Finding.of("repeated-waypoint", f"{a} is named twice in a row.", "Use a pause for a stop.")
     path = grid.shortest_path(a, b)
