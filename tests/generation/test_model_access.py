@@ -27,7 +27,7 @@ from tests.generation.loopback import (
 from rvsg.core.errors import BudgetSpent, InputError, ModelUnavailable
 from rvsg.generation.vlm.access import CallNews, ModelAccess
 from rvsg.generation.vlm.client import Fault, ModelClient, _said
-from rvsg.generation.vlm.model import Access, Answer, Message, Picture, Request, Scripted
+from rvsg.generation.vlm.model import Access, Answer, Message, Picture, Request, Scripted, Usage
 from rvsg.generation.vlm.recording import Recording
 
 KEY = "sk-very-secret-key-0123456789"
@@ -80,6 +80,14 @@ def test_an_answer_carries_text_usage_and_cached_tokens() -> None:
     assert sent[0] == {"role": "system", "content": "Be brief."}
     (url,) = [part["image_url"]["url"] for part in sent[1]["content"] if part["type"] == "image_url"]
     assert url.startswith("data:image/png;base64,")
+
+
+def test_a_listed_price_counts_what_the_cache_served_at_its_own_price() -> None:
+    costs = [
+        ModelClient("openai-chat:gpt-4.1")._cost(Usage(input_tokens=1200, cached_tokens=cached, output_tokens=34))
+        for cached in (0, 1000)
+    ]
+    assert costs == pytest.approx([(1200 * 2.0 + 34 * 8.0) / 1e6, (200 * 2.0 + 1000 * 0.5 + 34 * 8.0) / 1e6])
 
 
 def test_tokens_are_estimated_and_marked_where_the_service_does_not_count() -> None:

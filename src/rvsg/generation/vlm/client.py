@@ -234,7 +234,9 @@ class ModelClient:
             return None
         listed = {"openai-chat": "openai", "openai-responses": "openai", "google-gla": "google"}
         provider = listed.get(self._provider, self._provider)
-        counted = Counted(input_tokens=usage.input_tokens, output_tokens=usage.output_tokens)
+        counted = Counted(
+            input_tokens=usage.input_tokens, cache_read_tokens=usage.cached_tokens, output_tokens=usage.output_tokens
+        )
         try:
             return float(calc_price(counted, model_ref=self._model, provider_id=provider).total_price)
         except LookupError:
