@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from tests.published_data import published_data
 from tests.world.parts import map_of, walled
+from tests.world.test_passages import two_rooms
 
 from rvsg.campaign.feedback import rehearsing
 from rvsg.core.records import Pose
@@ -163,3 +164,12 @@ def test_things_of_a_bare_map_have_a_size_and_the_way_has_its_free_width(bare: W
     ways = np.array([(x, y) for _, x, y in drive.way])
     beside = min(free_width_m(bare, x, y, yaw=0.0) for x, y in ways)  # beside the pillar
     assert beside == pytest.approx(min(widths), abs=0.2) and max(widths) > min(widths) + 1.0
+
+
+def test_the_text_of_a_route_and_the_list_of_its_waypoints_tell_one_width_of_a_narrow_place() -> None:
+    world = two_rooms()
+    mission = Mission.of(world, world.routes[0])
+    drive = rehearsing(KinematicSimulator(), world, seed=1)(mission, HumanConfiguration(humans=()))
+    facts = brief_facts(Brief(mission=mission, requirement=load_requirement("R1"), seed=3), world, undisturbed=drive)
+    (told,) = re.findall(r"free width ([\d.]+) m", facts["route"]["description"])
+    assert min(point["width_m"] for point in facts["drive"]["line"]) == float(told)

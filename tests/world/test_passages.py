@@ -10,7 +10,15 @@ from rvsg.core.records import Pose
 from rvsg.robots.robot import load_robot
 from rvsg.world.grid import GridSpec
 from rvsg.world.lattice import build_world
-from rvsg.world.passages import describe_route, free_width_m, narrow_passages, narrowest_passage, passing_m, widths_m
+from rvsg.world.passages import (
+    describe_route,
+    free_width_m,
+    least_widths_m,
+    narrow_passages,
+    narrowest_passage,
+    passing_m,
+    widths_m,
+)
 from rvsg.world.space import human_space
 from rvsg.world.world import Area, Route, World
 
@@ -58,6 +66,17 @@ def test_the_narrow_place_of_a_way_is_the_doorway_with_what_bounds_it_left_and_r
     assert (back.left, back.right) == ("Post", None)
     assert narrow_passages(world, np.array([(0.6, 0.7), (4.4, 0.7), (4.4, 4.3)])) == ()
     assert narrow_passages(world, WAY, robot=load_robot("turtlebot3_waffle")) == ()
+
+
+def test_the_widths_of_the_parts_of_a_drive_are_those_that_its_description_tells() -> None:
+    world = two_rooms()
+    x = np.array([1.0, 1.0, 2.5, 4.0, 4.9, 6.2, 7.7, 9.0])
+    driven = np.column_stack([x, 2.6 + 0.05 * np.sin(x)])
+    widths = least_widths_m(world, driven, [0, 1, 3, 5, 7])
+    words = describe_route(world, world.route("through"), driven)
+    assert f"(free width {min(widths):.1f} m)" in words
+    assert [width < 2.0 for width in widths] == [False, False, True, False, False]
+    assert least_widths_m(world, driven[:2], [0, 1]) == [widths[0]] * 2  # it stands
 
 
 @pytest.mark.parametrize("up", ["x", "y"])

@@ -43,8 +43,6 @@ from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario
 from rvsg.simulation.run import PersonReacted, Run, Trajectory
 from rvsg.simulation.simulators import Simulator
-from rvsg.world.passages import widths_m
-from rvsg.world.space import human_space
 from rvsg.world.world import World
 
 Floats = NDArray[np.float64]
@@ -442,8 +440,7 @@ def rehearsing(
             return Rehearsal(robot=(), arrival_s=None)
         rehearsal = _rehearsed(run, people, world)
         if not people.humans:
-            widths = _widths_m(run, mission.place(world))
-            return rehearsal.replace(abilities=measure(mission), widths_m=widths)
+            return rehearsal.replace(abilities=measure(mission))
         if requirement is None:
             return rehearsal
         value = objective(run, requirement, world=mission.place(world))
@@ -471,16 +468,6 @@ def _rehearsed(run: Run, people: HumanConfiguration, world: World) -> Rehearsal:
         rows=_rows(run, walks, world) if people.humans else (),
         stops=stops_of(run, world) if people.humans else (),
     )
-
-
-def _widths_m(run: Run, place: World) -> tuple[float, ...]:
-    """Return the free width across the robot's way at each row of a rehearsal."""
-    path = run.trajectory
-    if not len(path):
-        return ()
-    k = _every(path, ROW_PERIOD_S)
-    widths = widths_m(human_space(place), np.column_stack([path.x[k], path.y[k]]), path.yaw[k])
-    return tuple(round(width, 1) for width in widths.tolist())
 
 
 def _walked(run: Run, h: int, walk: Walk) -> Walked:

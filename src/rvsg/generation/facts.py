@@ -34,7 +34,7 @@ from rvsg.scenario.scenario import (
 from rvsg.scenario.validity import is_walkable
 from rvsg.world.grid import Grid
 from rvsg.world.lattice import open_share
-from rvsg.world.passages import known_purpose, route_paragraph
+from rvsg.world.passages import known_purpose, least_widths_m, route_paragraph
 from rvsg.world.space import human_space
 from rvsg.world.world import Area, Description, Route, World
 
@@ -178,8 +178,7 @@ def brief_facts(
     }
     drive = None
     if undisturbed is not None and undisturbed.robot:
-        widths = undisturbed.widths_m or (None,) * len(undisturbed.robot)
-        pairs = zip(undisturbed.robot, widths, strict=True)
+        pairs = zip(undisturbed.robot, _widths_m(undisturbed, mission.place(world)), strict=True)
         line = [{"time_s": time, "at": at, "width_m": width} for (time, at), width in pairs]
         able = undisturbed.abilities
         drive = {"line": line, "arrival_s": undisturbed.arrival_s, "abilities": able.model_dump() if able else None}
@@ -201,6 +200,18 @@ def brief_facts(
         "tunes": brief.tunes,
         **told_facts(brief, world, undisturbed),
     }
+
+
+def _widths_m(undisturbed: Rehearsal, place: World) -> list[float] | list[None]:
+    """Return the least free width across the robot's way from each entry of its time line to the next.
+
+    None where the way is not known.
+    """
+    if len(undisturbed.way) < 2:
+        return [None] * len(undisturbed.robot)
+    times, x, y = np.array(undisturbed.way).T
+    starts = np.minimum(np.searchsorted(times, [time for time, _ in undisturbed.robot]), len(times) - 1)
+    return least_widths_m(place, np.column_stack([x, y]), starts.tolist())
 
 
 def told_facts(brief: Brief, world: World, undisturbed: Rehearsal | None, most_rows: int = MOST_ROWS) -> dict[str, Any]:
@@ -243,7 +254,7 @@ def route_facts(mission: Mission, world: World, undisturbed: Rehearsal | None = 
         "start": grid.nearest(route.start.x, route.start.y),
         "goal": grid.nearest(route.goal.x, route.goal.y),
         "via": list(route.via),
-        "description": route_paragraph(world, route, driven, robot=mission.robot_record),
+        "description": route_paragraph(mission.place(world), route, driven, robot=mission.robot_record),
         "described_by_user": bool(route.description),
         "time_limit_s": route.time_limit_s,
         "length_m": sum(math.dist(a, b) for a, b in itertools.pairwise(points)),

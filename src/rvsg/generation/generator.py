@@ -99,8 +99,6 @@ class Rehearsal(Record):
     """Whether the time limit sets the value."""
     abilities: Annotated[Abilities | None, Field(exclude_if=lambda abilities: abilities is None)] = None
     """What the robot can do; only the drive without people tells it."""
-    widths_m: Annotated[tuple[float, ...], Field(exclude_if=lambda widths: not widths)] = ()
-    """The free width across the robot's way at each entry of `robot`; only the drive without people tells it."""
 
 
 Rehearse = Callable[[Mission, HumanConfiguration], Rehearsal]

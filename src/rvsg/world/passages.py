@@ -127,6 +127,21 @@ def narrowest_m(world: World, lines: Sequence[Floats]) -> list[float]:
     return [round(float(part[part > 0.0].min()), 3) if part.any() else 0.0 for part in parts]
 
 
+def least_widths_m(world: World, driven: Floats, starts: Sequence[int]) -> list[float]:
+    """Return the least free width in metres of each part of a driven way (N, 2), as `describe_route` measures it.
+
+    Args:
+        starts: Where the parts begin: rising indices of `driven`.
+    """
+    points, yaws, along = _along(simplified(driven))
+    widths = widths_m(human_space(world), points, yaws)
+    driven_m = np.append(0.0, np.cumsum(np.hypot(*np.diff(driven, axis=0).T)))
+    begins = driven_m[list(starts)] / max(driven_m[-1], 1e-9) * along[-1]
+    first = np.minimum(np.searchsorted(along, begins - 1e-9), len(along) - 1)
+    least = np.minimum.reduceat(np.where(widths > 0.0, widths, np.inf), first)
+    return [round(width, 1) if math.isfinite(width) else 0.0 for width in least.tolist()]
+
+
 def _passage(world: World, at: Floats, yaw: float, along_m: float) -> Passage:
     """Measure the passage at a point (2,) of a way."""
     (width,), (left,), (right,) = _widths(human_space(world), at[None, :], np.array([yaw]))
