@@ -14,6 +14,7 @@ from rvsg.campaign.mutation import Kinds, Operators, _closest, foreseen
 from rvsg.campaign.observation import FailureMode
 from rvsg.generation.descriptions import TUNED, describe_new, tells_of
 from rvsg.generation.forecast import forecaster_of
+from rvsg.generation.people_sampler import box
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Aim
 from rvsg.scenario.scenario import HumanConfiguration, Scenario
@@ -53,6 +54,21 @@ def test_our_own_text_is_written_anew_for_people_of_another_scenario(operators: 
     assert any(human.tasks in lent for human in made.people.humans)
     after = described(operators, parent.scenario, made)
     assert tells_of(after, goods=True) and after.description != parent.scenario.description
+
+
+def test_changes_that_were_tried_without_a_moved_object_are_new_beside_it(operators: Operators) -> None:
+    alone, beside = candidate(0, 0, told=TOLD, seed=1), candidate(1, 0, told=TOLD, seed=1)
+    pallet = box("pallet", (1.0, -4.0), (1.2, 0.8, 0.2), 0.0, 0.2)
+    moved = beside.scenario.replace(mission=beside.scenario.mission.replace(moved=(pallet,)))
+    beside.attempt = beside.attempt.replace(proposal=beside.attempt.proposal.replace(scenario=moved))
+
+    def change(parent: Candidate, known: set[str]) -> Any:
+        return operators.change(parent, [parent], np.random.default_rng(3), known)
+
+    first = change(alone, set())
+    tried = {alone.scenario.replace(people=first.people).situation}
+    assert change(alone, tried) != first
+    assert change(beside, tried) == first
 
 
 def test_a_models_text_stays_with_its_own_people(operators: Operators) -> None:

@@ -18,6 +18,7 @@ from rvsg.campaign.feedback import FeedbackSource, StoredFeedback, rehearsing
 from rvsg.campaign.hybrid import LEAST_FORMS, HybridStrategy
 from rvsg.campaign.ledger import CachedLedger
 from rvsg.campaign.loop import run_campaign
+from rvsg.campaign.mutation import Change
 from rvsg.campaign.observation import acting, observe
 from rvsg.campaign.ranking import REHEARSAL, badness_of
 from rvsg.campaign.runner import Runner
@@ -49,7 +50,7 @@ def configured(
     *,
     operator: str = "tune",
     requirement: Requirement = REQUIREMENT,
-    rehearsals: tuple[tuple[HumanConfiguration, float], ...] = (),
+    rehearsals: tuple[tuple[Scenario, float], ...] = (),
 ) -> Candidate:
     """A candidate whose people walk at a speed of its own."""
     task = Task(name="to", path=("G12", "G13"))
@@ -172,9 +173,11 @@ def test_a_new_scenario_remembers_the_configuration_that_all_else_calls_the_best
 
 
 def test_a_rehearsal_is_a_run_of_its_configuration_and_is_told_of_the_one_before() -> None:
-    before = configured(1, [50.0], 50.0).scenario.people
-    now = configured(0, [53.9], 53.9).scenario.people
-    values = ((before, 65.0), (now, 60.0))
+    before = configured(1, [50.0], 50.0).scenario
+    now = configured(0, [53.9], 53.9).scenario
+    pallet = box("pallet", (1.0, -4.0), (1.2, 0.8, 0.2), 0.0, 0.2)
+    moved = now.replace(mission=now.mission.replace(moved=(pallet,)))
+    values = ((before, 65.0), (now, 60.0), (moved, 40.0))
     made = configured(0, [53.9], 57.0, operator="new", requirement=TIME, rehearsals=values)
     proposal = made.attempt.record.proposal
     attempt = Attempt.model_construct(proposal=proposal, measurements=(measurement(0, 53.9),))
@@ -183,6 +186,7 @@ def test_a_rehearsal_is_a_run_of_its_configuration_and_is_told_of_the_one_before
     text = prompt(made, [made, configured(2, [50.0], 50.0, made, requirement=TIME)], TIME)
     assert "2 runs: 60, 53.9 s; mean 57" in text
     assert 'rehearsed with 65 where "Human 1 walks at 1 m/s (was 1.01)"' in text
+    assert 'rehearsed with 40 where "without pallet"' in text
 
 
 def measurement(seed: int, value: float) -> Measurement:
@@ -198,8 +202,8 @@ class Silent(FeedbackSource):
     def encounter(self, attempt: Attempt) -> None:
         return None
 
-    def reached(self, attempt: Attempt) -> dict[str, int]:
-        return {"Human 1": 1}
+    def reached(self, attempt: Attempt, *, before_closest: bool = False) -> dict[str, int]:
+        return {"Human 1": 0 if before_closest else 1}
 
 
 def walking(pauses: dict[str, float]) -> HumanConfiguration:
@@ -210,25 +214,37 @@ def walking(pauses: dict[str, float]) -> HumanConfiguration:
     return HumanConfiguration(humans=(Human(name="Human 1", tasks=tasks),))
 
 
+def add(strategy: HybridStrategy, index: int, seed: int, pauses: dict[str, float]) -> None:
+    """Add a configuration with one run to a search."""
+    attempt = Attempt(
+        campaign="c",
+        index=index,
+        strategy="hybrid",
+        brief=Brief(mission=plan().mission, requirement=REQUIREMENT, seed=index),
+        proposal=Proposal(generator="x", scenario=Scenario(mission=plan().mission, people=walking(pauses))),
+        measurements=(measurement(seed, 1.0 + index),),
+    )
+    strategy._add(attempt, None, "refine")
+
+
+@pytest.mark.parametrize(
+    ("metric", "limit", "kept"), [("min_distance", 1.5, False), ("min_distance", 0.5, True), ("dto", 1.5, True)]
+)
+def test_what_acts_after_the_moment_that_decides_a_run_is_not_changed(metric: str, limit: float, kept: bool) -> None:
+    """The closest approach decides where it fails, and everything of the drive where it does not or a mean counts."""
+    requirement = REQUIREMENT.replace(metric=metric, limit=limit)
+    strategy = HybridStrategy(plan(requirement=requirement), Silent(), warehouse())
+    add(strategy, 0, 0, {})
+    (parent,) = strategy.candidates
+    for pauses, worth in (({"G13": 3.0}, True), ({"G14": 3.0}, kept)):
+        assert strategy._operators._acts(Change(walking(pauses), ""), parent) == worth
+
+
 def test_an_answer_that_differs_only_after_the_end_of_the_drive_is_a_repeat() -> None:
     strategy = HybridStrategy(plan(), Silent(), warehouse())
-
-    def add(index: int, seed: int, pauses: dict[str, float]) -> None:
-        scenario = Scenario(mission=plan().mission, people=walking(pauses))
-        brief = Brief(mission=plan().mission, requirement=REQUIREMENT, seed=index)
-        attempt = Attempt(
-            campaign="c",
-            index=index,
-            strategy="hybrid",
-            brief=brief,
-            proposal=Proposal(generator="x", scenario=scenario),
-            measurements=(measurement(seed, 1.0 + index),),
-        )
-        strategy._add(attempt, None, "refine")
-
-    add(0, 0, {})
-    add(1, 1, {"G16": 3.0})  # two goals after the one that is reached
-    add(2, 0, {"G13": 3.0})
+    add(strategy, 0, 0, {})
+    add(strategy, 1, 1, {"G16": 3.0})  # two goals after the one that is reached
+    add(strategy, 2, 0, {"G13": 3.0})
     first, other = strategy.candidates
     assert first.repeats == [1] and first.badness == {0: -1.0, 1: -2.0}
     assert other.index == 2 and last_written([first, other]) is other
@@ -255,6 +271,7 @@ def test_what_acts_after_the_end_of_a_run_changes_no_bit_of_it() -> None:
     before = run({})
     (person,) = observe(before, place).people
     assert person.reached is not None and 2 <= person.reached <= 8
+    assert person.reached_before is not None and person.reached_before < person.reached  # they meet early
     reached = {person.name: person.reached}
     late, early = {"M13": 3.0}, {"M4": 3.0}
     assert acting(people(late), place.grid, reached) == acting(people({}), place.grid, reached)

@@ -129,7 +129,7 @@ def test_a_rehearsal_gives_a_value_and_asks_for_no_repair_where_the_time_limit_s
     assert said in model.asked[1].messages[-1].text
     violated = "a violation" if requirement.violated_by(value) else "no violation"
     assert f"{said}, {violated}. " in model.asked[1].messages[-1].text
-    assert proposal.rehearsals == ((proposal.scenario.people, value),)
+    assert proposal.rehearsals == ((proposal.scenario.replace(description="", idea=""), value),)
     assert [call.purpose for call in proposed(capped=True)[0].calls] == ["new"]
 
 

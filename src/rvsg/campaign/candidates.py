@@ -32,6 +32,8 @@ class Candidate:
     """Attempts of other configurations that are the same up to the end of the drive."""
     reached: dict[str, int] = field(default_factory=dict)
     """The last goal that people reached in any of its runs."""
+    decided: dict[str, int] = field(default_factory=dict)
+    """The same until the moment that decided each run; what acts later is not worth a change."""
     last: AttemptSummary = field(init=False)
     """Its last attempt: the one with the most runs."""
 
@@ -124,7 +126,7 @@ def tuning_of(candidate: Candidate, own: Sequence[Candidate], requirement: Requi
     forms = forms_of(origin, own)
     if not forms:
         return None
-    change = _difference(origin, candidate) if candidate is not origin else ""
+    change = _difference(origin.scenario, candidate.scenario) if candidate is not origin else ""
     told = tried(origin, own, requirement)
     return Tuning(forms=len(forms), mean=told.mean, runs=told.runs, change=change, origin=told)
 
@@ -133,11 +135,11 @@ def tried(candidate: Candidate, own: Sequence[Candidate], requirement: Requireme
     """Return what a candidate measured, and what it changed: of the one it was made from, or as it was written."""
     origin, before = written(candidate), made_from(candidate)
     values = tuple(requirement.badness(b) for b in candidate.badness.values())  # the sign turned back
-    now, rehearsals = candidate.scenario.people, candidate.attempt.record.proposal.rehearsals
+    now, rehearsals = candidate.scenario, candidate.attempt.record.proposal.rehearsals
     certain = math.isfinite(candidate.deviation)
     return Tried(
         mean=mean_of(candidate, requirement),
-        change=_difference(before, candidate) if before is not None else "first configuration",
+        change=_difference(before.scenario, now) if before is not None else "first configuration",
         runs=len(values),
         violations=sum(map(requirement.violated_by, values)) if requirement.threshold is not None else None,
         best_of=len(forms_of(origin, own)) if origin is not candidate else 0,
@@ -147,7 +149,7 @@ def tried(candidate: Candidate, own: Sequence[Candidate], requirement: Requireme
         estimate=requirement.badness(candidate.estimate) if certain else None,
         margin=BOUND * candidate.deviation if certain else None,
         repeats=len(candidate.repeats),
-        rehearsed=tuple((value, differences(people, now)) for people, value in rehearsals if people != now),
+        rehearsed=tuple((value, _difference(e, now)) for e, value in rehearsals if e.situation != now.situation),
     )
 
 
@@ -169,9 +171,9 @@ def listed(own: Sequence[Candidate], requirement: Requirement) -> tuple[tuple[Tr
     return (tuple(tried(c, own, requirement) for c in kept), rest) if len(own) > 1 else ((), ())
 
 
-def _difference(before: Candidate, after: Candidate) -> str:
-    people = differences(before.scenario.people, after.scenario.people)
-    objects = objects_changed(before.scenario.mission, after.scenario.mission)
+def _difference(before: Scenario, after: Scenario) -> str:
+    people = differences(before.people, after.people)
+    objects = objects_changed(before.mission, after.mission)
     return people if not objects else objects if people == NO_CHANGE else f"{objects}; {people}"
 
 

@@ -204,8 +204,12 @@ class FeedbackSource(Protocol):
         met = self.encounter(attempt) if attempt.violations else None
         return (FailureMode(place=met.place, person=met.kind, robot=""),) if met is not None else ()
 
-    def reached(self, attempt: Attempt) -> dict[str, int]:
-        """Return the last goal that each person reached in any run, as far as all runs record it; by default none."""
+    def reached(self, attempt: Attempt, *, before_closest: bool = False) -> dict[str, int]:
+        """Return the last goal that each person reached in any run, as far as all runs record it; by default none.
+
+        Args:
+            before_closest: Before the closest approach of each run, not before its end.
+        """
         return {}
 
 
@@ -231,12 +235,12 @@ class StoredFeedback(FeedbackSource):
         worst = attempt.worst(self._plan.requirement)
         return self._ledger.observation(worst.run_id, self._world).encounter
 
-    def reached(self, attempt: Attempt) -> dict[str, int]:
+    def reached(self, attempt: Attempt, *, before_closest: bool = False) -> dict[str, int]:
         """Return the last goal that each person reached in any run, as far as all runs record it."""
         goals: dict[str, list[int | None]] = {}
         for measurement in attempt.measurements:
             for person in self._ledger.observation(measurement.run_id, self._world).people:
-                goals.setdefault(person.name, []).append(person.reached)
+                goals.setdefault(person.name, []).append(person.reached_before if before_closest else person.reached)
         return {name: max(g for g in own if g is not None) for name, own in goals.items() if None not in own}
 
     def failures(self, attempt: Attempt) -> tuple[FailureMode, ...]:

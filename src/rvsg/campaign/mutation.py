@@ -206,14 +206,14 @@ class Operators:
 
         Args:
             others: The candidates with runs, which teach the forecast and lend people.
-            known: Ids of the people that were tried.
+            known: Situations that were tried.
             avoid: Where and how nobody should meet the robot, if the forecast sees another way.
         """
         options: dict[str, Change] = {}
         for _ in range(OPTIONS):
             crossed = rng.random() < CROSSED
             made = self._crossed(parent, others, rng) if crossed else self._tuned(parent, rng)
-            if made is not None and (new := made.people.id) not in known and self._acts(made, parent):
+            if made is not None and (new := _situation(made, parent)) not in known and self._acts(made, parent):
                 options.setdefault(new, made)
         if not options:
             return None
@@ -227,10 +227,10 @@ class Operators:
         return best[int(rng.integers(len(best)))]
 
     def _acts(self, change: Change, parent: Candidate) -> bool:
-        """Whether a change acts before the runs of its parent end; else its runs would be the parent's again."""
+        """Whether a change acts before the runs of its parent are decided; else they would end as the parent's did."""
         grid = self.world.grid
-        before = acting(parent.scenario.people, grid, parent.reached)
-        return acting(change.people, grid, parent.reached) != before
+        before = acting(parent.scenario.people, grid, parent.decided)
+        return acting(change.people, grid, parent.decided) != before
 
     def describe(self, before: Scenario, change: Change) -> Described:
         """Return the description of a changed scenario."""
@@ -329,7 +329,7 @@ class CandidateStrategy(BatchStrategy):
         change = self._operators.change(parent, self.measured, rng, known, avoid)
         if change is None:
             return None
-        known.add(change.people.id)
+        known.add(_situation(change, parent))
         brief = self._brief("tune", parent.scenario_index, self._next(parent))
         proposal = answer(
             change.people,
@@ -377,11 +377,11 @@ class CandidateStrategy(BatchStrategy):
             twin.repeats.append(attempt.index)
             twin.badness = badness_of(attempt, self.plan.requirement) | twin.badness
             self._by_id[scenario.id] = twin
-            self._keys.add(scenario.people.id)
+            self._keys.add(scenario.situation)
             return
         candidate = self._by_id[scenario.id] = Candidate(summary, parent, operator)
         self.candidates.append(candidate)
-        self._keys.add(scenario.people.id)
+        self._keys.add(scenario.situation)
         self._measured(candidate, attempt)
         self._place(candidate, attempt)
 
@@ -399,6 +399,11 @@ class CandidateStrategy(BatchStrategy):
     def _measured(self, candidate: Candidate, attempt: Attempt) -> None:
         candidate.badness |= badness_of(attempt, self.plan.requirement)
         candidate.reached = self.feedback_of.reached(attempt)
+        # One moment decides the runs only where all of them fail at the closest approach.
+        failed = len(attempt.violating(self.plan.requirement)) == len(attempt.measurements)
+        meets = aim_of(self.plan.requirement) is Aim.MEET
+        decided = self.feedback_of.reached(attempt, before_closest=True) if failed and meets else candidate.reached
+        candidate.decided = decided
 
     def tell(self, attempt: Attempt) -> None:
         """Receive an attempt of the current batch."""
@@ -406,6 +411,11 @@ class CandidateStrategy(BatchStrategy):
         candidate = self._by_id.get(attempt.scenario_id or "")
         if candidate is not None and candidate.attempt.scenario_id == attempt.scenario_id:
             candidate.last = self.attempts[-1]
+
+
+def _situation(change: Change, parent: Candidate) -> str:
+    """Return the situation of a changed configuration, among the objects of its parent."""
+    return parent.scenario.model_copy(update={"people": change.people}).situation
 
 
 def _alike(candidate: Candidate, scenario: Scenario, world: World, reached: Mapping[str, int]) -> bool:

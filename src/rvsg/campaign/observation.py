@@ -359,6 +359,8 @@ class PersonObservation:
     """The smallest gap at each waypoint that the person was nearest to, m."""
     reached: int | None
     """Index of the last goal that the person reached in their first round; None: not recorded, or the round is over."""
+    reached_before: int | None
+    """The same before the closest approach of anybody and the robot."""
 
 
 @dataclass(frozen=True)
@@ -385,14 +387,15 @@ def observe(run: Run, world: World) -> RunObservation:
     """Return what a search asks of a run."""
     path, gap, names = run.trajectory, sampled(run, world).gap, WaypointNames(world.grid)
     step = max(1, len(path) // 400)
-    reached, people = _reached(run), []
+    closest_s = float(path.t[int(gap.min(axis=1).argmin())]) if gap.size else math.inf
+    reached, before, people = _reached(run), _reached(run, closest_s), []
     for h, name in enumerate(run.human_names):
         met: dict[str, float] = {}
         at = names.nearest(path.human_x[::step, h], path.human_y[::step, h])
         for place, distance in zip(at, gap[::step, h].tolist(), strict=True):
             met[place] = min(met.get(place, math.inf), distance)
         closest, near = (float(gap[:, h].min()), float((gap[:, h] < NEAR_M).mean())) if len(path) else (math.inf, 0.0)
-        people.append(PersonObservation(name, closest, near, met, reached[name]))
+        people.append(PersonObservation(name, closest, near, met, reached[name], before[name]))
     mode = mode_of(run, world)
     return RunObservation(
         run_id=run.id,
@@ -406,10 +409,11 @@ def observe(run: Run, world: World) -> RunObservation:
     )
 
 
-def _reached(run: Run) -> dict[str, int | None]:
-    """Return the goal that each person reached last; None in a run that records no arrival of anybody."""
+def _reached(run: Run, until_s: float = math.inf) -> dict[str, int | None]:
+    """Return the goal that each person reached last until then; None in a run that records no arrival of anybody."""
     events = [event for event in run.events if isinstance(event, PersonReached)]
-    goals = {name: [event.goal for event in events if event.person == name] for name in run.human_names}
+    timely = [event for event in events if event.time_s <= until_s]
+    goals = {name: [event.goal for event in timely if event.person == name] for name in run.human_names}
     return {name: None if 0 in own or not events else max(own, default=0) for name, own in goals.items()}
 
 

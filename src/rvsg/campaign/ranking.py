@@ -143,7 +143,8 @@ REHEARSAL = -1
 def badness_of(attempt: Attempt, requirement: Requirement) -> dict[int, float]:
     """Return the badness of the runs of an attempt by their seeds, and of the rehearsal of its configuration."""
     scenario, proposal = attempt.proposal.scenario, attempt.proposal
-    rehearsed = [(REHEARSAL, value) for people, value in proposal.rehearsals if scenario and people == scenario.people]
+    situation = scenario.situation if scenario is not None else ""
+    rehearsed = [(REHEARSAL, value) for each, value in proposal.rehearsals if each.situation == situation]
     values = dict([*rehearsed, *((m.seed, m.objective) for m in attempt.measurements if m.objective is not None)])
     return {seed: requirement.badness(value) for seed, value in values.items()}
 

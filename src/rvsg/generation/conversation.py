@@ -31,7 +31,7 @@ from rvsg.generation.vlm.recording import MEASURED, place_of
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.repair import repair
 from rvsg.scenario.rules import Finding, Repair, read_ends
-from rvsg.scenario.scenario import HumanConfiguration
+from rvsg.scenario.scenario import HumanConfiguration, Scenario
 from rvsg.scenario.validity import check
 from rvsg.world.world import SolidObject, World
 
@@ -193,7 +193,7 @@ class Conversation(ABC):
         pictures = pictures_of(world, brief.mission.route, self.drive.way if self.drive else ())
         self.dialogue = Dialogue(generator.access, generator.prompts, session_of(brief), facts, pictures)
         self.replies: list[Reply] = []
-        self.rehearsals: list[tuple[HumanConfiguration, float]] = []
+        self.rehearsals: list[tuple[Scenario, float]] = []
         self.description = ""
         """That of the scenario, where an answer before the configuration gives it."""
 
@@ -319,7 +319,7 @@ class CompactConversation(Conversation):
             rehearsal = self.generator.rehearse(mission, people)
             found = surprises(rehearsal, reply.plan)
             if rehearsal.value is not None:
-                self.rehearsals.append((people, rehearsal.value))
+                self.rehearsals.append((Scenario(mission=mission, people=people), rehearsal.value))
         wanted = bool(found) and not rehearsal.capped
         if access.replaying:
             place, ending = place_of(dialogue.session), f"/{len(dialogue.calls) + 1:02d}-rehearse"
@@ -413,10 +413,10 @@ def _is_told(brief: Brief) -> bool:
 
 
 def _told_values(brief: Brief) -> tuple[str, ...]:
-    """The mean values of a brief as prompts write them, and whose they are."""
+    """The mean values of a brief as prompts write them, and of which situations."""
     values = [(brief.feedback.mean, brief.feedback.scenario)] if brief.feedback else []
     values += [(earlier.mean, earlier.scenario) for earlier in brief.memory]
-    return tuple(f"{number(mean)} {scenario.people.id}" for mean, scenario in values)
+    return tuple(f"{number(mean)} {scenario.situation}" for mean, scenario in values)
 
 
 def _of_use(answer: Answer) -> bool:

@@ -186,10 +186,8 @@ class Proposal(Record):
     repairs: tuple[Repair, ...] = ()
     corrections: int = 0
     calls: tuple[Call, ...] = ()
-    rehearsals: Annotated[
-        tuple[tuple[HumanConfiguration, float], ...], Field(exclude_if=lambda rehearsals: not rehearsals)
-    ] = ()
-    """Configurations that were simulated once on the way to this one, this one among them, and their values."""
+    rehearsals: Annotated[tuple[tuple[Scenario, float], ...], Field(exclude_if=lambda rehearsals: not rehearsals)] = ()
+    """Scenarios that were simulated once on the way to this one, this one among them, and their values."""
     extra: dict[str, Any] = Field(default_factory=dict)
 
 
