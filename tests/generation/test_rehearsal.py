@@ -131,6 +131,9 @@ def test_a_rehearsal_gives_a_value_and_asks_for_no_repair_where_the_time_limit_s
     assert f"{said}, {violated}. " in model.asked[1].messages[-1].text
     assert proposal.rehearsals == ((proposal.scenario.replace(description="", idea=""), value),)
     assert [call.purpose for call in proposed(capped=True)[0].calls] == ["new"]
+    stored = proposal.model_dump(mode="json")
+    stored["rehearsals"] = [[scenario["people"], kept] for scenario, kept in stored["rehearsals"]]
+    assert Proposal.model_validate(stored) == proposal, "as rehearsals were stored before they named objects"
 
 
 def test_a_first_prompt_stays_within_ten_thousand_tokens(brief: Brief, warehouse: World) -> None:

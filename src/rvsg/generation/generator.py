@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Protocol
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from rvsg.core.documents import record_of
 from rvsg.core.inputs import parse_json, read_text
@@ -189,6 +189,16 @@ class Proposal(Record):
     rehearsals: Annotated[tuple[tuple[Scenario, float], ...], Field(exclude_if=lambda rehearsals: not rehearsals)] = ()
     """Scenarios that were simulated once on the way to this one, this one among them, and their values."""
     extra: dict[str, Any] = Field(default_factory=dict)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_the_mission(cls, values: Any) -> Any:
+        """Read rehearsals that are stored as people alone: they were of the mission of the scenario."""
+        if not isinstance(values, dict) or not values.get("rehearsals") or not isinstance(values.get("scenario"), dict):
+            return values
+        mission = values["scenario"].get("mission")
+        read = [({"mission": mission, "people": e} if "humans" in e else e, v) for e, v in values["rehearsals"]]
+        return values | {"rehearsals": read}
 
 
 class Generator(Protocol):
