@@ -16,7 +16,7 @@ import numpy as np
 from published_runs import EARLY_STARTS_REPEATED, FROZEN_M, Configuration, Values, resting_pose
 from published_world import published_world
 from rvsg.core.errors import InputError
-from rvsg.evaluation.metrics.measurement import measure
+from rvsg.evaluation.metrics import measure
 from rvsg.simulation.embedded.profiles import profile
 from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.world.world import Route, World

@@ -21,7 +21,7 @@ from pathlib import Path
 from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.execution import Parts
 from rvsg.campaign.feedback import StoredFeedback
-from rvsg.campaign.ledger import CachedLedger
+from rvsg.campaign.ledger import CachedLedger, MemoryLedger
 from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.runner import Evaluator, Runner
 from rvsg.campaign.strategies import StudyStrategy
@@ -29,7 +29,6 @@ from rvsg.campaign.worker_pool import Processes
 from rvsg.core import plugins
 from rvsg.scenario.requirement import load_requirement
 from rvsg.scenario.scenario import Mission
-from rvsg.store.memory import MemoryLedger
 from rvsg.world.world_folder import load_world
 
 

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 
-from rvsg.evaluation.metrics.measurement import METRICS, measure
+from rvsg.evaluation.metrics import METRICS, measure
 from rvsg.simulation.run import Outcome, Run, Trajectory
 from rvsg.world.world_folder import load_world
 

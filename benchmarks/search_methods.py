@@ -27,7 +27,7 @@ from rvsg.app.wiring import Wired, jobs_of, wire
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.execution import Parts, calls_of
 from rvsg.campaign.feedback import failure_map
-from rvsg.campaign.ledger import CachedLedger
+from rvsg.campaign.ledger import CachedLedger, MemoryLedger
 from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.observation import FailureMode, mode_of, usual
 from rvsg.campaign.ranking import best_attempt, in_full, measured, search_attempts, standing
@@ -45,7 +45,6 @@ from rvsg.report.charts import COLOURS, Scale, span, ticks
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run
-from rvsg.store.memory import MemoryLedger
 
 BEST_RUNS = 20
 """Confirmation runs of the best configuration: their mean is the value that methods are compared by."""

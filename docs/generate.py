@@ -21,7 +21,7 @@ from speed_chart import chart
 from rvsg.app.settings import default_text, option_of, settings
 from rvsg.cli import verbs
 from rvsg.cli.frame import EPILOG, full_command, options_of
-from rvsg.evaluation.metrics.measurement import METRICS
+from rvsg.evaluation.metrics import METRICS
 from rvsg.scenario.requirement import shipped_requirements
 
 DOCS = Path(__file__).resolve().parent
@@ -43,28 +43,34 @@ def all_commands() -> dict[tuple[str, ...], Any]:
 def command_line_page(commands: dict[tuple[str, ...], Any]) -> str:
     """The page with every command: what it does, and a table of the options that only it has."""
     rows = {words: [option_row(option) for option in options_of(each)] for words, each in commands.items()}
-    uses = Counter(row for each in rows.values() for row in set(each))
+    helps = {option_of(key): (setting.help.rstrip("."), default_text(key)) for key, setting in settings().items()}
+    of_settings = {row for each in rows.values() for row in each if says_the_same(row[1], *helps.get(row[0], ("", "")))}
+    uses = Counter(row for each in rows.values() for row in set(each) if row[0] not in helps)
     usual = {row[0]: row for row, count in reversed(uses.most_common()) if count > 1}
     shared = set(usual.values())
-    settings_of_run = {option_of(key) for key in settings()}
     parts = ["# Command line\n\n", GENERATED]
     parts.append(
         "`rvsg COMMAND --help` shows the usual options of a command, `--help-all` all.\n\n"
-        f"{EPILOG}\n\n## Options of several commands\n\n{table(sorted(shared))}"
+        f"{EPILOG}\n\n## Options of several commands\n\n{table(sorted(shared))}\n"
+        "An option that is missing here and at its command is a setting of the [campaign file](campaign-file.md).\n"
     )
     for words, command in commands.items():
         usage = " ".join(["rvsg", *words, *arguments_of(command)])
         summary = inspect.cleandoc(command.help or "").split("\n\n")[0].replace("\n", " ")
         parts.append(f"\n{'#' * (1 + len(words))} `{usage}`\n\n{summary}\n")
-        own = [row for row in rows[words] if row not in shared]
+        own = [row for row in rows[words] if row not in shared | of_settings]
         if words == ("run",):
-            own = [row for row in own if row[0] not in settings_of_run]
             parts.append("\nEvery setting of a [campaign file](campaign-file.md) is an option.\n")
         if own:
             parts.append("\n" + table(own))
-        if also := [f"`{row[0]}`" for row in rows[words] if row in shared and words != ("run",)]:
+        if also := [f"`{row[0]}`" for row in rows[words] if row in shared | of_settings and words != ("run",)]:
             parts.append(f"\nAlso: {', '.join(also)}.\n")
     return "".join(parts)
+
+
+def says_the_same(text: str, help: str, default: str) -> bool:
+    """Whether an option of a command says what the setting of its name says, with that default or none."""
+    return text in (f"{help}.", f"{help}; repeatable.", f"{help}. [{default}]")
 
 
 def arguments_of(command: Any) -> list[str]:

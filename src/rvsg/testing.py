@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from rvsg.campaign.ledger import MemoryLedger
 from rvsg.campaign.strategies import check_ledger, check_strategy
 from rvsg.core.errors import GenerationError
 from rvsg.core.records import Pose
@@ -26,7 +27,6 @@ from rvsg.simulation.embedded.simulator import empty_room, simulate_agents
 from rvsg.simulation.run import Outcome, Run, run_id
 from rvsg.simulation.simulators import Simulator
 from rvsg.simulation.stacks.stack_choice import StackChoice, StackLike
-from rvsg.store.memory import MemoryLedger
 from rvsg.world.world import Route, World
 
 __all__ = [

@@ -13,6 +13,7 @@ from rvsg.campaign.attempt import Attempt, Failure, Measurement, Plan
 from rvsg.campaign.execution import Parts
 from rvsg.campaign.feedback import StoredFeedback
 from rvsg.campaign.ledger import CachedLedger, Ledger
+from rvsg.campaign.ledger import MemoryLedger as MemoryLedger
 from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.runner import Evaluator, FinishedRun, PendingRun, Runner
 from rvsg.campaign.strategies import Strategy, StudyStrategy
@@ -24,7 +25,6 @@ from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 from rvsg.simulation.simulators import Simulator
-from rvsg.store.memory import MemoryLedger as MemoryLedger
 from rvsg.testing import WalkingGenerator as WalkGenerator
 from rvsg.world.world import World
 from rvsg.world.world_folder import load_world

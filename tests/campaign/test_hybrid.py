@@ -32,7 +32,7 @@ from rvsg.campaign.observation import encounter_of
 from rvsg.campaign.race import FIT, estimate, fit, in_the_race
 from rvsg.campaign.ranking import best_attempt, front_of, hypervolume, measured, seeds_of, share_of, undominated
 from rvsg.core.errors import BudgetSpent, NotRecorded
-from rvsg.evaluation.metrics.measurement import measure as measure_all
+from rvsg.evaluation.metrics import measure as measure_all
 from rvsg.generation.generator import Call, Proposal
 from rvsg.generation.reply_json import TUNABLE
 from rvsg.scenario.brief import Brief

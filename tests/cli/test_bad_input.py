@@ -19,7 +19,7 @@ from tests.cli.commands import Terminal
 from rvsg.app.folder import LEDGER
 from rvsg.cli import main
 from rvsg.core.errors import NewerStore, RvsgError, UnknownName
-from rvsg.core.outputs import check_writable
+from rvsg.core.files import check_writable
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.store.sqlite import SqliteLedger
 

@@ -9,9 +9,9 @@ from tests.campaign.parts import warehouse
 from tests.cli.commands import Terminal
 from tests.conformance.test_campaign_parts import answered
 
-from rvsg.app.requirement_draft import draft_requirement
+from rvsg.app.proposal import draft_requirement
 from rvsg.core.errors import GenerationError
-from rvsg.evaluation.metrics.measurement import measure
+from rvsg.evaluation.metrics import measure
 from rvsg.evaluation.verdict import load_requirement
 from rvsg.generation.vlm.access import ModelAccess
 from rvsg.generation.vlm.model import Scripted

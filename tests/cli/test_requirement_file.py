@@ -8,7 +8,7 @@ from tests.coded import at_key
 
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError
-from rvsg.evaluation.metrics.measurement import METRICS
+from rvsg.evaluation.metrics import METRICS
 from rvsg.evaluation.verdict import check_requirement, load_requirement
 from rvsg.scenario.requirement import shipped_requirements
 

@@ -20,7 +20,7 @@ from tests.cli.commands import Terminal, rvsg
 
 from rvsg.app.folder import LEDGER, alone_in
 from rvsg.core.errors import SimulationError
-from rvsg.core.outputs import make_folder
+from rvsg.core.files import make_folder
 from rvsg.evaluation.verdict import Status
 from rvsg.generation.generator import Proposal
 from rvsg.generation.random_search import RandomGenerator

@@ -10,7 +10,7 @@ from tests.coded import coded
 from rvsg.cli import main
 from rvsg.core import plugins
 from rvsg.core.errors import InputError, UnknownName
-from rvsg.evaluation.metrics.measurement import METRICS
+from rvsg.evaluation.metrics import METRICS
 
 
 def install(folder: Path, package: str, group: str, name: str, value: str) -> None:

@@ -9,7 +9,7 @@ import pytest
 from tests.evaluation.runs import run_of, trajectory
 
 from rvsg.evaluation.detection import EncounterKind, encounters_of, events_of
-from rvsg.evaluation.metrics.measurement import measure
+from rvsg.evaluation.metrics import measure
 from rvsg.evaluation.run_events import (
     EVENTS,
     Abort,

@@ -15,7 +15,7 @@ from tests.evaluation.runs import run_of, trajectory
 
 from rvsg.core import plugins
 from rvsg.core.errors import InputError, UnknownName
-from rvsg.evaluation.metrics.measurement import BUILT_IN, METRICS, measure
+from rvsg.evaluation.metrics import BUILT_IN, METRICS, measure
 from rvsg.evaluation.metrics.metric import Metric
 from rvsg.evaluation.signals import SIGNALS, RunSignal, formula, robustness
 from rvsg.simulation.run import Outcome

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.evaluation.runs import run_of, trajectory
 
-from rvsg.evaluation.metrics.measurement import METRICS
+from rvsg.evaluation.metrics import METRICS
 from rvsg.evaluation.signals import SIGNALS, aim_of, formula, least_room, robustness, series_name, series_of
 from rvsg.evaluation.temporal import FormulaError, body_of, joined_in, parse
 from rvsg.evaluation.verdict import objective

@@ -14,7 +14,7 @@ from tests.exchange.judged import judged
 
 from rvsg.core.errors import FileError, UnknownName
 from rvsg.core.records import Pose
-from rvsg.evaluation.metrics.measurement import METRICS, measure
+from rvsg.evaluation.metrics import METRICS, measure
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.exporter import Exportable
 from rvsg.simulation.run import Run

@@ -3,7 +3,7 @@
 import pytest
 from tests.published_data import published_data
 
-from rvsg.evaluation.metrics.measurement import measure
+from rvsg.evaluation.metrics import measure
 from rvsg.store.sqlite import SqliteLedger
 from rvsg.world.world_folder import load_world
 from rvsg_study.import_study import import_study

@@ -12,7 +12,7 @@ import rvsg
 from rvsg.app.reconstruction import rebuild, recorded_cases, suite_of_recordings, world_of_recording
 from rvsg.campaign.nearness import nearest_violation
 from rvsg.core.errors import FileError
-from rvsg.evaluation.metrics.measurement import measure
+from rvsg.evaluation.metrics import measure
 from rvsg.evaluation.sampled import sampled
 from rvsg.recording.fidelity import compare, estimates, recorded_as
 from rvsg.recording.inspection import inspect

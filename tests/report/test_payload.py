@@ -19,7 +19,7 @@ from tests.evaluation.runs import run_of, trajectory
 from tests.report.test_page import default_campaign, default_page, page
 
 from rvsg.campaign.runner import Evaluator
-from rvsg.evaluation.metrics.measurement import METRICS
+from rvsg.evaluation.metrics import METRICS
 from rvsg.evaluation.sampled import Sampled
 from rvsg.evaluation.verdict import objective
 from rvsg.report.replay_data import (

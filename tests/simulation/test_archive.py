@@ -17,7 +17,7 @@ from tests.conformance.test_campaign_parts import answered
 
 from rvsg.core import plugins
 from rvsg.core.errors import InputError
-from rvsg.evaluation.metrics.measurement import measure
+from rvsg.evaluation.metrics import measure
 from rvsg.simulation.archive import (
     DECIMALS,
     LARGEST,

@@ -8,7 +8,7 @@ import json
 import numpy as np
 from tests.evaluation.runs import run_of
 
-from rvsg.evaluation.metrics.measurement import measure
+from rvsg.evaluation.metrics import measure
 from rvsg.simulation.run import Outcome
 from rvsg_study.study_folder import LOGGED
 from rvsg_study.study_format import read_log

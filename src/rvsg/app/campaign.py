@@ -27,8 +27,7 @@ from rvsg.campaign.loop import stream_campaign
 from rvsg.campaign.ranking import search_attempts, standing
 from rvsg.core import permission
 from rvsg.core.errors import InputError
-from rvsg.core.files import write_whole
-from rvsg.core.outputs import make_folder
+from rvsg.core.files import make_folder, write_whole
 from rvsg.core.plugins import Spec, ignore
 from rvsg.simulation.simulators import tell_of_robot
 from rvsg.store.knowledge_base import KnowledgeBase

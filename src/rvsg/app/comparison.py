@@ -64,10 +64,10 @@ class VersionComparison:
         found = (each for each in self.found.changes if self.suite is not None and each.only_first + each.only_second)
         return frozenset((each.case, each.requirement) for each in found)
 
-    def page(self, *, most: int = 6) -> str:
-        """Return the comparison as an HTML page; with the suite at hand, two runs on one clock for `most` changes."""
+    def page(self) -> str:
+        """Return the comparison as an HTML page; with the suite at hand, two runs on one clock for six changes."""
         changed = [each for each in self.found.changes if each.change not in (Change.MISSING, Change.UNCHANGED)]
-        shown = sorted(changed, key=lambda each: ORDER.index(each.change))[:most] if self.suite is not None else []
+        shown = sorted(changed, key=lambda each: ORDER.index(each.change))[:6] if self.suite is not None else []
         return comparison_page(self.found, replayed=[self._replayed(each) for each in shown])
 
     def replay(self, case: str, requirement: str) -> dict[str, Any]:

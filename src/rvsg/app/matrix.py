@@ -42,9 +42,8 @@ from rvsg.campaign.execution import Event
 from rvsg.campaign.worker_pool import Processes
 from rvsg.core.documents import mistakes_of
 from rvsg.core.errors import FileError, InputError, RvsgError
-from rvsg.core.files import write_whole
+from rvsg.core.files import make_folder, write_whole
 from rvsg.core.inputs import exists, parse_json, read_text
-from rvsg.core.outputs import make_folder
 from rvsg.core.plugins import find_format, ignore
 from rvsg.report.overview import Pin, Reported, pins_of, write_overview
 from rvsg.report.summary import junit_of

@@ -11,9 +11,8 @@ from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.ranking import best_attempt
 from rvsg.campaign.run_set import RunSet, simulate
 from rvsg.core.errors import FileError, InputError, UnknownName
-from rvsg.core.files import write_whole
+from rvsg.core.files import check_writable, write_whole
 from rvsg.core.inputs import parse_json, read_text
-from rvsg.core.outputs import check_writable
 from rvsg.core.plugins import Spec, find_format, ignore
 from rvsg.report.film import Shot, shot_of_run
 from rvsg.report.replay_data import FORMAT, VERSION, trace_file_beside, trace_json

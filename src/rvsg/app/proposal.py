@@ -1,36 +1,42 @@
-"""Single proposals of a generator, and the prompt that a campaign sends next."""
+"""Single proposals of a generator, the prompt that a campaign sends next, and requirements that a model drafts."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import yaml
+from pydantic import ValidationError
 
 from rvsg.app.folder import CONFIG, reading, store_of
 from rvsg.app.record import CampaignRecord
 from rvsg.app.settings import CampaignConfig, effective, read_campaign_file
 from rvsg.app.wiring import ABILITIES, Wired, let_rehearse, proposals_of, wire
 from rvsg.campaign.drive_alone import campaigns_of
-from rvsg.campaign.ledger import CachedLedger
+from rvsg.campaign.ledger import CachedLedger, MemoryLedger
 from rvsg.campaign.ranking import search_attempts
 from rvsg.campaign.strategies import single_brief
 from rvsg.core import plugins
-from rvsg.core.errors import InputError
-from rvsg.core.files import write_whole
-from rvsg.core.outputs import make_folder
+from rvsg.core.documents import mistakes_of
+from rvsg.core.errors import GenerationError, InputError
+from rvsg.core.files import make_folder, write_whole
 from rvsg.core.plugins import Spec
-from rvsg.evaluation.verdict import load_requirement
+from rvsg.evaluation.metrics import METRICS
+from rvsg.evaluation.signals import SIGNALS
+from rvsg.evaluation.verdict import check_requirement, load_requirement
 from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.generator import Generator, Proposal
-from rvsg.generation.prompts import template_text
-from rvsg.generation.vlm.model import Message, Picture, Scripted, estimated_tokens, picture_tokens
+from rvsg.generation.prompts import Dialogue, Prompts, template_text
+from rvsg.generation.reply_json import NUMBER, TEXT, find_json, object_schema
+from rvsg.generation.vlm.model import Message, Model, Picture, Scripted, estimated_tokens, picture_tokens
 from rvsg.scenario.brief import Brief, Feedback
 from rvsg.scenario.builder import check_route
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.scenario.world_lookup import as_world
-from rvsg.store.memory import MemoryLedger
 from rvsg.world.world import Route, World
 
 
@@ -199,3 +205,61 @@ def write_pictures(prompt: NextPrompt, folder: Path) -> list[Path]:
         path.write_bytes(picture.png)
         written.append(path)
     return written
+
+
+ANSWERS = 3
+"""Answers of the model, of which all but the first correct what the schema refused."""
+REQUIREMENT_SHAPE = object_schema(
+    {
+        **dict.fromkeys(("name", "title", "text", "metric", "formula"), TEXT),
+        "worse": {"type": "string", "enum": ["smaller", "larger"]},
+        "limit": {"anyOf": [NUMBER, {"type": "null"}]},
+        "source": TEXT,
+    }
+)
+
+
+def draft_requirement(words: str, model: Model) -> Requirement:
+    """Return the requirement that a model writes for some words, checked as one of a file is.
+
+    Raises:
+        GenerationError: the model answers with none that can be measured, or says that nothing measures it.
+    """
+    facts = {"words": words, "metrics": list(METRICS.values()), "signals": list(SIGNALS.values())}
+    dialogue = Dialogue(model, Prompts(), "requirement", facts, ())
+    answer, problem = dialogue.ask("draft", "requirement", shape=REQUIREMENT_SHAPE), ""
+    for number in range(1, ANSWERS + 1):
+        try:
+            return _requirement_of(answer.text)
+        except ValidationError as error:
+            problem = "; ".join(mistakes_of(error, Requirement))
+        except InputError as error:
+            problem = str(error)
+        if number < ANSWERS:
+            answer = dialogue.ask("correct", "reply-unreadable", shape=REQUIREMENT_SHAPE, problem=problem)
+    raise GenerationError(f"The model {model.name} wrote no requirement in {ANSWERS} answers: {problem}")
+
+
+def _requirement_of(text: str) -> Requirement:
+    """Return the requirement of an answer; raises InputError or ValidationError where it cannot be used."""
+    found = [each.value for each in find_json(text) if isinstance(each.value, dict)]
+    if not found:
+        raise InputError("It holds no JSON object.")
+    given: dict[str, Any] = {key: value for key, value in found[-1].items() if value not in ("", None)}
+    if not given.keys() & {"metric", "formula"}:
+        raise GenerationError(f"Nothing measures this requirement: {given.get('text', 'the model gives no reason')}")
+    if "formula" in given:
+        given.pop("worse", None)
+    elif "limit" not in given:
+        raise InputError("A metric needs a limit.")
+    name = re.sub(r"\W+", "_", str(given.pop("name", "")).casefold()).strip("_")
+    return check_requirement(Requirement.model_validate({"name": name, **given}))
+
+
+def write_requirement(requirement: Requirement, file: Path) -> Requirement:
+    """Write a requirement that was accepted into a new file, and return it as the file is read."""
+    if file.exists():
+        raise InputError(f"{file} exists. Choose another file with --out.")
+    kept = requirement.model_dump(mode="json", exclude_defaults=True, exclude={"name"})
+    write_whole(file, yaml.safe_dump({requirement.name: kept}, sort_keys=False, allow_unicode=True))
+    return load_requirement(str(file))

@@ -82,7 +82,7 @@ class RunSet:
     def measurements(self) -> Sequence[Mapping[str, float | None]]:
         """Every metric of every run; None if a metric has no value for a run."""
         if "all" not in self._values:
-            from rvsg.evaluation.metrics.measurement import measure
+            from rvsg.evaluation.metrics import measure
 
             self._values["all"] = [measure(run, world=self.world) for run in self.runs]
         return self._values["all"]

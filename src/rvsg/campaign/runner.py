@@ -17,7 +17,7 @@ from rvsg.campaign.ledger import CachedLedger, Recent
 from rvsg.campaign.observation import RunObservation, observe
 from rvsg.campaign.worker_pool import Processes
 from rvsg.core.errors import SimulationError
-from rvsg.evaluation.metrics.measurement import measure
+from rvsg.evaluation.metrics import measure
 from rvsg.evaluation.realism import is_left_out
 from rvsg.evaluation.verdict import DEFAULT, Procedure, Verdict, judge, objective
 from rvsg.scenario.requirement import Requirement

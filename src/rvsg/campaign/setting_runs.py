@@ -24,7 +24,7 @@ from rvsg.core.errors import FileError, InputError, SimulationError
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec, ignore
 from rvsg.core.records import Record
-from rvsg.evaluation.metrics.measurement import measure
+from rvsg.evaluation.metrics import measure
 from rvsg.evaluation.verdict import judge, objective
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario

@@ -130,7 +130,6 @@ class SuiteFolder:
         expected: str = "violation",
         reason: str | None = None,
         world: World | str | Path | None = None,
-        max_runs: int | None = None,
         simulator: Spec | None = None,
     ) -> Self:
         """Add a scenario, or one more requirement to a case that holds the same scenario; return the new suite.
@@ -177,14 +176,13 @@ class SuiteFolder:
             else:
                 words = title or _title(scenario)
                 free = _free_name(name or words, {case.name for case in cases}, given=name is not None)
-                runs = max_runs or self.head.judging.max_runs
                 case = Case(
                     name=free,
                     title=words,
                     expectations=(expectation,),
                     scenario=scenario,
                     simulator=simulator,
-                    max_runs=runs,
+                    max_runs=self.head.judging.max_runs,
                 )
             self._write(case, place)
             return self.open(self.folder)

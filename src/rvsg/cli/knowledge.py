@@ -59,7 +59,7 @@ def search(
     json: AsJson = False,
 ) -> None:
     """Search the knowledge base: the most similar descriptions first; without a text, the worst entries first."""
-    from rvsg.core.outputs import check_writable
+    from rvsg.core.files import check_writable
     from rvsg.store.knowledge_base import describe_match, open_knowledge, tell
     from rvsg.store.knowledge_base import search as look
 

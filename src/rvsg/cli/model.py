@@ -49,7 +49,7 @@ def propose(
     from rvsg.app.proposal import propose_as
     from rvsg.app.wiring import wire
     from rvsg.core.documents import read_record
-    from rvsg.core.outputs import check_writable, write_text
+    from rvsg.core.files import check_writable, write_text
     from rvsg.generation.generator import proposal_json
     from rvsg.scenario.brief import Feedback
 

@@ -136,9 +136,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON o
 Jobs = Annotated[int, typer.Option(min=1, help="Worker processes.")]
 JobsPerCore = Annotated[int | None, typer.Option(min=1, help="Worker processes. [one per core]")]
 Requirement = Annotated[str, typer.Option(help="A shipped requirement, or FILE.yaml#NAME.")]
-OtherWorld = Annotated[
-    str | None, typer.Option(help="Use this world instead of the one the scenario names.", callback=named_world)
-]
+OtherWorld = Annotated[str | None, typer.Option(help="Instead of the scenario's world.", callback=named_world)]
 FailOnViolation = Annotated[
     bool, typer.Option("--fail-on-violation", help="Exit with code 1 if the requirement is violated.")
 ]

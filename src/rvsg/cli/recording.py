@@ -81,7 +81,7 @@ def scenario(
     scenario is one like any other: simulate it, shrink it, explore ranges around it, keep it in a suite.
     """
     from rvsg.app.reconstruction import rebuild, world_of_recording
-    from rvsg.core.outputs import check_writable, write_text
+    from rvsg.core.files import check_writable, write_text
     from rvsg.recording.tracks import load_recording
     from rvsg.scenario.builder import scenario_json
     from rvsg.scenario.world_lookup import as_world

@@ -81,7 +81,7 @@ def run_one(from_file: dict[str, Any], given: dict[str, Any]) -> Campaign:
     from rvsg.app.campaign import Campaign
     from rvsg.app.folder import store_of
     from rvsg.app.matrix import write_junit
-    from rvsg.core.outputs import check_writable
+    from rvsg.core.files import check_writable
 
     asked = effective(None, from_file, given)
     if asked.junit:
@@ -204,7 +204,7 @@ def run_matrix(matrix: Matrix, *, as_json: bool) -> int:
     """Run or resume the campaigns of a matrix, show what they found, and return the exit code."""
     from rvsg.cli.interruption import interruptible
     from rvsg.core.errors import Interrupted
-    from rvsg.core.outputs import check_writable
+    from rvsg.core.files import check_writable
 
     started = time.monotonic()
     resume = as_started(matrix.resume_command)

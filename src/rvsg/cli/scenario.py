@@ -38,8 +38,8 @@ def requirement_(
     should hold and one that should fail. A plot beside --out shows three of them. Nothing else is written before you
     accept.
     """
-    from rvsg.app.requirement_draft import draft_requirement, write_requirement
-    from rvsg.core.outputs import write_text
+    from rvsg.app.proposal import draft_requirement, write_requirement
+    from rvsg.core.files import write_text
     from rvsg.evaluation.verdict import number, objective
     from rvsg.generation.environment import reach_model
     from rvsg.report.charts import requirement_chart
@@ -77,7 +77,7 @@ def migrate(
 
     Each waypoint becomes the one nearest to its old position. RVSG checks the result before it writes it.
     """
-    from rvsg.core.outputs import check_writable, write_text
+    from rvsg.core.files import check_writable, write_text
     from rvsg.scenario.builder import migrate_scenario, scenario_json
 
     check_writable(out)
@@ -108,7 +108,7 @@ def nearest(
     A person does everything earlier, later, or nearer to the robot. At least half of the runs have to violate.
     """
     from rvsg.campaign.nearness import nearest_violation
-    from rvsg.core.outputs import check_writable, write_text
+    from rvsg.core.files import check_writable, write_text
     from rvsg.scenario.builder import load_scenario_in, scenario_json
 
     if out is not None:
@@ -149,7 +149,7 @@ def shrink(
     violation. Confirmation runs with new seeds show how often the original and the smallest scenario violate it.
     """
     import rvsg
-    from rvsg.core.outputs import check_writable, write_text
+    from rvsg.core.files import check_writable, write_text
     from rvsg.scenario.builder import load_scenario_in, scenario_json
 
     check_writable(out)
@@ -223,7 +223,7 @@ def explore(
     probability, its boundary, and the sensitivity to each range.
     """
     from rvsg.campaign.exploration import explore as run_points
-    from rvsg.core.outputs import check_writable, write_text
+    from rvsg.core.files import check_writable, write_text
     from rvsg.report.comparison_page import check_exploration_file, write_exploration
     from rvsg.report.terminal import describe_exploration
     from rvsg.scenario.builder import scenario_json

@@ -44,7 +44,7 @@ def simulate(
     """
     import rvsg
     from rvsg.app.playback import check_bag, write_bag_of
-    from rvsg.core.outputs import check_writable, write_text
+    from rvsg.core.files import check_writable, write_text
     from rvsg.scenario.builder import load_changed
     from rvsg.simulation.archive import runs_text
     from rvsg.simulation.run import Outcome
@@ -125,7 +125,7 @@ def evaluate(
     import rvsg
     from rvsg.campaign.run_set import feedback as feedback_of
     from rvsg.campaign.run_set import load_any
-    from rvsg.core.outputs import check_writable, write_text
+    from rvsg.core.files import check_writable, write_text
     from rvsg.report.page import write_runs_page
     from rvsg.report.terminal import describe_judgement
     from rvsg.scenario.builder import load_scenario_in
@@ -155,8 +155,7 @@ def evaluate(
 
 def _measure(name: str, files: list[Path], *, as_json: bool) -> None:
     """Print the values of one or all metrics in runs; without runs, what the metrics are."""
-    from rvsg.evaluation.metrics import metric
-    from rvsg.evaluation.metrics.measurement import METRICS, measure
+    from rvsg.evaluation.metrics import METRICS, measure, metric
     from rvsg.simulation.archive import read_runs
 
     chosen = list(METRICS.values()) if name == "all" else [metric(name)]
@@ -208,7 +207,7 @@ def replay(
     the folder of a campaign, RVSG writes the page again with it.
     """
     from rvsg.app.playback import shot_of
-    from rvsg.core.outputs import check_writable
+    from rvsg.core.files import check_writable
     from rvsg.report.film import check_film, write_film
 
     chosen = effective(None, {}, settings)

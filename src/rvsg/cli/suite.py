@@ -127,7 +127,7 @@ def run(
     and `rvsg suite update` writes it into the suite.
     """
     from rvsg import Suite
-    from rvsg.core.outputs import check_writable, write_text
+    from rvsg.core.files import check_writable, write_text
     from rvsg.report.summary import suite_junit
     from rvsg.report.terminal import describe_case
 
@@ -201,7 +201,7 @@ def compare_versions(
     --error-rate. The exit code is 1 where a case is broken.
     """
     from rvsg.app.comparison import compare_versions as compare
-    from rvsg.core.outputs import check_writable, write_text
+    from rvsg.core.files import check_writable, write_text
     from rvsg.report.comparison_page import changes_markdown
 
     for file in (markdown, html):

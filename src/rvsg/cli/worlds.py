@@ -28,7 +28,7 @@ WorldName = Annotated[
 ]
 Robot = Annotated[
     str | None,
-    typer.Option(help="The robot that drives here: a shipped one (`rvsg robots`) or a robot file. [tiago_omni]"),
+    typer.Option(help="A shipped robot (`rvsg robots`) or a robot file. [tiago_omni]"),
 ]
 NoSimulation = Annotated[bool, typer.Option("--no-simulation", help="Do not try routes and hops in the simulator.")]
 

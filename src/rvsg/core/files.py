@@ -1,9 +1,10 @@
-"""Files that are written completely or not at all."""
+"""Files that are written completely or not at all, and checks that they can be, made before the work begins."""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import sys
 from pathlib import Path
 
 from rvsg.core.errors import FileError
@@ -26,3 +27,48 @@ def write_whole(path: Path, content: str | bytes) -> None:
         in_the_way = isinstance(error, FileExistsError | NotADirectoryError)
         reason = f"{path.parent} is no folder" if in_the_way else error.strerror or error
         raise FileError(path, f"the file cannot be written: {reason}.", code="not-writable") from None
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file atomically, or standard output."""
+    if str(path) == "-":
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    else:
+        write_whole(path, text)
+
+
+def check_writable(path: Path) -> None:
+    """Check that an output file can be written before starting the work; FileError says why it cannot.
+
+    Missing folders are made when the file is written.
+    """
+    if str(path) == "-":
+        return
+    if path.is_dir():
+        raise FileError(path, "this is a folder; give the name of a file.", code="not-writable")
+    if path.exists() and not path.is_file():
+        return  # a device or a pipe
+    nearest = next((folder for folder in path.parents if folder.exists()), Path())
+    probe = nearest / f".{path.name}.{os.getpid()}"
+    try:  # access rights alone do not tell: no file can be made in /proc
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        reason = f"{nearest} is no folder that can be written ({error.strerror})"
+        raise FileError(path, f"the file cannot be written: {reason}.", code="not-writable") from None
+
+
+def make_folder(folder: Path, *, option: str = "--out") -> None:
+    """Make the folder that an option names and prove that files can be written in it; FileError if that fails."""
+    probe = folder / f".writable-{os.getpid()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe.write_bytes(b"")
+        probe.unlink()
+    except OSError as error:
+        in_the_way = isinstance(error, FileExistsError | NotADirectoryError)
+        reason = "a file is in the way" if in_the_way else error.strerror or error
+        raise FileError(
+            folder, f"the output folder cannot be written: {reason}. Choose another {option}.", code="not-writable"
+        ) from None

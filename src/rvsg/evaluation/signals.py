@@ -9,8 +9,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from rvsg.core.registry import Registry
-from rvsg.evaluation.metrics.measurement import find_metric
+from rvsg.core.plugins import Registry
+from rvsg.evaluation.metrics import find_metric
 from rvsg.evaluation.sampled import Floats, Sampled, sampled
 from rvsg.evaluation.temporal import Node, Range, body_of, bounds, joined_in, parse, signals_of
 from rvsg.scenario.requirement import Aim, Requirement

@@ -298,11 +298,11 @@ class Surface(Record):
         """Return the violation probability at points (N, D) of shares."""
         return _logistic(_features(np.atleast_2d(shares), self.degree) @ np.array(self.coefficients))
 
-    def interval(self, shares: Floats, deviations: float = 1.96) -> tuple[Floats, Floats]:
+    def interval(self, shares: Floats) -> tuple[Floats, Floats]:
         """Return the ends of the 95 % interval of the probability at points (N, D), by the delta method."""
         rows = _features(np.atleast_2d(shares), self.degree)
         middle = rows @ np.array(self.coefficients)
-        spread = deviations * np.sqrt(np.einsum("ij,jk,ik->i", rows, np.array(self.covariance), rows))
+        spread = 1.96 * np.sqrt(np.einsum("ij,jk,ik->i", rows, np.array(self.covariance), rows))
         return _logistic(middle - spread), _logistic(middle + spread)
 
 

@@ -39,8 +39,7 @@ from pydantic import Field, model_validator
 
 from rvsg.core.errors import InputError, Unfit
 from rvsg.core.records import Record
-from rvsg.evaluation.metrics import metric
-from rvsg.evaluation.metrics.measurement import find_metric, measure
+from rvsg.evaluation.metrics import find_metric, measure, metric
 from rvsg.evaluation.signals import formula, robustness
 from rvsg.evaluation.statistics import censored_median, clopper_pearson, mean_interval
 from rvsg.scenario.requirement import Requirement

@@ -15,7 +15,7 @@ from rvsg.campaign.drive_alone import DroveAlone, drove_alone
 from rvsg.campaign.findings import Finding, severity_of
 from rvsg.campaign.ranking import confirmations
 from rvsg.core.records import Record
-from rvsg.evaluation.metrics.measurement import find_metric
+from rvsg.evaluation.metrics import find_metric
 from rvsg.evaluation.verdict import (
     Status,
     Verdict,

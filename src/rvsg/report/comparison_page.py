@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from rvsg.campaign.exploration import Exploration
 from rvsg.campaign.suite import CaseChange, Change, Comparison, VariantPair, counts
 from rvsg.core.errors import InputError
-from rvsg.core.files import write_whole
-from rvsg.core.outputs import check_writable
+from rvsg.core.files import check_writable, write_whole
 from rvsg.evaluation.verdict import counted, percent
 from rvsg.recording.fidelity import Fidelity
 from rvsg.report.charts import COLOURS, Scale, ticks

@@ -23,8 +23,7 @@ from PIL import Image, ImageDraw
 from rvsg.campaign.attempt import Plan
 from rvsg.campaign.exploration import Coverage
 from rvsg.core.errors import InputError
-from rvsg.core.files import write_whole
-from rvsg.core.outputs import check_writable
+from rvsg.core.files import check_writable, write_whole
 from rvsg.evaluation.verdict import counted
 from rvsg.report.answer import Answer
 from rvsg.report.answer_row import Row
@@ -215,40 +214,39 @@ KINDS = {
 }
 
 
-def coverage_map(coverage: Coverage, world: World, *, width_px: int = 1400) -> Image.Image:
+def coverage_map(coverage: Coverage, world: World) -> Image.Image:
     """Return the floor plan with what was exercised on it.
 
     Blue discs are waypoints that people pass, larger where more scenarios do. Orange rings are places where the robot
     met people, larger where it met more. Lines are the routes. What is untested, a route or an area where nobody walks,
     is dashed in red; a waypoint that nobody passes is a small grey dot.
     """
-    plan = draw_plan(world, show=LAYERS, width_px=width_px, title=f"{world.title}: what is tested")
+    plan = draw_plan(world, show=LAYERS, width_px=1400, title=f"{world.title}: what is tested")
     image = plan.image.convert("RGB")
     draw = ImageDraw.Draw(image, "RGBA")
-    unit = width_px / 1400
     untested = {each.name for each in coverage.areas if not each.tested}
     for area in world.areas:
         if area.name in untested:
             corners = plan.view.pixels(np.array([*area.outline, area.outline[0]], float))
-            _dashed(draw, corners, max(2, round(3 * unit)))
+            _dashed(draw, corners, 3)
     tested = {each.route for each in coverage.routes if each.scenarios}
     for route in world.routes:
         way = plan.view.pixels(line_of(world, route))
         if route.name in tested:
-            draw.line([(float(x), float(y)) for x, y in way], fill=(*ROUTE, 150), width=max(2, round(3 * unit)))
+            draw.line([(float(x), float(y)) for x, y in way], fill=(*ROUTE, 150), width=3)
         else:
-            _dashed(draw, way, max(2, round(3 * unit)))
+            _dashed(draw, way, 3)
     most = max(coverage.waypoints.values(), default=0)
     for name, count in coverage.waypoints.items():
         if not count:
-            _disc(draw, plan.view.pixels(np.array(world.grid.position(name))), 2.5 * unit, QUIET)
+            _disc(draw, plan.view.pixels(np.array(world.grid.position(name))), 2.5, QUIET)
         else:
-            _disc(draw, plan.view.pixels(np.array(world.grid.position(name))), (3 + 7 * (count / most) ** 0.5) * unit)
+            _disc(draw, plan.view.pixels(np.array(world.grid.position(name))), 3 + 7 * (count / most) ** 0.5)
     most_met = max((each.encounters for each in coverage.met_at), default=0)
     for met in coverage.met_at:
         at = plan.view.pixels(np.array(world.grid.position(met.waypoint)))
-        _ring(draw, at, (8 + 16 * (met.encounters / most_met) ** 0.5) * unit, max(2, round(3 * unit)))
-    return _with_legend(image, unit)
+        _ring(draw, at, 8 + 16 * (met.encounters / most_met) ** 0.5, 3)
+    return _with_legend(image)
 
 
 def coverage_page(coverages: Sequence[tuple[Coverage, World]]) -> str:
@@ -301,26 +299,24 @@ def _dashed(draw: ImageDraw.ImageDraw, corners: Floats, width: int, dash: float 
             draw.line((float(a[0]), float(a[1]), float(b[0]), float(b[1])), fill=UNTESTED, width=width)
 
 
-def _with_legend(image: Image.Image, unit: float) -> Image.Image:
-    height = round(LEGEND_PX * unit)
-    page = Image.new("RGB", (image.width, image.height + height), "white")
+def _with_legend(image: Image.Image) -> Image.Image:
+    page = Image.new("RGB", (image.width, image.height + LEGEND_PX), "white")
     page.paste(image, (0, 0))
     draw = ImageDraw.Draw(page, "RGBA")
-    y, x = image.height + height / 2, 24 * unit
-    size = max(10, round(17 * unit))
+    y, x = image.height + LEGEND_PX / 2, 24.0
     for kind, words in (
         ("disc", "people walk here"),
         ("ring", "the robot meets people"),
         ("dash", "untested route or area"),
     ):
         if kind == "dash":
-            _dashed(draw, np.array([[x - 12 * unit, y], [x + 14 * unit, y]]), max(2, round(3 * unit)), 8 * unit)
+            _dashed(draw, np.array([[x - 12, y], [x + 14, y]]), 3, 8)
         elif kind == "disc":
-            _disc(draw, np.array([x, y]), 8 * unit)
+            _disc(draw, np.array([x, y]), 8)
         else:
-            _ring(draw, np.array([x, y]), 11 * unit, max(2, round(3 * unit)))
-        draw.text((x + 22 * unit, y), words, fill=INK, font=font(size), anchor="lm")
-        x += 60 * unit + font(size).getlength(words)
+            _ring(draw, np.array([x, y]), 11, 3)
+        draw.text((x + 22, y), words, fill=INK, font=font(17), anchor="lm")
+        x += 60 + font(17).getlength(words)
     return page
 
 

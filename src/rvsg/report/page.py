@@ -21,8 +21,7 @@ from rvsg.campaign.observation import met
 from rvsg.campaign.ranking import rule
 from rvsg.campaign.run_set import Judgement, RunSet
 from rvsg.core.errors import InputError
-from rvsg.core.files import write_whole
-from rvsg.core.outputs import check_writable
+from rvsg.core.files import check_writable, write_whole
 from rvsg.core.records import Pose
 from rvsg.evaluation.verdict import Verdict, counted, how_sure, number, why_ended
 from rvsg.generation.people_sampler import added

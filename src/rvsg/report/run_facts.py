@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.evaluation.detection import events_of, place_namer
-from rvsg.evaluation.metrics.measurement import find_metric
+from rvsg.evaluation.metrics import find_metric
 from rvsg.evaluation.run_events import Contact, Event, Place, Recovery, StandStill
 from rvsg.evaluation.sampled import sampled, stretches
 from rvsg.evaluation.story import Sentence, story_of

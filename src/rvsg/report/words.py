@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from rvsg.evaluation.metrics.measurement import find_metric
+from rvsg.evaluation.metrics import find_metric
 from rvsg.evaluation.statistics import Sensitivity
 from rvsg.evaluation.story import Sentence
 from rvsg.evaluation.verdict import counted, number

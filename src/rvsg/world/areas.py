@@ -203,7 +203,7 @@ def _stands_on(floor: Bools, window: tuple[slice, slice]) -> bool:
     return sum(bool(side.any()) for side in sides) >= 3
 
 
-def areas_of_floor(space: Space, *, most: int = MOST_FLOOR_AREAS) -> tuple[Area, ...]:
+def areas_of_floor(space: Space) -> tuple[Area, ...]:
     """Open floor as rectangles, the largest first found: long narrow ones "Corridor 1", others "Area 1", ..."""
     floor = main_floor(space).copy()
     # Cells of at least 0.2 m, free only where all of them are, and few enough to search
@@ -213,7 +213,7 @@ def areas_of_floor(space: Space, *, most: int = MOST_FLOOR_AREAS) -> tuple[Area,
     side = FLOOR_NARROWEST_M / frame.resolution
     corridors: list[Polygon] = []
     places: list[Polygon] = []
-    while len(corridors) + len(places) < most:
+    while len(corridors) + len(places) < MOST_FLOOR_AREAS:
         top, left, high, wide = largest_rectangle(cells, side)
         if high * wide * frame.resolution**2 < FLOOR_LEAST_M2:
             break
@@ -225,8 +225,8 @@ def areas_of_floor(space: Space, *, most: int = MOST_FLOOR_AREAS) -> tuple[Area,
             corridors += [rectangle_outline(p) for p in _parts((x0, y0, x1, y1), 15.0, 10.0)]
         else:
             places += [rectangle_outline(p) for p in _parts((x0, y0, x1, y1), longest, longest * 0.75)]
-    found = _numbered("Corridor", "corridor", corridors[:most], region=None)
-    return (*found, *_numbered("Area", "floor", places[: most + 4], region=None))
+    found = _numbered("Corridor", "corridor", corridors[:MOST_FLOOR_AREAS], region=None)
+    return (*found, *_numbered("Area", "floor", places[: MOST_FLOOR_AREAS + 4], region=None))
 
 
 def largest_rectangle(cells: Bools, least_side: float = 1.0) -> tuple[int, int, int, int]:

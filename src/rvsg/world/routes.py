@@ -181,7 +181,6 @@ class _Walk(NamedTuple):
 
 def propose_routes(
     world: World,
-    count: int = ROUTES,
     trial: Trial | None = None,
     robot: Robot | None = None,
     notes: list[str] | None = None,
@@ -190,14 +189,14 @@ def propose_routes(
 
     With a trial each is driven once in a simulator: a way the robot does not drive alone is no proposal, and one on
     which it touches something only where there is no other. `robot`: the one to propose for. `notes` receives the
-    ways that were driven and left out, where there are fewer than `count` others.
+    ways that were driven and left out, where there are fewer than three others.
     """
     walks = _walks(world, robot)
     late: dict[_Walk, None] = {}
     chosen: list[_Walk] = []
     routes: list[Route] = []
     grazed: dict[_Walk, tuple[int, Route]] = {}
-    for ranked in itertools.islice(itertools.cycle(_rankings(world, walks)), count):
+    for ranked in itertools.islice(itertools.cycle(_rankings(world, walks)), ROUTES):
         used = {name for walk in chosen for name in (walk.start, walk.goal)}
         fresh = [walk for walk in ranked if walk not in chosen]
         for walk in sorted(fresh, key=lambda w: bool(used & {w.start, w.goal}))[:MOST_DRIVES]:
@@ -211,12 +210,12 @@ def propose_routes(
                 grazed[walk] = driven
             else:
                 late[walk] = None
-    if routes and len(routes) < count and notes is not None:
+    if routes and len(routes) < ROUTES and notes is not None:
         for why, left in (("touches something", grazed), ("does not arrive", late)):
             ways = "; ".join(f"{walk.start} to {walk.goal}" for walk in left)
             notes += [f"not proposed, because the robot alone {why} on the way: {ways}."] if left else []
     if not routes:
-        least = sorted(grazed.values(), key=lambda driven: driven[0])[:count]
+        least = sorted(grazed.values(), key=lambda driven: driven[0])[:ROUTES]
         routes = [route.model_copy(update={"name": f"route_{n}"}) for n, (_, route) in enumerate(least, start=1)]
     return tuple(routes)
 

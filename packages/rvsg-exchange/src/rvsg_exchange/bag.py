@@ -299,12 +299,12 @@ class TraceMessages(Messages):
             yield at, "/behavior_tree_log", self.make("nav2_msgs/BehaviorTreeLog", timestamp=stamp, event_log=events)
 
 
-def arc(pose: tuple[float, float, float], end: NDArray[np.float64], points: int = 12) -> NDArray[np.float64]:
-    """Return points on the arc that leaves a pose in its direction and ends at a place, (points, 2)."""
+def arc(pose: tuple[float, float, float], end: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points on the arc that leaves a pose in its direction and ends at a place, (12, 2)."""
     x, y, yaw = pose
     dx, dy = float(end[0]) - x, float(end[1]) - y
     ahead, left = math.cos(yaw) * dx + math.sin(yaw) * dy, -math.sin(yaw) * dx + math.cos(yaw) * dy
-    share = np.linspace(0.0, 1.0, points)
+    share = np.linspace(0.0, 1.0, 12)
     if abs(left) < 1e-6:
         u, v = ahead * share, 0.0 * share
     else:

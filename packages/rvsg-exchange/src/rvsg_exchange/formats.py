@@ -60,7 +60,7 @@ def _render(template: str, *, xml: bool = False, **values: Any) -> str:
     return environment.get_template(template).render(**values)
 
 
-def scenario_osc(scenario: Scenario, world: World, *, agents_file: str = "agents.yaml") -> str:
+def scenario_osc(scenario: Scenario, world: World) -> str:
     """Return a scenario as OpenSCENARIO DSL, poses in the map frame; a comment names the file of its people."""
     dx, dy = world.map_offset
 
@@ -74,7 +74,6 @@ def scenario_osc(scenario: Scenario, world: World, *, agents_file: str = "agents
         route=scenario.mission.route,
         description=" ".join(scenario.description.split()),
         name=re.sub(r"\W", "_", scenario.id),
-        agents_file=agents_file,
         pose=pose,
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -185,18 +185,17 @@ _FUEL = re.compile(
 class ModelFiles:
     """Looks up URIs in the given folders, the folders around the world file, Gazebo's variables and its caches."""
 
-    def __init__(self, world: Path, given: Sequence[Path] = (), environment: Mapping[str, str] | None = None) -> None:
-        variables = os.environ if environment is None else environment
+    def __init__(self, world: Path, given: Sequence[Path] = ()) -> None:
         folder = world.resolve().parent
         found = [*given, folder, folder / "models", folder.parent / "models", folder.parent]
         for name in (*PATH_VARIABLES, *PACKAGE_VARIABLES):
-            found += _listed(variables, name)
+            found += _listed(name)
         for name in PREFIX_VARIABLES:
-            found += [path / "share" for path in _listed(variables, name)]
-        home = Path(variables.get("HOME") or Path.home())
+            found += [path / "share" for path in _listed(name)]
+        home = Path(os.environ.get("HOME") or Path.home())
         found.append(home / ".gazebo" / "models")
         self.folders: tuple[Path, ...] = tuple(dict.fromkeys(found))
-        caches = [path for name in CACHE_VARIABLES for path in _listed(variables, name)]
+        caches = [path for name in CACHE_VARIABLES for path in _listed(name)]
         self.caches = (*caches, home / ".gz" / "fuel", home / ".ignition" / "fuel")
 
     def find(self, uri: str, base: Path) -> Path | None:
@@ -280,8 +279,8 @@ def _versions(model: Path, wanted: str | None) -> list[Path]:
     return sorted(numbered, key=lambda path: -int(path.name))
 
 
-def _listed(variables: Mapping[str, str], name: str) -> list[Path]:
-    return [Path(part) for part in variables.get(name, "").split(os.pathsep) if part]
+def _listed(name: str) -> list[Path]:
+    return [Path(part) for part in os.environ.get(name, "").split(os.pathsep) if part]
 
 
 @cache

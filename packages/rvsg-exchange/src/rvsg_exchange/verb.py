@@ -43,7 +43,7 @@ def export(
 
     A format of runs simulates a scenario first, with --seed. What the format cannot hold is printed.
     """
-    from rvsg.core.outputs import check_writable
+    from rvsg.core.files import check_writable
     from rvsg_exchange import formats as exchange
 
     check_writable(out)
@@ -80,7 +80,7 @@ def import_agents(
 
     RVSG prints each setting that it does not reproduce.
     """
-    from rvsg.core.outputs import check_writable, write_text
+    from rvsg.core.files import check_writable, write_text
     from rvsg.scenario.builder import scenario_json
     from rvsg_exchange import formats as exchange
 

@@ -97,14 +97,12 @@ class Page:
             tag("span", what, cls="st-command-what")
             tag("code", line)
 
-    def button(
-        self, text: str, action: Handler, *, command: str = "", cls: str = "", what: str = "", **attributes: Any
-    ) -> Tag:
+    def button(self, text: str, action: Handler, *, command: str = "", cls: str = "", **attributes: Any) -> Tag:
         """Add a button; an error of its action becomes a message. `command` is listed on the page."""
         made = tag("button", text, cls=f"st-button {cls}".strip(), type="button", title=command or None, **attributes)
         made.on("click", self.guarded(action))
         if command:
-            self.command(what or text, command)
+            self.command(text, command)
         return made
 
     def guarded(self, action: Handler) -> Callable[..., Awaitable[None]]:

@@ -20,7 +20,7 @@ from rvsg.core.errors import FileError, UnknownName
 from rvsg.core.files import write_whole
 from rvsg.core.inputs import read_bytes
 from rvsg.core.records import content_id
-from rvsg.evaluation.metrics.measurement import measure
+from rvsg.evaluation.metrics import measure
 from rvsg.evaluation.verdict import judge
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief

@@ -27,7 +27,7 @@ from rvsg.campaign.drive_alone import campaigns_of
 from rvsg.campaign.ledger import Ledger
 from rvsg.core.errors import InputError
 from rvsg.evaluation.diversity import description_diversity, positions, simulation_diversity, task_diversity
-from rvsg.evaluation.metrics.measurement import measure
+from rvsg.evaluation.metrics import measure
 from rvsg.evaluation.statistics import compare, holm
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Run

@@ -10,7 +10,7 @@ import typer
 
 from rvsg.cli import console
 from rvsg.cli.frame import verb
-from rvsg.core.outputs import make_folder
+from rvsg.core.files import make_folder
 
 app = verb(no_args_is_help=True, help="Read people of HuNavSim, or results of the published study.")
 

@@ -82,10 +82,10 @@ def between(name: str, low: float, high: float, unit: str, group: str, source: s
     return Parameter(name=name, low=low, high=high, unit=unit, group=group, source=source)
 
 
-def of_robot(name: str, limit: float, unit: str, group: str, *, least: float = 0.25) -> Parameter:
+def of_robot(name: str, limit: float, unit: str, group: str) -> Parameter:
     """Return a parameter that ends at a limit of the robot."""
     source = f"up to the robot's limit of {limit:g} {unit}"
-    return Parameter(name=name, low=least * limit, high=limit, unit=unit, group=group, source=source)
+    return Parameter(name=name, low=0.25 * limit, high=limit, unit=unit, group=group, source=source)
 
 
 def of_costmaps() -> tuple[Parameter, ...]:

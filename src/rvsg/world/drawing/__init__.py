@@ -12,7 +12,7 @@ from typing import Literal
 from PIL import Image
 
 from rvsg.core.errors import FileError
-from rvsg.core.outputs import make_folder
+from rvsg.core.files import make_folder
 from rvsg.world.drawing.birdseye import birdseye
 from rvsg.world.drawing.floor_plan import GRID, LABELLED, draw_plan, tiles
 from rvsg.world.drawing.layers import Way

@@ -143,10 +143,10 @@ class Taken:
         """Add the square around a dot."""
         self.add((x - radius, y - radius, x + radius, y + radius))
 
-    def add_line(self, points: Floats, half_width: float, step: float = 10.0) -> None:
+    def add_line(self, points: Floats, half_width: float) -> None:
         """Add a band around the line through points (n, 2)."""
         for a, b in pairwise(points):
-            count = min(MOST_STEPS, max(1, int(np.hypot(*(b - a)) / step)))  # a line may extend far beyond the page
+            count = min(MOST_STEPS, max(1, int(np.hypot(*(b - a)) / 10.0)))  # a line may extend far beyond the page
             for share in np.linspace(0.0, 1.0, count + 1):
                 x, y = a + (b - a) * share
                 self.add_dot(x, y, half_width)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.world.drawing.layers import area_words, is_wall
-from rvsg.world.drawing.sheet import Colour, Palette, View, Window, Word, palette, view_of
+from rvsg.world.drawing.sheet import Colour, Palette, View, Word, palette, view_of
 from rvsg.world.space import frame_of, solid_cells, world_map
 from rvsg.world.world import AUTOMATIC, FREE, OCCUPIED, World
 
@@ -70,17 +70,16 @@ class FloorPlan:
 def floor_plan(
     world: World,
     *,
-    window: Window | None = None,
     areas: bool = True,
     waypoints: bool = False,
     shown_px: int = SHOWN_PX,
     tooltips: bool = True,
 ) -> FloorPlan:
-    """Return the floor plan of a world or of a window of it (x_min, y_min, x_max, y_max in metres).
+    """Return the floor plan of a world.
 
     The areas' names are readable where the plan is shown about `shown_px` pixels wide; `tooltips` names the objects.
     """
-    view = view_of(world, width_px=shown_px, window=window, margins=(0, 0, 0, 0))
+    view = view_of(world, width_px=shown_px, window=None, margins=(0, 0, 0, 0))
     x0, y0, x1, y1 = view.window
     if view.up == "y":
         matrix, box = "matrix(1 0 0 -1 0 0)", (x0, -y1, x1 - x0, y1 - y0)
@@ -106,19 +105,11 @@ def floor_plan(
     return FloorPlan(" ".join(_number(v) for v in box), matrix, "\n".join(parts), view, words)
 
 
-def floor_plan_svg(
-    world: World,
-    *,
-    width_px: int = 1000,
-    window: Window | None = None,
-    areas: bool = True,
-    waypoints: bool = False,
-    colours: str | Palette = "light",
-) -> str:
-    """Return the floor plan as an SVG document that stands alone, `width_px` CSS pixels wide."""
-    plan = floor_plan(world, window=window, areas=areas, waypoints=waypoints, shown_px=width_px)
+def floor_plan_svg(world: World, *, waypoints: bool = False, colours: str | Palette = "light") -> str:
+    """Return the floor plan as an SVG document that stands alone, 1000 CSS pixels wide."""
+    plan = floor_plan(world, waypoints=waypoints, shown_px=1000)
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{plan.view_box}" width="{width_px}" role="img" '
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{plan.view_box}" width="1000" role="img" '
         f'aria-label="Floor plan of {html.escape(world.title, quote=True)}">\n'
         f"<style>{style(world, palette(colours))}</style>\n{plan.shapes}\n{plan.names}\n</svg>\n"
     )
