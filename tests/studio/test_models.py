@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from pathlib import Path
 from typing import Any
 
 import pytest
+from PIL import Image
 from tests.generation.loopback import LoopbackServer, says, serving
 from tests.studio.conftest import HOSTILE, PATIENT, Server, Show, axe_violations, fits, waited
 
 import rvsg
+from rvsg.world.passages import doorway
 
 pytestmark = pytest.mark.exhaustive
 
@@ -66,12 +69,20 @@ def test_names_of_areas_by_a_model_are_accepted_one_by_one(show: Show, office: P
         {"area": second, "name": "Post room", "why": "Shelves."},
         {"area": "Nowhere", "name": "X", "why": ""},
     ]
+    Image.new("RGB", (40, 30), (200, 30, 30)).save(office.parent / "hall.jpg")
+    world = rvsg.load_world(office)
+    between = next(hop for hop in world.grid.hops if (place := doorway(world, *hop)) and math.dist(*place) < 2.5)
+    doors = [{"name": "Door of the kitchen", "between": between, "kind": "swing", "why": HOSTILE}]
     tab = show("/world?world=office2", bypass_csp=True)
     tab.locator("summary", has_text="Ask a model").click()
-    with serving(says(json.dumps({"names": names}))) as server:
+    with serving(says(json.dumps({"names": names, "doors": doors}))) as server:
         name_model(tab, server)
+        tab.get_by_role("textbox", name="Photographs or plans").fill("hall.jpg")
         tab.get_by_role("button", name="Propose names").click()
         tab.get_by_role("button", name="Accept Tea corner").wait_for(timeout=PATIENT)
+    assert json.dumps(server.requests[-1]["messages"]).count('"image_url"}') == 4, (
+        "the map, the office from above, its grid, the photograph"
+    )
     assert axe_violations(tab) == []
     assert fits(tab)
     assert tab.locator("main img").count() == 0
@@ -80,6 +91,9 @@ def test_names_of_areas_by_a_model_are_accepted_one_by_one(show: Show, office: P
     tab.get_by_role("button", name="Accept Tea corner").focus()
     tab.keyboard.press("Enter")
     tab.get_by_role("button", name="Accept Tea corner").wait_for(state="detached", timeout=PATIENT)
+    tab.get_by_role("button", name="Accept Door of the kitchen").click()
+    tab.get_by_role("button", name="Accept Door of the kitchen").wait_for(state="detached", timeout=PATIENT)
+    assert [door.name for door in rvsg.load_world(office).doors][-1] == "Door of the kitchen"
     areas = rvsg.load_world(office).areas
     assert [area.name for area in areas[:2]] == ["Tea corner", second] and areas[0].kind == "pantry"
     assert labels.read_text().endswith("# a comment of mine\n")

@@ -78,13 +78,18 @@ def edit_world(folder: str | Path, change: Mapping[str, Any]) -> Edit:
     return Edit(path=path, before=before, after=after)
 
 
-def add_door(folder: str | Path, door: Door) -> None:
-    """Add a door to the doors of a world folder; the first one begins the file."""
+def begin_doors(folder: str | Path) -> None:
+    """Begin the file of the doors of a world folder where it has none."""
     folder = world_folder(folder)
     head = read_text(folder / HEAD)
     if "doors" not in read_yaml(folder / HEAD).value:
         write_whole(folder / "doors.yaml", "doors: []\n")
         write_whole(folder / HEAD, head.rstrip("\n") + "\ndoors: doors.yaml\n")
+
+
+def add_door(folder: str | Path, door: Door) -> None:
+    """Add a door to the doors of a world folder; the first one begins the file."""
+    begin_doors(folder)
     edit_world(folder, {"what": "add door", **door.model_dump(mode="json", exclude_defaults=True)}).apply()
 
 

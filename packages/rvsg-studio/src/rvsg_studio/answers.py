@@ -32,7 +32,7 @@ from rvsg.core.documents import read_record
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import write_whole
 from rvsg.evaluation.verdict import counted, load_requirement
-from rvsg.generation.environment import ProposedLabel
+from rvsg.generation.environment import ProposedDoor, ProposedLabel
 from rvsg.report.renderer import component, look
 from rvsg.report.replay_data import distinct_colours, people_colours
 from rvsg.report.run_facts import footprint_of
@@ -42,6 +42,7 @@ from rvsg.scenario.requirement import Requirement, shipped_requirements
 from rvsg.scenario.world_lookup import world_of
 from rvsg.simulation.route_trial import trial_of
 from rvsg.world.drawing.svg import floor_plan
+from rvsg.world.edits import begin_doors
 from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.model_questions import AskedModel, asked_model, keep_model, picture_of_call
 from rvsg_studio.scenario_editor import (
@@ -130,6 +131,8 @@ def world_edit(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     if not isinstance(change, dict):
         raise InputError("The request has no change.")
     with _editing:
+        if change.get("what") == "add door":
+            begin_doors(world_place(workspace, given))
         history_of(workspace, given).make(world_place(workspace, given), change, together=given.get("together") or "")
     return world(workspace, given)
 
@@ -387,7 +390,8 @@ def names(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     told: dict[str, Any] = {"asked": known.model_dump(mode="json"), "state": "", "said": "", "names": []}
     if job is None:
         return told
-    areas = {area.name: area for area in rvsg.load_world(world_place(workspace, given)).areas}
+    loaded = rvsg.load_world(world_place(workspace, given))
+    areas = {area.name: area for area in loaded.areas}
     dropped, left = read_json(job.folder / DROPPED, []), []
     for each in map(ProposedLabel.model_validate, job.result.get("names", [])):
         area, values = areas.get(each.area), each.values
@@ -396,6 +400,12 @@ def names(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
         if any(getattr(area, key) != value for key, value in values.items()):
             told_of = ", ".join(value if key == "name" else f"{key} {value}" for key, value in values.items())
             left.append(each.model_dump(mode="json") | {"values": values, "words": told_of})
+    for made in map(ProposedDoor.model_validate, job.result.get("doors", [])):
+        door = made.door
+        if door.name not in dropped and door.name not in {each.name for each in loaded.doors}:
+            words = f"a {door.width_m:.2f} m {door.kind} door between {' and '.join(made.between)}"
+            values = door.model_dump(mode="json", exclude_defaults=True)
+            left.append({"area": door.name, "name": door.name, "door": values, "words": words, "why": made.why})
     return told | {"state": job.state, "said": job.result.get("said") or job.result.get("reason", ""), "names": left}
 
 
@@ -412,9 +422,12 @@ def ask(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     world_place(workspace, given)
     model(workspace, given)
     asked = asked_model(workspace)
+    photographs = [part.strip() for part in str(given.get("photographs") or "").split(",") if part.strip()]
+    shown = [workspace.relative(workspace.existing(photograph)) for photograph in photographs]
     command = f"rvsg world label {shlex.quote(name)} {asked.options}"
+    command += "".join(f" --photo {shlex.quote(path)}" for path in shown)
     workspace.jobs.start("names", title="Names of areas", command=command, target=_target(name), world=name,
-                         access=asked.arguments)  # fmt: skip
+                         photographs=shown, access=asked.arguments)  # fmt: skip
     return names(workspace, given)
 
 

@@ -207,11 +207,12 @@ def describe(work: Work) -> dict[str, Any]:
 
 
 def name_areas(work: Work) -> dict[str, Any]:
-    """Have a model propose names for the areas of a world."""
+    """Have a model propose names for the areas of a world, and its doors."""
     given = work.arguments
-    made = propose_names(rvsg.load_world(_world(given["world"])), **given["access"])
+    photographs = [Path(path) for path in given.get("photographs", ())]
+    made = propose_names(rvsg.load_world(_world(given["world"])), photographs=photographs, **given["access"])
     said = " ".join([describe_calls(made.calls), *made.unusable])
-    return {"state": "finished", "names": [each.model_dump(mode="json") for each in made.names], "said": said}
+    return {"state": "finished", "said": said, **made.model_dump(mode="json", include={"names", "doors"})}
 
 
 def _world(name: str) -> str | Path:

@@ -25,9 +25,10 @@
         const item = html(list, "li", {});
         html(item, "strong", {}, each.area + " \u2192 " + each.words + " ");
         html(item, "div", { class: "small" }, each.why);
-        button(item, "Show", function () { editor.choose("areas", each.area); }, { class: "st-button st-small", "aria-label": "Show " + each.area });
+        if (!each.door) button(item, "Show", function () { editor.choose("areas", each.area); }, { class: "st-button st-small", "aria-label": "Show " + each.area });
         button(item, "Accept", function () {
-          editor.change("change area", { name: each.area, values: each.values }, function () { editor.choose("areas", each.name); }).then(loadNames);
+          const change = each.door ? editor.change("add door", each.door) : editor.change("change area", { name: each.area, values: each.values }, function () { editor.choose("areas", each.name); });
+          change.then(loadNames);
         }, { class: "st-button st-small", "aria-label": "Accept " + each.name });
         button(item, "Drop", function () { send("/data/names-drop", { world: name, area: each.area }).then(function (found) { named = found; showNames(); }).catch(editor.fail); }, { class: "st-button st-small", "aria-label": "Drop " + each.name });
       });
@@ -39,7 +40,8 @@
         labelled(more, each[0], field);
         field.addEventListener("input", function () { asked[each[1]] = each[1] === "budget_usd" ? (field.value === "" ? null : +field.value) : field.value; keepModel(asked); });
       });
-      button(more, "Propose names", function () { send("/data/names-ask", { world: name, asked: asked }).then(function (found) { named = found; showNames(); loadNames(); }).catch(editor.fail); }).disabled = busy;
+      const photographs = labelled(more, "Photographs or plans", html(null, "input", { placeholder: "hall.jpg, plan.png in the studio's folder", autocomplete: "off" }));
+      button(more, "Propose names", function () { send("/data/names-ask", { world: name, asked: asked, photographs: photographs.value }).then(function (found) { named = found; showNames(); loadNames(); }).catch(editor.fail); }).disabled = busy;
     }
     loadNames();
   };
