@@ -84,10 +84,10 @@ def time_to_collision(s: Sampled) -> float | None:
 
 @_of_people("stopping_margin", "Stopping-distance margin", "m", "smaller", Aim.MEET, least=None)
 def stopping_margin(s: Sampled) -> float | None:
-    """Smallest gap minus the distance the robot needs to stop, over samples in which it closes in on the person.
+    """Smallest gap minus the stopping distance, over samples in which the robot closes in on the person.
 
-    Stopping distance = v (0.3 s + latency) + v^2 / (2 a): reaction, and the robot's deceleration a (2.5 m/s^2 where it
-    is not known). Negative: it could not have stopped in time. Without an approach the smallest gap.
+    Stopping distance = v (0.3 s + latency) + v^2 / (2 a), a the robot's deceleration (2.5 m/s^2 where it is not known).
+    Without an approach the smallest gap.
     """
     reaction, braking = REACTION_S + s.run.robot_latency_s, s.run.robot_deceleration_m_s2
     speed = s.series.speed[:, None]
