@@ -55,6 +55,14 @@ class Waits(FollowThePlan):
     def command(self, seen):
         return (0.0, 0.0) if seen.t < self.wait_s else super().command(seen)
 '''
+KEPT = r'''
+
+class Kept(Waits):
+    """Keeps its parameters in a file."""
+
+    def parameter_file(self):
+        return "wait.yaml", f"# of hall 4\nwait_s: {self.wait_s}\nspeed: {self.speed}\n"
+'''
 STILL = "still: {title: Moves on, text: Stand still for at most 3 s., metric: tnm, worse: larger, limit: 3.0}\n"
 NAV2 = """\
 # The robot of hall 4.
@@ -259,6 +267,18 @@ def test_settings_in_which_the_stack_crashes_are_counted_and_never_proposed(here
     assert found.failed and all("failed" in each for each in found.failed)
     assert all(each.values.get("wait_s", 0.0) <= 6.5 for each in found.front)
     assert "refused" in tuning_page(found) or "fail" in tuning_page(found)
+
+
+@pytest.mark.slow
+def test_a_stack_that_keeps_its_parameters_in_a_file_gets_the_changed_file(here: Path) -> None:
+    Path("planner.py").write_text(PLANNER + KEPT)
+    suite_of(cases=1)
+    found = tuner(stack="planner.py:Kept", budget_runs=40).run()
+    assert found.file == "wait.yaml" and found.changes
+    text = Path("out/wait.yaml").read_text()
+    assert all(f"{each.name}: {each.after}" in text for each in found.changes)
+    assert [line for line in found.diff if line.startswith("-w")] == ["-wait_s: 6.0"]
+    assert all("--stack planner.py:Kept" in each and "--stack-option wait_s=" in each for each in found.commands)
 
 
 def test_the_progress_of_a_search_names_what_it_ran(here: Path, capsys: pytest.CaptureFixture[str]) -> None:

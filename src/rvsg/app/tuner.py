@@ -359,12 +359,20 @@ class _Checks:
             return read_text(Path(self.tuner.stack)), Path(self.tuner.stack)
         return None if self.tuner.stack_options else skeleton(self.stack.name), Path("nav2_params.yaml")
 
+    def _file_of_stack(self, values: Values) -> tuple[str, str] | None:
+        """Return name and text of the parameter file that the stack keeps itself, such as that of a launched Nav2."""
+        with closing(StackChoice.of(self.runs.maker.stack_of(values))) as choice:
+            return choice.driver.parameter_file()
+
     def _file(self, values: Values) -> tuple[str, str, tuple[str, ...]]:
         """Return name and text of the file of the proposed stack, and what differs in it."""
         text, path = self._source()
-        if text is None:
+        if (own := self._file_of_stack(values)) is not None:
+            (_, text), path, after = self._file_of_stack(self.present) or own, Path(own[0]), own[1]
+        elif text is None:
             return "stack.json", self.runs.maker.stack_of(values).to_json(), ()
-        after = with_values_in_file(text, path, self._changed(values))
+        else:
+            after = with_values_in_file(text, path, self._changed(values))
         lines = difflib.unified_diff(text.splitlines(), after.splitlines(), path.name, "proposed", n=1, lineterm="")
         return path.name, after, tuple(lines)
 
@@ -387,8 +395,10 @@ class _Checks:
         """Yield what to run next: the comparison on the suite, and a campaign against the proposal."""
         suite, stack, tuned = str(self.tuner.suite), self.tuner.stack, f"{self.tuner.out}/{file}"
         options: list[str] = []
-        if file.endswith(".json"):
+        if file.endswith(".json") or self._file_of_stack(values) is not None:
             for key, value in self.runs.maker.stack_of(values).options.items():
+                if value == self.stack.options.get(key) and key not in self.tuner.stack_options:
+                    continue
                 text = yaml.safe_dump(value, default_flow_style=True, width=10_000).partition("\n")[0]
                 options += ["--stack-option", f"{key}={text}"]
             tuned = stack

@@ -8,13 +8,16 @@ from pathlib import Path
 
 import pytest
 from tests.coded import coded
+from tests.simulation.ros2.isolated import drive
 
-from rvsg.core.errors import InputError, InvalidOptions
+from rvsg.core.errors import FileError, InputError, InvalidOptions
 from rvsg.core.plugins import Spec, make
 from rvsg.robots.robot import load_robot
 from rvsg.simulation.simulators import described
+from rvsg.simulation.stacks.parameters import with_values
 from rvsg.simulation.stacks.stack_choice import StackChoice
 from rvsg_ros2.launch import Launched, ros_environment
+from rvsg_ros2.nav2_file import new_nav2_params
 from rvsg_ros2.options import read_options, scan_topic
 from rvsg_ros2.stack import Ros2Stack
 
@@ -34,6 +37,7 @@ def test_the_stack_is_registered_and_says_its_options() -> None:
         ({"restart": True}, ("",)),  # of options that do not go together
         ({"params": "nav2.yaml"}, ("",)),
         ({"launch": "ros2 launch x", "speed": 4}, ("",)),
+        ({"values": {"dwb": {"sim_time_s": 2.0}}}, ("",)),
         ({"domain": 233}, ("domain",)),
         ({"cmd_vel": "two words"}, ("cmd_vel",)),
     ],
@@ -79,6 +83,26 @@ def test_the_content_of_the_parameter_file_is_part_of_the_version(tmp_path: Path
     before = Ros2Stack(launch="ros2 {params}", params=str(path)).version
     path.write_text("a: 2\n")
     assert Ros2Stack(launch="ros2 {params}", params=str(path)).version != before
+
+
+def test_values_of_the_parameter_file_can_be_tuned_and_reach_the_launched_system(tmp_path: Path) -> None:
+    path, robot = tmp_path / "nav2.yaml", load_robot("tiago_omni")
+    path.write_text(new_nav2_params("tiago_omni", "nav2-dwb", {}))
+    launch = "sh -c 'grep -w sim_time: {params}; exit 3'"
+    stack = Ros2Stack(launch=launch, params=str(path))
+    declared = {each.name: each for each in stack.tunable_parameters(robot)}
+    assert declared["values.dwb.sim_time_s"].present == 1.7
+    assert {name.partition(".")[0] for name in declared} == {"values"} and Ros2Stack().tunable_parameters(robot) == ()
+    for each in declared.values():
+        value = each.value(each.at(0.6))
+        changed = Ros2Stack(**with_values(stack.options, {each.name: value}))
+        files = [str((one.parameter_file() or ("", ""))[1]).splitlines() for one in (stack, changed)]
+        assert sum(old != new for old, new in zip(*files, strict=True)) == 1
+    with pytest.raises(FileError, check=coded("no-place")):
+        Ros2Stack(launch=launch, params=str(path), values={"behaviours": {"wait_s": 1.0}})
+    told = drive(options={"launch": launch, "params": str(path), "values": {"dwb": {"sim_time_s": 2.5}}})
+    assert "sim_time: 2.5" in told["error"]
+    assert path.read_text() == stack.parameter_file()[1]
 
 
 def test_the_first_lidar_has_nav2s_topic_and_the_others_their_names() -> None:

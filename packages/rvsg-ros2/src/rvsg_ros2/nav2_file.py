@@ -23,7 +23,7 @@ from typing import Any
 import yaml
 from jinja2 import Environment, PackageLoader
 
-from rvsg.core.documents import read_yaml
+from rvsg.core.documents import parse_yaml, read_yaml
 from rvsg.core.errors import FileError, InputError
 from rvsg.robots.robot import DEFAULT_ROBOT, MonitorPolygon, Robot, load_robot
 from rvsg.simulation.embedded.robot_parameters import planned_range, speeds
@@ -246,13 +246,16 @@ class Scaled:
             self.changes.append(Change(f"{where}.{name}", before, value))
 
 
-def scale_nav2_params(path: str | Path, speed: float, release: Release = "jazzy") -> Scaled:
+def scale_nav2_params(path: str | Path, speed: float, release: Release = "jazzy", text: str | None = None) -> Scaled:
     """Return Nav2 parameters for `speed` times real time, with every change and what cannot be scaled.
+
+    Args:
+        text: the file with other values; by default as it is.
 
     Raises:
         FileError: the file holds no parameters of Nav2 nodes.
     """
-    values = read_yaml(Path(path)).value
+    values = (read_yaml(Path(path)) if text is None else parse_yaml(text, Path(path))).value
     if not isinstance(values, dict) or not any(True for _ in Scaled(values).sections("controller_server")):
         said = "this is no Nav2 parameter file: expected a controller_server with ros__parameters."
         raise FileError(Path(path), said, code="nav2-params")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
@@ -11,8 +11,10 @@ from pydantic import Field, ValidationError, model_validator
 
 from rvsg.core.documents import invalid_options
 from rvsg.core.errors import InputError
+from rvsg.core.inputs import read_text
 from rvsg.core.records import Record
 from rvsg.robots.robot import Lidar
+from rvsg.simulation.stacks.parameter_file import with_values_in_file
 from rvsg_ros2.interfaces import Release
 
 Positive = Annotated[float, Field(gt=0)]
@@ -27,6 +29,8 @@ class Ros2Options(Record):
     the one that runs."""
     params: str | None = None
     """Nav2 parameter file for `launch`; with `speed` its wall-clock rates are scaled."""
+    values: dict[str, Any] = Field(default_factory=dict)
+    """Values that replace those of `params`, by the options of the built-in stack, e.g. `{dwb: {sim_time_s: 2.0}}`."""
     speed: Annotated[float, Field(ge=0.1, le=20)] = 1.0
     """Simulated over wall time. Nav2 before Lyrical runs its loops on wall time: see `rvsg ros2 params`."""
     restart: bool = False
@@ -86,11 +90,20 @@ class Ros2Options(Record):
     def _sound(self) -> Self:
         if self.params is not None and (self.launch is None or "{params}" not in self.launch):
             raise ValueError("params: launch must hold {params} where the file's path goes")
+        if self.values and self.params is None:
+            raise ValueError("values: give params, the file whose values they replace")
         if self.restart and self.launch is None:
             raise ValueError("restart: only a system that launch starts can be restarted")
         if self.launch is not None and self.speed != 1.0 and self.params is None:
             raise ValueError("speed: give params, so that Nav2's wall-clock rates can be scaled")
         return self
+
+    def parameter_text(self) -> str | None:
+        """Return the parameter file with the values that replace its own; None where no file is given."""
+        if self.params is None:
+            return None
+        text, path = read_text(Path(self.params)), Path(self.params)
+        return with_values_in_file(text, path, dict(_paths(self.values))) if self.values else text
 
     @property
     def first_domain(self) -> int:
@@ -101,6 +114,15 @@ class Ros2Options(Record):
         if not text.isdecimal() or int(text) > 232:
             raise InputError(f"ROS_DOMAIN_ID is {text!r}. Expected a number from 0 to 232.", code="ros2-domain")
         return int(text)
+
+
+def _paths(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield nested values with their paths, e.g. `dwb.sim_time_s`."""
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _paths(value, f"{before}{key}.")
+        else:
+            yield f"{before}{key}", value
 
 
 Options = TypeVar("Options", bound=Ros2Options)

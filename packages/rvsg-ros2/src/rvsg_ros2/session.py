@@ -256,7 +256,8 @@ class Session:
         """Take the first free domain and start the system in it."""
         command = str(self.options.launch).replace("{speed}", f"{self.speed:g}")
         if self.options.params is not None:
-            self.scaled = scale_nav2_params(self.options.params, self.speed, self._expected_release())
+            file, text = self.options.params, self.options.parameter_text()
+            self.scaled = scale_nav2_params(file, self.speed, self._expected_release(), text)
             if self.speed > 1.0 and self.scaled.missing_trees:
                 raise InputError(
                     f"speed {self.speed:g}: the behaviour tree {self.scaled.missing_trees[0]} was not found, so it "

@@ -15,9 +15,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rvsg.core.errors import SimulationError
-from rvsg.core.plugins import ignore
+from rvsg.core.plugins import Spec, ignore
 from rvsg.core.records import text_id
+from rvsg.robots.robot import Robot
+from rvsg.simulation.stacks.nav2_params import read_nav2_text
+from rvsg.simulation.stacks.parameter_file import has_place
+from rvsg.simulation.stacks.parameters import Parameter, value_at
 from rvsg.simulation.stacks.protocol import Command, Ended, Observation, StackError, Task, Twist, WholeStack
+from rvsg.simulation.stacks.stack_choice import StackChoice
 from rvsg.world.world import OCCUPIED, OccupancyMap
 from rvsg_ros2.dds import POLL_S, SUCCEEDED, ActionClient, Subscription
 from rvsg_ros2.options import read_options
@@ -374,6 +379,7 @@ class Ros2Stack(WholeStack):
         if self._options.params is None:
             self.version = VERSION
         else:  # the version covers the content of the parameter file
+            self._options.parameter_text()  # refuses values for which the file has no place
             content = text_id("params", Path(self._options.params).read_text())
             self.version = f"{VERSION}+{content.removeprefix('params-')}"
         self._clear()
@@ -399,6 +405,25 @@ class Ros2Stack(WholeStack):
     def options(self) -> Mapping[str, Any]:
         """The effective options."""
         return self._options.model_dump(mode="json")
+
+    def tunable_parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Return those of the built-in stack that the parameter file asks for and has a place for."""
+        if (text := self._options.parameter_text()) is None:
+            return ()
+        path = Path(str(self._options.params))
+        read = read_nav2_text(text, path)
+        driver = StackChoice.of(Spec(read.stack, read.options)).driver
+        options = {**driver.default_options(), **driver.options}
+        return tuple(
+            each.with_present(float(value_at(options, each.name))).replace(name=f"values.{each.name}")
+            for each in driver.tunable_parameters(robot)
+            if has_place(text, path, each.name, each.value(each.at(0.37)))
+        )
+
+    def parameter_file(self) -> tuple[str, str] | None:
+        """Return name and text of the parameter file that the system is launched with."""
+        text = self._options.parameter_text()
+        return None if text is None else (Path(str(self._options.params)).name, text)
 
     @property
     def period_s(self) -> float:

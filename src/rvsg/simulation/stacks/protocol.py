@@ -205,6 +205,10 @@ class NavigationStack(ABC):
         """Return the numbers among the options that `rvsg tune` may change, with their ranges; by default none."""
         return ()
 
+    def parameter_file(self) -> tuple[str, str] | None:
+        """Return name and text of the parameter file that holds what may be tuned; None where options hold it."""
+        return None
+
     def adapt(self, robot: Robot) -> Robot:
         """Return the robot with the navigation parameters that this stack sets."""
         return robot
