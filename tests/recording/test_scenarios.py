@@ -181,6 +181,19 @@ def test_a_wrong_world_and_another_route_are_told(world: World, bag: Path) -> No
         recorded_scenario(found, world, route=elsewhere.model_copy(update={"start": start}))
 
 
+def test_tracks_without_a_map_get_an_open_floor_where_asked(world: World, tmp_path: Path) -> None:
+    start = world.route("route_1").start
+    found = recording(world, walker((0, start.x + 1.0, start.y - 2.0), (15, start.x + 1.0, start.y - 1.9)))
+    with pytest.raises(FileError, match="--open-floor"):
+        world_of_recording(found, None, tmp_path / "site")
+    floor = world_of_recording(found, None, tmp_path / "site", open_floor=True)
+    assert not inspect(found, floor).notes
+    assert recorded_scenario(found, floor).scenario.mission.world == floor.name
+    low, high = found.robot[:, 1:3].min(axis=0), found.robot[:, 1:3].max(axis=0)
+    assert robot_space(floor).is_free(*(low - 1.0)) and robot_space(floor).is_free(*(high + 1.0))
+    assert not robot_space(floor).is_free(*(low - 4.0))
+
+
 def test_people_in_walls_tell_a_wrong_world_whose_floor_the_robot_could_drive_on(world: World) -> None:
     start = world.route("route_1").start
     ann = walker((0, start.x + 1.0, start.y - 2.0), (15, start.x + 1.0, start.y - 1.9))

@@ -53,6 +53,25 @@ def test_noise_is_smoothed_and_the_note_says_how_much() -> None:
     assert kinds(found)["smooth"] == 1 and "0.0" in str(found.notes[-1])
 
 
+def test_odometry_tells_where_a_drive_began() -> None:
+    """The places alone tell little of where a robot stood that soon drives a bend."""
+    t = np.arange(0.0, 12.0, 0.05)
+    speed, yaw = np.clip(0.5 * t - 0.1, 0.0, 0.5), 0.8 * np.sin(t)
+    way = np.cumsum(0.05 * speed[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)]), axis=0)
+    ann = walk("Ann", 8.0 - T, np.full(len(T), 1.0))
+    off = {}
+    for odometry in (True, False):
+        errors = []
+        for seed in range(8):
+            places = way + np.random.default_rng(seed).normal(0.0, 0.05, way.shape)
+            robot = np.column_stack([t, places, yaw, speed, np.gradient(yaw, t), np.zeros(len(t))])
+            found = clean(Recording(source="bag", people=(ann,), robot=robot, odometry=odometry, goal_s=0.0))
+            assert len(found.robot) == len(t)
+            errors.append(np.hypot(*(found.robot[:, 1:3] - way).T)[:20].mean())
+        off[odometry] = float(np.mean(errors))
+    assert off[True] < 0.6 * off[False] and off[True] < 0.015
+
+
 def test_samples_that_jump_are_left_out_and_counted() -> None:
     x = 8.0 - T
     x[40], x[70] = 30.0, -30.0

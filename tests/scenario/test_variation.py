@@ -9,7 +9,7 @@ from tests.scenario.small_world import GOOD, WORLD, human, people
 
 import rvsg
 from rvsg.core.errors import InputError, UnknownName
-from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
+from rvsg.scenario.scenario import Attention, HumanConfiguration, Mission, Scenario
 from rvsg.scenario.validity import check, warnings
 from rvsg.scenario.variation import changes_that_matter, family_of, migrate, same_floor, waypoints_used
 from rvsg.world.world import World
@@ -103,6 +103,25 @@ def test_a_pause_may_vary(value: dict[str, Any]) -> None:
     (task, _), *_ = pauses
     family = family_of(value, [f"Human 1.tasks[{task}].pauses[0].duration_s=1 to 9"])
     assert family.at((7.0,)).people.humans[0].tasks[task].pauses[0].duration_s == 7.0
+
+
+def test_attention_varies_by_its_words(value: dict[str, Any]) -> None:
+    value["people"]["humans"][1]["attention"] = "distracted to unseeing"
+    family = family_of(value, ["Human 1.attention=attentive to unseeing"])
+    assert [str(each) for each in family.ranges] == ["distracted to unseeing", "attentive to unseeing"]
+    assert [family.at((0.0, each)).people.humans[0].attention.value for each in (0.9, 1.0, 2.5, 3.0)] == [
+        "attentive", "distracted", "unseeing", "unseeing",
+    ]  # fmt: skip
+    assert family.middle.people.humans[0].attention is Attention.DISTRACTED
+
+
+ATTENTIONS = ("unseeing to attentive", "attentive to attentive", "0 to 1", "attentive")
+
+
+@pytest.mark.parametrize("words", ATTENTIONS)
+def test_a_range_of_attention_that_cannot_be_used_is_refused(value: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError):
+        family_of(value, [f"Human 1.attention={words}"])
 
 
 UNUSABLE = ("", "=fast", "=1.4 to 0.8", "=1 to 1", "=-1 to 1")

@@ -11,11 +11,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rvsg.app.suites import Suite
 from rvsg.campaign.run_set import Judgement, judge, simulate
 from rvsg.campaign.runner import Evaluator
 from rvsg.core.errors import FileError, RvsgError
 from rvsg.core.plugins import ignore
+from rvsg.core.records import Pose
 from rvsg.evaluation.detection import encounters_of
 from rvsg.evaluation.verdict import counted, load_requirement
 from rvsg.recording.fidelity import Estimate, Fidelity, Limits, compare, estimates, recorded_as
@@ -29,7 +32,10 @@ from rvsg.scenario.world_lookup import as_world, remember
 from rvsg.simulation.run import Run
 from rvsg.world.creation import save_created, world_from
 from rvsg.world.occupancy import write_map
-from rvsg.world.world import World
+from rvsg.world.world import OccupancyMap, World
+
+FLOOR_M, CELL_M = 3.0, 0.05
+"""An open floor reaches this far beyond everybody who was recorded; the side of its cells."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,20 +127,39 @@ class Rebuilt:
         return first, second
 
 
-def world_of_recording(recording: Recording, given: World | str | Path | None, folder: Path) -> World:
+def world_of_recording(
+    recording: Recording, given: World | str | Path | None, folder: Path, *, open_floor: bool = False
+) -> World:
     """Return the world of a recording: the one given, else that of its map, which is written to `folder`.
+
+    Args:
+        open_floor: whether a recording without a map was made on a floor without obstacles.
 
     Raises:
         FileError: no world is given, and the recording holds no map.
     """
     if given is not None:
         return as_world(given)
-    if recording.occupancy is None:
-        raise FileError(Path(recording.source), "the recording holds no map (/map). Name the world: --world.")
+    occupancy = recording.occupancy
+    if occupancy is None and open_floor:
+        occupancy = _floor(recording)
+    if occupancy is None:
+        said = "the recording holds no map (/map). Name the world: --world; or say --open-floor where nothing stood."
+        raise FileError(Path(recording.source), said)
     with tempfile.TemporaryDirectory() as place:
-        write_map(recording.occupancy, Path(place))
+        write_map(occupancy, Path(place))
         save_created(world_from("map", Path(place) / "map.yaml", name=folder.name), folder)
     return remember(as_world(folder), folder)
+
+
+def _floor(recording: Recording) -> OccupancyMap:
+    """Return the map of a free floor around everybody in a recording, with a wall around it."""
+    places = np.concatenate([recording.robot[:, 1:3], *(person.rows[:, 1:3] for person in recording.people)])
+    low, high = places.min(axis=0) - FLOOR_M, places.max(axis=0) + FLOOR_M
+    columns, rows = np.ceil((high - low) / CELL_M).astype(int)
+    cells = np.pad(np.zeros((rows, columns), np.uint8), 2, constant_values=100)
+    x, y = (round(float(value) - 2 * CELL_M, 3) for value in low)
+    return OccupancyMap(cells=cells, resolution=CELL_M, origin=Pose(x=x, y=y, yaw=0.0))
 
 
 def rebuild(

@@ -70,6 +70,7 @@ def scenario(
     people_topic: PeopleTopic = None,
     people_frames: PeopleFrames = None,
     robot_topic: RobotTopic = None,
+    open_floor: Annotated[bool, typer.Option("--open-floor", help="Without a map: no obstacle was near.")] = False,
     jobs: Jobs = 1,
     out: Annotated[Path, typer.Option(metavar="FILE", help="Write the scenario here.")] = Path("scenario.json"),
     html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a page with both drives.")] = None,
@@ -94,7 +95,7 @@ def scenario(
     topics = {"people_topic": people_topic, "robot_topic": robot_topic, "people_frames": people_frames}
     recording = load_recording(file, world=place, **topics)
     folder = out.with_suffix("").with_name(f"{out.stem}-world")
-    place = world_of_recording(recording, place, folder)
+    place = world_of_recording(recording, place, folder, open_floor=open_floor)
     made = rebuild(
         recording,
         place,

@@ -333,7 +333,7 @@ def _probability_map(found: Exploration, a: int, b: int) -> dict[str, Any]:
     """Return the probability over two ranges, the others at their middles, with the boundary and the runs."""
     first, second = found.ranges[a], found.ranges[b]
     x, y = Scale(first.low, first.high, LEFT, RIGHT), Scale(second.low, second.high, BOTTOM, TOP)
-    panel = _panel(first, x, ticks(second.low, second.high), y, second.name)
+    panel = _panel(first, x, _ticks(second), y, second.name)
     panel["title"] = f"{first.name} and {second.name}"
     panel["dots"] = [(x(p.values[a]), y(p.values[b]), p.violated, _said(found, p.values)) for p in found.judged]
     if found.surface is not None:
@@ -358,7 +358,7 @@ def _curve(found: Exploration) -> dict[str, Any]:
     """Return the probability over one range with its 95 % interval; runs lie at 1 where they violate, else at 0."""
     (only,) = found.ranges
     x, y = Scale(only.low, only.high, LEFT, RIGHT), Scale(0.0, 1.0, BOTTOM, TOP)
-    panel = _panel(only, x, [0.0, 0.25, 0.5, 0.75, 1.0], y, "violation probability")
+    panel = _panel(only, x, [(tick, tick) for tick in (0.0, 0.25, 0.5, 0.75, 1.0)], y, "violation probability")
     panel["dots"] = [
         (x(p.values[0]), y(float(bool(p.violated))), p.violated, _said(found, p.values)) for p in found.judged
     ]
@@ -375,13 +375,13 @@ def _curve(found: Exploration) -> dict[str, Any]:
     return panel
 
 
-def _panel(across: Range, x: Scale, up_ticks: Sequence[float], y: Scale, up: str) -> dict[str, Any]:
+def _panel(across: Range, x: Scale, up_ticks: Sequence[tuple[float, float | str]], y: Scale, up: str) -> dict[str, Any]:
     return {
         "title": across.name,
         "across": across.name,
         "up": up,
-        "across_ticks": [(x(tick), tick) for tick in ticks(across.low, across.high)],
-        "up_ticks": [(y(tick), tick) for tick in up_ticks],
+        "across_ticks": [(x(tick), label) for tick, label in _ticks(across)],
+        "up_ticks": [(y(tick), label) for tick, label in up_ticks],
         "cells": (),
         "boundary": "",
         "curve": "",
@@ -419,7 +419,15 @@ def _plane(dimensions: int, a: int, b: int, shares: Floats) -> Floats:
 
 
 def _said(found: Exploration, values: Sequence[float]) -> str:
-    return ", ".join(f"{each.name} {value:.3g}" for each, value in zip(found.ranges, values, strict=True))
+    pairs = zip(found.ranges, values, strict=True)
+    return ", ".join(f"{each.name} {each.word(value) or f'{value:.3g}'}" for each, value in pairs)
+
+
+def _ticks(of: Range) -> list[tuple[float, float | str]]:
+    """Return the values of a range at which its axis is labelled, and the labels."""
+    if of.words:
+        return [(k + 0.5, word) for k, word in enumerate(of.words)]
+    return [(tick, tick) for tick in ticks(of.low, of.high)]
 
 
 EXPLORATION_FORMATS = (".html", ".svg", ".json")

@@ -56,7 +56,8 @@ def dependence(each: Sensitivity, of: Range, *, flat: bool) -> str:
     if each.band is None:
         return "the same everywhere"
     (bad, runs), (others, rest), p = each.band.inside, each.band.outside, f"p {each.band.p:.2g}"
-    said = f"{bad}/{runs} violate from {of.at(each.band.low):.2f} to {of.at(each.band.high):.2f}"
+    low, high = (of.word(value) or f"{value:.2f}" for value in (of.at(each.band.low), of.at(each.band.high)))
+    said = f"{bad}/{runs} violate from {low} to {high}"
     said += f", {others}/{rest} elsewhere ({p}{'' if each.band.told else ', not told apart'})"
     ends = f"{100 * each.at_low:.0f} % at the low end, {100 * each.at_high:.0f} % at the high end"
     return said if flat else f"{said}; fitted: {ends}"

@@ -18,6 +18,7 @@ from rvsg.core.documents import Key, key_text, mistakes_of
 from rvsg.core.errors import InputError, UnknownName
 from rvsg.core.records import Record
 from rvsg.scenario.scenario import (
+    Attention,
     Human,
     HumanConfiguration,
     Mission,
@@ -32,11 +33,12 @@ from rvsg.world.grid import Grid
 from rvsg.world.world import Route, World
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_TO = " to "
 _RANGE = re.compile(rf"\s*({_NUMBER})\s+to\s+({_NUMBER})\s*")
 
 
 class Range(Record):
-    """A number of a scenario that may lie anywhere from `low` to `high`."""
+    """A number of a scenario that may lie anywhere from `low` to `high`, or the attention of a person."""
 
     name: str
     """As people write it: the person and the key, e.g. `Human 1.speed_m_s`."""
@@ -44,6 +46,8 @@ class Range(Record):
     """Where it is in the scenario."""
     low: float
     high: float
+    words: Annotated[tuple[str, ...], Field(exclude_if=lambda words: not words)] = ()
+    """Attentions in order: the first from 0 to 1, the next from 1 to 2."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Range:
@@ -52,11 +56,15 @@ class Range(Record):
         return self
 
     def __str__(self) -> str:
-        return f"{self.low:g} to {self.high:g}"
+        return f"{self.words[0]} to {self.words[-1]}" if self.words else f"{self.low:g} to {self.high:g}"
 
     def at(self, share: float) -> float:
         """Return the value at a share of the range, 0 for `low` and 1 for `high`."""
         return self.low + share * (self.high - self.low)
+
+    def word(self, value: float) -> str:
+        """Return the attention at a value; empty where the range is one of numbers."""
+        return self.words[min(int(value), len(self.words) - 1)] if self.words else ""
 
 
 class ScenarioFamily(Record):
@@ -74,7 +82,7 @@ class ScenarioFamily(Record):
         """
         data = self.middle.model_dump(mode="json")
         for each, value in zip(self.ranges, values, strict=True):
-            _set(data, each.key, value)
+            _set(data, each.key, each.word(value) or value)
         return _scenario(data)
 
 
@@ -91,19 +99,19 @@ def family_of(value: dict[str, Any], vary: Sequence[str] = ()) -> ScenarioFamily
     data = copy.deepcopy(value)
     found: dict[Key, Range] = {}
     for key, text in list(_leaves(data, ())):
-        if not isinstance(text, str) or {"description", "name"} & {*key} or not _RANGE.fullmatch(text):
+        if not isinstance(text, str) or {"description", "name"} & {*key} or not _is_range(key, text):
             continue
         if key[:2] != ("people", "humans") or len(key) < 4:
             raise InputError(f"{key_text(key)}: {text!r} is a range, and only numbers of people may be ranges.")
         human = data["people"]["humans"][key[2]]
         found[key] = _range(f"{human.get('name', f'person {key[2]}')}.{key_text(key[3:])}", key, text)
     for key, each in found.items():
-        _set(data, key, each.at(0.5))
+        _set(data, key, each.word(each.at(0.5)) or each.at(0.5))
     data = _scenario(data).model_dump(mode="json")
     for text in vary:
         each = _varied(data["people"]["humans"], text)
         found[each.key] = each
-        _set(data, each.key, each.at(0.5))
+        _set(data, each.key, each.word(each.at(0.5)) or each.at(0.5))
     if not found:
         raise InputError(
             'The scenario has no range. Write one instead of a number, e.g. "speed_m_s": "0.8 to 1.4", or give '
@@ -124,7 +132,20 @@ def _leaves(value: Any, key: Key) -> Iterator[tuple[Key, Any]]:
         yield key, value
 
 
+def _is_range(key: Key, text: str) -> bool:
+    return bool(_RANGE.fullmatch(text)) or (key[-1] == "attention" and _TO in text)
+
+
 def _range(name: str, key: Key, text: str) -> Range:
+    if key[-1] == "attention":
+        known = [each.value for each in Attention]
+        first, _, last = (word.strip() for word in text.partition(_TO))
+        words = known[known.index(first) : known.index(last) + 1] if {first, last} <= {*known} else []
+        if len(words) < 2:
+            raise InputError(
+                f"{name}: expected two of {', '.join(known)} in this order with `to` between, got {text!r}."
+            )
+        return Range(name=name, key=key, low=0.0, high=float(len(words)), words=tuple(words))
     match = _RANGE.fullmatch(text)
     if match is None:
         raise InputError(f"{name}: expected a range such as 0.8 to 1.4, got {text!r}.")
@@ -144,12 +165,13 @@ def _varied(humans: list[dict[str, Any]], text: str) -> Range:
     rest = name.removeprefix(f"{human['name']}.")
     leaves = _leaves(human, ())
     keys = {key_text(k): k for k, v in leaves if isinstance(v, int | float) and not isinstance(v, bool)}
+    keys["attention"] = ("attention",)
     if rest not in keys:
         raise UnknownName("number", rest, keys, hint=f"Numbers of {human['name']} that may vary.")
     return _range(name, ("people", "humans", index, *keys[rest]), span)
 
 
-def _set(data: Any, key: Key, value: float) -> None:
+def _set(data: Any, key: Key, value: float | str) -> None:
     for part in key[:-1]:
         data = data[part]
     data[key[-1]] = value
