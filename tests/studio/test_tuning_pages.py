@@ -2,21 +2,35 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.app.test_tuning import PLANNER, STILL, suite_of
-from tests.studio.conftest import PATIENT, Server, Show, axe_violations, confirmed, fits, waited
+from tests.app.test_tuning import PLANNER, STILL, made_tuning, suite_of
+from tests.studio.conftest import (
+    HOSTILE,
+    PATIENT,
+    Server,
+    Show,
+    axe_violations,
+    confirmed,
+    fits,
+    press,
+    reach,
+    waited,
+)
 
 import rvsg
 from rvsg.app.tuner import RUNS
-from rvsg.campaign.tuning import Tuning
+from rvsg.campaign.setting_runs import TuningCase
+from rvsg.campaign.tuning import Choice, Tuning
 from rvsg.report.tuning_page import headline
 from rvsg_studio.workspace import Jobs
 
+LOOKS = pytest.mark.parametrize("look", [(1280, "light"), pytest.param((390, "dark"), marks=pytest.mark.exhaustive)])
 EXAMPLES = Path(__file__).parents[2] / "examples" / "stacks"
 
 
@@ -82,7 +96,30 @@ def test_a_tuning_is_followed_killed_resumed_chosen_and_saved(show: Show, studio
     tab.wait_for_url("**/tuning?folder=runs%2Ftuned")
 
 
-@pytest.mark.parametrize("look", [(1280, "light"), pytest.param((390, "dark"), marks=pytest.mark.exhaustive)])
+@LOOKS
+def test_a_result_can_be_read_on_any_screen(show: Show, studio: Server, folder: Path, look: tuple[int, str]) -> None:
+    suite = rvsg.Suite.open(folder / "cases")
+    cases = [TuningCase(suite.tested(case.name), rvsg.Spec("embedded")) for case in suite.cases]
+    front = tuple(Choice(number=k, values={"wait_s": 9.0 - k}, score=made_tuning(cases).before) for k in (3, 4))
+    found = made_tuning(cases, front=front, proposal=3, file="stack.json", failed=(HOSTILE,))
+    job = studio.own / "jobs" / "20260101-000000-abcdef"
+    for place in (job, folder / "runs" / "read"):
+        place.mkdir(parents=True)
+    (folder / "runs" / "read" / "tuning.json").write_text(found.to_json())
+    told = {"kind": "tuning", "title": "Tuning", "command": "rvsg tune", "target": "runs/read", "begun_s": 0.0}
+    (job / "job.json").write_text(json.dumps(told | {"arguments": {"suite": "cases"}}))
+    (job / "result.json").write_text(json.dumps({"state": "paused", "reason": HOSTILE}))
+    tab = show("/job?job=20260101-000000-abcdef", width=look[0], color_scheme=look[1], bypass_csp=True)
+    press(tab, tab.get_by_role("link", name="Open the tuning"))
+    tab.get_by_text("Not shown to help").wait_for()
+    for name in ("Resume", "Propose setting 4"):
+        reach(tab, tab.get_by_role("button", name=name))
+    assert tab.get_by_role("row").filter(has_text="proposed").inner_text().startswith("3")
+    is_well(tab)
+    assert tab.locator("main img[src=x]").count() == 0, "text stays text"
+
+
+@LOOKS
 def test_each_mistake_is_told_beside_its_field(show: Show, folder: Path, look: tuple[int, str]) -> None:
     tab = show("/tune?suite=cases", width=look[0], color_scheme=look[1], bypass_csp=True)
     good = {"stack": "nav2-dwb", "budget_minutes": "", "attack_runs": "0", "suite": "cases", "budget_runs": "60"}
