@@ -311,7 +311,7 @@ def test_a_violation_says_whether_it_recurs_without_people(alone: float | None, 
     assert told.status == "FAIL" or told.rows[0].runs < 15
     if alone is not None:
         drove = answer(the_plan, changed, ledger, alone=changed[-1]).headline
-        assert (f"in {changed[-1].runs}/{changed[-1].runs} without people" in drove) == (alone == 0.5)
+        assert (f", {changed[-1].runs}/{changed[-1].runs} without people" in drove) == (alone == 0.5)
     text = page(the_plan, changed, ledger)
     assert f"<b>{cause}</b>" in text[: text.index("What happens")]
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
+
 import pytest
 import yaml
-from tests.studio.conftest import PATIENT, Server, Show, axe_violations, fits
+from tests.studio.conftest import PATIENT, Server, Show, axe_violations, fits, waited
 
 import rvsg
 
@@ -58,6 +62,28 @@ def test_a_running_campaign_outlives_the_studio_and_pauses_and_resumes(show: Sho
     tab.get_by_role("button", name="Pause").click(timeout=PATIENT)
     tab.get_by_role("button", name="Resume").wait_for(timeout=PATIENT)
     assert rvsg.Campaign.open(folder).attempts()[: len(before)] == before
+
+
+def test_a_campaign_of_the_command_line_is_followed(show: Show, studio: Server) -> None:
+    settings = SETTINGS | {"scenarios": 4000, "jobs": 1, "out": str(studio.folder / "runs" / "typed")}
+    campaign = rvsg.Campaign.create(**settings)  # type: ignore[arg-type]
+    tab = show("/campaign?folder=runs/typed")
+    tab.locator(".chip", has_text="not finished").wait_for()
+    running = subprocess.Popen(
+        [sys.executable, "-m", "rvsg", "run", "--out", str(campaign.folder)], stderr=subprocess.DEVNULL
+    )
+    try:
+        tab.get_by_text("search · another process").wait_for(timeout=PATIENT)
+        assert tab.locator(".chip", has_text="running").count() == 1
+        assert tab.get_by_role("button", name="Resume").count() == 0
+        tried = tab.get_by_text("configurations tried")
+        before = tried.inner_text()
+        waited(lambda: tried.inner_text() != before)
+    finally:
+        running.send_signal(signal.SIGINT)
+        running.wait()
+    tab.get_by_role("button", name="Resume").wait_for(timeout=PATIENT)
+    assert tab.get_by_text("another process").count() == 0
 
 
 def test_files_outside_the_folder_are_never_shown(show: Show, studio: Server) -> None:

@@ -26,6 +26,10 @@ STORE = "store.json"
 CONFIG = "campaign.yaml"
 REPORT = "report.html"
 BEST = "best_scenario.json"
+LOCK = ".lock"
+"""Held in the folder of a campaign while a process runs it."""
+LOCK_PATIENCE_S = 0.5
+"""Seconds to wait for the lock: who looks whether it is held, as the studio does, holds it for an instant."""
 BEFOREHAND = ("prompts", "vlm")
 """What a user may put into the folder of a campaign before it begins: templates, and recorded calls of a model."""
 
@@ -113,7 +117,7 @@ def alone_in(folder: Path) -> Iterator[None]:
     from filelock import FileLock, Timeout
 
     try:
-        held = FileLock(folder / ".lock", blocking=False, thread_local=False).acquire()
+        held = FileLock(folder / LOCK, timeout=LOCK_PATIENCE_S, thread_local=False).acquire()
     except Timeout:
         raise InputError(
             f"{folder}: another `rvsg run` works in this folder. Wait for it, or stop it.", code="out-in-use"

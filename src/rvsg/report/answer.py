@@ -195,8 +195,8 @@ def answer_of_runs(plan: Plan, attempt: Attempt, *, world: World, run_of: Callab
         severity=severity_of(attempt, requirement),
     )
     row = row_of(entry, attempt, requirement, world, run_of).replace(cause="–", caused="not tried")
-    often = f"{requirement.name} is violated in {row.share} runs" if row.bounds else f"{requirement.name} has no limit"
-    touch = f", touching in {row.contact}" if row.contacts else ""
+    often = f"{row.share} runs violate {requirement.name}" if row.bounds else f"There is no limit of {requirement.name}"
+    touch = f"; {row.contact} touch a person" if row.contacts else ""
     return Answer(
         status=row.status,
         violated=row.violated,
@@ -217,7 +217,7 @@ def answer_of_runs(plan: Plan, attempt: Attempt, *, world: World, run_of: Callab
 
 def _setup(mission: Mission, *more: str) -> tuple[str, ...]:
     world, *stack = (Path(each).name for each in more)
-    return tuple(each for each in (world, mission.route.name, mission.robot_name, *stack) if each)
+    return tuple(dict.fromkeys(each for each in (world, mission.route.name, mission.robot_name, *stack) if each))
 
 
 def _strength(verdict: Verdict) -> tuple[bool, bool, bool, float]:
@@ -260,16 +260,17 @@ def _headline(
         done = "" if summary.complete else f"The campaign is not finished ({runs} so far). "
         if found := sum(row.state == "candidate" for row in rows):
             many = f"{counted(found, 'candidate')}, none confirmed; the first"
-            return f"{done}{many}: {rows[0].name}, {rows[0].share} runs violate {requirement.name}."
-        return f"{done}Nothing found: no run of the search violates {requirement.name} ({runs})."
+            touch = f"; {rows[0].contact} touch a person" if rows[0].contacts else ""
+            return f"{done}{many}: {rows[0].name}. {rows[0].share} runs violate {requirement.name}{touch}."
+        return f"{done}No run of the search violates {requirement.name} ({runs})."
     first = rows[0]
     if first.contacts and first.violated != "yes":
-        return f"{first.name}. They touch in {first.contact} runs; {requirement.name} is violated in {first.share}."
+        return f"{first.name}. {first.contact} runs touch a person; {first.share} violate {requirement.name}."
     if first.violated == "yes":
-        more = f", in {share_of(alone.violations, alone.judged)} without people" if alone and alone.violations else ""
+        more = f", {share_of(alone.violations, alone.judged)} without people" if alone and alone.violations else ""
         more += "; how often is open" if first.often == "not settled" else ""
         more += f"; {first.contact} touch a person" if first.contacts else ""
-        return f"{first.name}. {requirement.name} is violated in {first.share} runs{more}."
+        return f"{first.name}. {first.share} runs violate {requirement.name}{more}."
     if first.violated == "no" and first.bounds is not None:
         most = percent(first.bounds[1])
         return (
@@ -291,7 +292,7 @@ def _counts(rows: Sequence[Row]) -> str:
     kept, undecided = (sum(row.violated == each for row in confirmed) for each in ("no", "open"))
     parts += [f"{kept} not violated"] if kept else []
     parts += [f"{undecided} open"] if undecided else []
-    parts += [f"{touched} touch a person"] if (touched := sum(row.contacts > 0 for row in confirmed)) else []
+    parts += [f"{touched} with contact"] if (touched := sum(row.contacts > 0 for row in confirmed)) else []
     return f"{counted(len(confirmed), 'confirmed configuration')}: {', '.join(parts)}." if confirmed else ""
 
 
@@ -329,9 +330,9 @@ def _elsewhere(rows: Sequence[Row], attempts: Sequence[Attempt], requirement: Re
         return None
     most, met = max(touches.items(), key=lambda pair: (sum(pair[1].values()), pair[0]))
     which = "other runs" if rows else "runs"
-    text = f"Contact in {touched} of {total} {which}; most: {most}, {share_of(sum(met.values()), len(met))}."
-    if requirement.metric not in ("contacts", "contact_speed", "contact_longest"):
-        text += f" {requirement.name} does not judge contact."
+    judged = requirement.metric in ("contacts", "contact_speed", "contact_longest")
+    text = f"Contact in {touched} of {total} {which}; most: {most}, {share_of(sum(met.values()), len(met))}"
+    text += "." if judged else f"; {requirement.name} does not judge contact."
     return Elsewhere(
         text=text,
         number=most,
@@ -365,7 +366,7 @@ def _next_steps(
         steps.append(("keep", "Keep it as a regression test", ""))
     if rows:
         steps.append(("planner", "See what the planner does", f" --run {rows[0].run}"))
-    if not shown and summary.ranking:
+    if not shown:
         steps.append(("repeat", "Search with another seed", ""))
     known = (NextStep(text=text, command=commands[key] + rest) for key, text, rest in steps if key in commands)
     return tuple(known)[:3]

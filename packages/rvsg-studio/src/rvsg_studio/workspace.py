@@ -194,19 +194,23 @@ def holding(folder: Path) -> Iterator[None]:
         yield
 
 
-def _holder(path: Path) -> int | None:
-    """Return the process that holds a lock; None where none does: an id alone may belong to another by now."""
+def is_held(path: Path) -> bool:
+    """Return whether a process holds a lock; the file alone may be left over from one that has ended."""
     import fcntl
 
     try:
         with path.open("r") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-            except OSError:
-                return int(lock.read() or 0) or None
+            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except FileNotFoundError:
-        pass
-    return None
+        return False
+    except BlockingIOError:
+        return True
+    return False
+
+
+def _holder(path: Path) -> int | None:
+    """Return the process that holds a lock; None where none does: an id alone may belong to another by now."""
+    return int(path.read_text() or 0) or None if is_held(path) else None
 
 
 def read_json(path: Path, otherwise: Any) -> Any:

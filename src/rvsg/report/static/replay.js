@@ -864,6 +864,7 @@
       state: function () { return { marked: state.marked, group: state.group && state.group.id, run: state.run && state.run.id, other: state.other && state.other.id, t: state.t, playing: state.playing, speed: state.speed, end: state.series && end() }; },
     };
     if (!options.stage && (element.clientWidth || 1000) < 560) { show.follow = true; switches.follow.checked = true; }
+    if (byRun.has(options.run) && isFinite(options.t)) byRun.get(options.run).runs.find(function (r) { return r.id === options.run; }).opens = options.t;
     if (!(options.address && fromAddress())) select(options.run && byRun.has(options.run) ? options.run : first.runs[0].id, options.t);
     return api;
   }

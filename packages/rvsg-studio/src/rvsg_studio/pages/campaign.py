@@ -10,6 +10,7 @@ from typing import Any
 from nicegui import ui
 
 from rvsg.app.commands import resume_command
+from rvsg.app.folder import LOCK
 from rvsg.app.matrix import Matrix
 from rvsg.campaign.ranking import best_attempt
 from rvsg.evaluation.verdict import counted
@@ -19,12 +20,14 @@ from rvsg_studio.frame import Page, actions, address, chip, link, load, page, ra
 from rvsg_studio.listing import FoundCampaign
 from rvsg_studio.pages.finding import State, job_buttons, known
 from rvsg_studio.pages.home import ago
-from rvsg_studio.workspace import LOG, Job, Workspace
+from rvsg_studio.workspace import LOG, Job, Workspace, is_held, stamp
 
 EVERY_S = 1.0
 LOGGED = 200  # lines
 PATIENCE = 6.0
 """Reading the store again may take this share of the time at most: one part in so many."""
+STAGES = {"search": "search", "confirmation": "confirm", "baseline": "cause", "removal": "cause", "shrinking": "shrink"}
+"""The stage of a campaign by the purpose of its newest attempt."""
 
 
 def add(workspace: Workspace) -> None:
@@ -51,10 +54,11 @@ class Live:
         self.page, self.folder = made, folder
         self._take(state)
         self.workspace = made.workspace
+        self._seen, self._held = self._stored()
         self._at, self._next, self._shown_worst = 0, 0.0, -1
         self._following: str | None = None
         self._last = ""
-        self._buttons_for: tuple[bool, bool] | None = None
+        self._buttons_for: tuple[bool, bool, bool] | None = None
         tag("p", " · ".join((self.answer.title, *self.answer.setup)), cls="soft")
         self.said = tag("div")
         with tag("div", cls="st-status"):
@@ -95,24 +99,29 @@ class Live:
         jobs = [job for job in found if job is not None and (job.target == self.folder or job.kind == "matrix")]
         return max(jobs, key=lambda job: (job.running, job.id), default=None)
 
+    def _stored(self) -> tuple[object, bool]:
+        """What changes when any process writes to the store, and whether one runs the campaign."""
+        folder = self.workspace.path(self.folder)
+        return stamp(folder), is_held(folder / LOCK)
+
     async def _follow(self) -> None:
-        """Take in what happened, and read the store again where an attempt was finished."""
-        job = await load(self._job)
-        if job is None:
-            return
-        if job.id != self._following:
-            self._following, self._at = job.id, 0
-        events, self._at = await load(self.workspace.jobs.events, job.id, self._at)
-        events = [event for event in events if event.get("folder", self.folder) == self.folder]
+        """Take in what happened, and read the store again where it changed."""
+        job, events = await load(self._job), list[dict[str, Any]]()
+        if job is not None:
+            if job.id != self._following:
+                self._following, self._at = job.id, 0
+            events, self._at = await load(self.workspace.jobs.events, job.id, self._at)
         for event in events:
-            self._say(event)
-        changed = any(event["kind"] in ("attempt", "progress") for event in events) or not job.running
-        if changed and time.monotonic() >= self._next and not (not events and not job.running):
+            if event.get("folder", self.folder) == self.folder:
+                self._say(event)
+        was, (stored, self._held) = self._held, await load(self._stored)
+        if stored != self._seen and time.monotonic() >= self._next:
             begun = time.monotonic()
             self._take(await load(known, self.workspace, self.folder, self.campaign.name))
             self._next = time.monotonic() + max(EVERY_S, PATIENCE * (time.monotonic() - begun))
+            self._seen = stored
             self._show(job)
-        elif events or job.state != self._last:
+        elif events or self._held != was or (job is not None and job.state != self._last):
             self._status(job)
 
     def _say(self, event: dict[str, Any]) -> None:
@@ -142,15 +151,17 @@ class Live:
     def _status(self, job: Job | None) -> None:
         self._last = job.state if job is not None else ""
         plan, account = self.campaign.plan, self.summary.accounting
+        running = job is not None and job.running
         words = job.state if job is not None else "not finished"
-        if self.summary.complete and not (job is not None and job.running):
-            words = "finished"
+        if not running:
+            words = "running" if self._held else "finished" if self.summary.complete else words
+            where = "another process, such as `rvsg run`, runs this campaign; Ctrl-C there pauses it"
+            newest = STAGES[self.attempts[-1].purpose] if self.attempts else "prepare"
+            self.stage.set_text(f"{newest} · {where}" if self._held else "")
         self.chip.set_text(words)
-        if job is not None and job.state == "failed":
-            self.chip.classes(replace="chip bad")
+        self.chip.classes(replace=f"chip{' bad' if words == 'failed' else ''}")
+        if job is not None and words == "failed":
             self.page.say(job.result.get("reason", ""), wrong=True)
-        else:
-            self.chip.classes(replace=f"chip{' good' if words == 'finished' else ''}")
         made = account.search_runs
         tried = tried_of(account.search_attempts, plan.attempts)
         self.progress.set_text(f"{tried} configurations tried, {made} of {plan.search_runs} search runs, "
@@ -164,8 +175,6 @@ class Live:
             log = job.folder / LOG  # a job that was stopped before its worker began has none
             lines = log.read_text(errors="replace").splitlines() if log.exists() else []
             self.log.set_text("\n".join(lines[-LOGGED:]))
-            if not job.running:
-                self.stage.set_text("")
         self._buttons(job)
 
     def _spent(self, job: Job | None) -> str:
@@ -178,7 +187,7 @@ class Live:
 
     def _buttons(self, job: Job | None) -> None:
         running = job is not None and job.running
-        wanted = (running, self.summary.complete)
+        wanted = (running, self.summary.complete, self._held)
         if self._buttons_for == wanted:
             return
         self._buttons_for = wanted
@@ -186,7 +195,7 @@ class Live:
         with self.actions:
             if running and job is not None:
                 job_buttons(self.page, job, self.news.set_text, command="Ctrl-C in `rvsg run`")
-            elif not self.summary.complete:
+            elif not self.summary.complete and not self._held:
                 self.page.button("Resume", self._resume, cls="st-primary",
                                  command=resume_command(self.campaign.config))  # fmt: skip
             if self.attempts:
@@ -274,16 +283,17 @@ class Cells:
         running = job is not None and job.running
         finished = len(found) == len(self.matrix.all_pairs) and all(each.complete for each in found.values())
         state = job.state if job is not None and (running or not finished) else "finished" if finished else "not run"
-        self.chip.set_text(state)
+        elsewhere = not running and is_held(self.workspace.path(self.folder) / LOCK)
+        self.chip.set_text("running" if elsewhere else state)
         if job is not None and job.state == "failed":
             self.news.set_text(job.result.get("reason", ""))
-        if (running, finished) != self._buttons:
-            self._buttons = (running, finished)
+        if (running, finished or elsewhere) != self._buttons:
+            self._buttons = (running, finished or elsewhere)
             self.actions.clear()
             with self.actions:
                 if running and job is not None:
                     job_buttons(self.page, job)
-                elif not finished:
+                elif not finished and not elsewhere:
                     self.page.button("Resume", self._resume, cls="st-primary")
         if (shown := (tuple(found.items()), finished)) != self._shown:
             self._shown = shown
