@@ -92,6 +92,7 @@ def picture(browser: Browser, address: str, path: str, name: str, size: tuple[in
     if name.startswith("conversations"):
         tab.locator("summary").first.click()
     tab.evaluate("[document.scrollingElement, ...document.querySelectorAll('section')].forEach(e => e.scrollTo(0, 0))")
+    tab.wait_for_function("[...document.images].every(each => each.complete)")
     tab.wait_for_timeout(700)
     image = Image.open(io.BytesIO(tab.screenshot())).convert("RGB")
     image.quantize(COLOURS, dither=Image.Dither.NONE).save(IMAGES / f"studio-{name}.png", optimize=True)

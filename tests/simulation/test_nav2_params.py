@@ -280,8 +280,11 @@ def test_the_table_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFix
     assert told["stack"]["name"] == "nav2-mppi" and sum(told["counts"].values()) == len(told["keys"])
     assert main(["stacks", str(path)]) == 0
     lines = capsys.readouterr().out.splitlines()
-    messages = StackChoice.of(path).messages
-    assert lines[: len(messages)] == list(messages) and len(lines) == len(messages) + len(told["keys"])
+    assert lines == list(StackChoice.of(path).messages)
+    place = next(n for n, text in enumerate(path.read_text().splitlines(), 1) if "keepout:" in text)
+    assert any(text.startswith("not supported: ") and f"keepout.plugin (line {place})" in text for text in lines)
+    assert main(["stacks", str(path), "--verbose"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == len(lines) + len(told["keys"])
 
 
 INFLATED = "{plugin: 'nav2_costmap_2d::InflationLayer', inflation_radius: 1.0e+6}"

@@ -77,8 +77,8 @@ def stacks(
         Path | None,
         typer.Argument(
             metavar="[SUITE|CAMPAIGN|FILE]",
-            help="With --stack, the suite or the campaigns whose scenarios are driven. For a nav2_params.yaml, list "
-            "what each key does.",
+            help="With --stack, the suite or the campaigns whose scenarios are driven. Of a nav2_params.yaml, say "
+            "what is not supported.",
         ),
     ] = None,
     stack: Annotated[
@@ -97,6 +97,7 @@ def stacks(
         Path | None,
         typer.Option(metavar="DIR", help="Write the clients of exec: stacks, in Python and C++, and exit."),
     ] = None,
+    verbose: Annotated[bool, typer.Option("--verbose", help="For a nav2_params.yaml, list every key.")] = False,
     json: AsJson = False,
 ) -> None:
     """List the navigation stacks, or compare several on the same scenarios and seeds.
@@ -115,7 +116,7 @@ def stacks(
         _compare(source, stack or [], robot or [], runs, scenarios, jobs, out, as_json=json)
         return
     if source is not None:
-        _print_params(source, as_json=json)
+        _print_params(source, verbose=verbose, as_json=json)
         return
     found = listed_stacks()
     if json:
@@ -159,8 +160,8 @@ def _compare(
         print(ranking_markdown(found), end="")
 
 
-def _print_params(path: Path, *, as_json: bool) -> None:
-    """Print what every key of a parameter file does, and the stack it asks for."""
+def _print_params(path: Path, *, verbose: bool, as_json: bool) -> None:
+    """Print what of a parameter file is not supported, and what every key does."""
     from rvsg.simulation.stacks.nav2_params import read_nav2_params
     from rvsg.simulation.stacks.stack_choice import StackChoice
 
@@ -171,5 +172,6 @@ def _print_params(path: Path, *, as_json: bool) -> None:
         return
     for message in chosen.messages:
         print(message)
-    for entry in read.entries:
-        print(f"{entry.state:14} {entry.key} = {entry.value}{f'  ({entry.note})' if entry.note else ''}")
+    for entry in read.entries if verbose else ():
+        note = f"  ({entry.note})" if entry.note else ""
+        print(f"{entry.state:14} line {entry.line}: {entry.key} = {entry.value}{note}")

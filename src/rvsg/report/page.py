@@ -56,9 +56,19 @@ from rvsg.world.world import Route, World
 
 
 def data_of(
-    shown: Iterable[AttemptFacts], *, mission: Mission, requirement: Requirement, world: World, floor: FloorPlan
+    shown: Iterable[AttemptFacts],
+    *,
+    mission: Mission,
+    requirement: Requirement,
+    world: World,
+    floor: FloorPlan,
+    given: bool = False,
 ) -> dict[str, Any]:
-    """Return the data of the replay component for the runs of these configurations, in this order."""
+    """Return the data of the replay component for the runs of these configurations, in this order.
+
+    Args:
+        given: whether the runs belong to no campaign.
+    """
 
     def worst_first(run: RunFacts) -> float:
         value = run.measurement.objective
@@ -66,12 +76,12 @@ def data_of(
 
     groups = []
     for facts in shown:
-        scenario = facts.attempt.proposal.scenario
+        scenario, many = facts.attempt.proposal.scenario, counted(len(facts.runs), "run")
         groups.append(
             ReplayGroup(
                 id=str(facts.attempt.index),
-                label=f"{group_label(facts)} ({counted(len(facts.runs), 'run')})",
-                purpose=facts.attempt.purpose,
+                label=many if given else f"{group_label(facts)} ({many})",
+                purpose="given" if given else facts.attempt.purpose,
                 status=facts.attempt.verdict.status.value if facts.attempt.verdict else "",
                 manners={human.name: manner(human) for human in scenario.people.humans} if scenario else {},
                 tasks={human.name: tasks_of(human) for human in scenario.people.humans} if scenario else {},
@@ -181,12 +191,11 @@ def render_page(
     )
 
 
-def _shared(shown: Shown, replayed: Sequence[AttemptFacts], *, label: str = "") -> dict[str, Any]:
-    """Return what the pages of campaigns and of runs both show; `label` names runs that belong to no campaign."""
+def _shared(shown: Shown, replayed: Sequence[AttemptFacts], *, given: bool = False) -> dict[str, Any]:
+    """Return what the pages of campaigns and of runs both show; `given` runs belong to no campaign."""
     plan, world, floor, answer = shown.plan, shown.world, shown.floor, shown.answer
-    data = data_of(replayed, mission=plan.mission, requirement=plan.requirement, world=world, floor=floor)
-    if label:
-        data["groups"][0] |= {"label": label, "purpose": "given"}
+    mission, requirement = plan.mission, plan.requirement
+    data = data_of(replayed, mission=mission, requirement=requirement, world=world, floor=floor, given=given)
     if answer.rows:
         data["opens"] = {"run": answer.rows[0].run, "t": float(shown_at(answer.rows[0].moment_s))}
     return {
@@ -200,7 +209,7 @@ def _shared(shown: Shown, replayed: Sequence[AttemptFacts], *, label: str = "") 
         "place": f"{world.title}, {plan.mission.route.name}",
         "doors": plan.mission.doors,
         "replay": script_safe(data) if data["groups"] else None,
-        "runs": run_rows(shown) if not label else run_rows_of(replayed[0], plan.requirement.unit),
+        "runs": run_rows(shown) if not given else run_rows_of(replayed[0], plan.requirement.unit),
         "component": Markup(component()),  # noqa: S704 - our own files
         **plan_markup(world, floor),
     }
@@ -280,7 +289,7 @@ def write_runs_page(
     )
     text = render(
         "runs.html",
-        **_shared(shown, [facts], label=counted(len(runs), "run")),
+        **_shared(shown, [facts], given=True),
         notes=[*notes, *(f"{label}: {text}." for label, text in under_test(runs).rows)],
         traces=(),
         sure=how_sure(verdict),

@@ -190,7 +190,7 @@ def replay_of_attempts(campaign: Campaign, attempts: Iterable[Attempt]) -> dict[
     world = campaign.shown_world
     with campaign.reading() as ledger:
         facts = facts_of(attempts, campaign.requirement, world, ledger.run)
-    return _data(facts, campaign.plan.mission, campaign.requirement, world)
+    return _data(facts, campaign.plan.mission, campaign.requirement, world, given=False)
 
 
 def replay_of_runs(runs: RunSet, requirement: Requirement) -> dict[str, Any]:
@@ -214,11 +214,13 @@ def replay_of_runs(runs: RunSet, requirement: Requirement) -> dict[str, Any]:
     )
     each = (run_facts(run, m, requirement, world, scenario) for run, m in zip(runs, measured, strict=True))
     facts = AttemptFacts(attempt=attempt, runs=tuple(each))
-    return _data([facts], scenario.mission, requirement, world)
+    return _data([facts], scenario.mission, requirement, world, given=True)
 
 
-def _data(facts: Iterable[AttemptFacts], mission: Mission, requirement: Requirement, world: World) -> dict[str, Any]:
+def _data(
+    facts: Iterable[AttemptFacts], mission: Mission, requirement: Requirement, world: World, *, given: bool
+) -> dict[str, Any]:
     """Return the data of the replay component, with the floor plan as SVG that `mount` reads."""
     floor = floor_plan(world, tooltips=False)
-    data = data_of(facts, mission=mission, requirement=requirement, world=world, floor=floor)
+    data = data_of(facts, mission=mission, requirement=requirement, world=world, floor=floor, given=given)
     return data | {"floor": floor_svg(world)}

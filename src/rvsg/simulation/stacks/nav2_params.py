@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Never
 
-from rvsg.core.documents import DocumentError, Problem, parse_yaml
+from rvsg.core.documents import Document, DocumentError, parse_yaml
 from rvsg.core.errors import FileError
 from rvsg.core.inputs import read_text
 from rvsg.simulation.embedded.robot_parameters import ACTIONS
@@ -28,6 +28,8 @@ class Entry:
     """One key of the file."""
 
     key: str
+    line: int
+    """In the file."""
     value: str
     state: State
     note: str = ""
@@ -52,12 +54,12 @@ class Nav2File:
         lines = [
             f"{self.path}: {self.stack}; of {len(self.entries)} keys {counts['honoured']} are honoured, "
             f"{counts['no effect']} have no effect here, {counts['not supported']} are not supported. "
-            f"`rvsg stacks {self.path}` lists all of them."
+            f"`rvsg stacks {self.path} --verbose` lists all of them."
         ]
         reasons: dict[str, list[str]] = {}
         for entry in self.entries:
             if entry.state == "not supported":
-                reasons.setdefault(entry.note, []).append(entry.key)
+                reasons.setdefault(entry.note, []).append(f"{entry.key} (line {entry.line})")
         lines += [f"not supported: {', '.join(keys)}: {reason}" for reason, keys in reasons.items()]
         return lines
 
@@ -224,20 +226,20 @@ def read_nav2_params(path: str | Path) -> Nav2File:
 
 def read_nav2_text(text: str, path: Path) -> Nav2File:
     """Read the text of a parameter file of Nav2, which is or will be at `path`; as `read_nav2_params`."""
-    document = parse_yaml(text, path).value
-    if not isinstance(document, Mapping) or not any(name in document for name in SERVERS):
+    document = parse_yaml(text, path)
+    if not isinstance(document.value, Mapping) or not any(name in document.value for name in SERVERS):
         raise FileError(
             path, "this is no parameter file of Nav2: none of the nodes "
             f"{', '.join(SERVERS[:5])} ... is in it."
         )  # fmt: skip
-    return _Reader(path, text, document).read()
+    return _Reader(document).read()
 
 
 class _Reader:
     """Reads every node of a parameter file; keeps what was used and what is not supported."""
 
-    def __init__(self, path: Path, text: str, document: Mapping[str, Any]) -> None:
-        self.path, self.text, self.document = path, text, document
+    def __init__(self, document: Document) -> None:
+        self.path, self.document, self.source = document.path, document.value, document
         self.used: dict[Key, str] = {}
         self.refused: dict[Key, str] = {}
         self.idle: dict[Key, str] = {}
@@ -246,8 +248,7 @@ class _Reader:
 
     def wrong(self, key: Key, message: str, code: str = "document") -> Never:
         """Raise what is wrong with a key."""
-        line = parse_yaml(self.text, self.path).lines.get(key)
-        error = DocumentError([Problem(self.path, line, f"{'.'.join(map(str, key))}: {message}", key, code)])
+        error = DocumentError([self.source.problem(f"{'.'.join(map(str, key))}: {message}", *key, code=code)])
         error.code = code
         raise error
 
@@ -561,21 +562,22 @@ class _Reader:
 
     def _entries(self) -> Iterator[Entry]:
         for key, value in leaves_of(self.document, ()):
-            name, shown = ".".join(part for part in key if part != "ros__parameters"), f"{value!r:.60}"
+            name = ".".join(part for part in key if part != "ros__parameters")
+            shown = (name, self.source.line(*key) or 0, f"{value!r:.60}")
             if key in self.refused:
-                yield Entry(name, shown, "not supported", self.refused[key])
+                yield Entry(*shown, "not supported", self.refused[key])
             elif idle := next((why for place, why in self.idle.items() if key[: len(place)] == place), ""):
-                yield Entry(name, shown, "no effect", idle)
+                yield Entry(*shown, "no effect", idle)
             elif any(key[: len(used)] == used for used in self.used):
                 note = next(self.used[used] for used in self.used if key[: len(used)] == used)
-                yield Entry(name, shown, "honoured", note)
+                yield Entry(*shown, "honoured", note)
             elif key[0].strip("/").partition("/")[0] in OUTSIDE:
-                yield Entry(name, shown, "no effect", f"{key[0]} has no part in a run here")
+                yield Entry(*shown, "no effect", f"{key[0]} has no part in a run here")
             elif why := next((why for pattern, why in IDLE if pattern.search(key[-1])), ""):
-                yield Entry(name, shown, "no effect", why)
+                yield Entry(*shown, "no effect", why)
             elif any(map(SIDEWAYS.search, key[-2:-1])):
-                yield Entry(name, shown, "no effect", SIDEWAYS_NOTE)
+                yield Entry(*shown, "no effect", SIDEWAYS_NOTE)
             elif AS_SIMULATED.get(key[-1].rpartition(".")[2], ...) == value:
-                yield Entry(name, shown, "honoured", "this is what is simulated")
+                yield Entry(*shown, "honoured", "this is what is simulated")
             else:
-                yield Entry(name, shown, "not supported", "not simulated; Nav2's default holds")
+                yield Entry(*shown, "not supported", "not simulated; Nav2's default holds")

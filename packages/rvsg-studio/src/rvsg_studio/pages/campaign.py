@@ -70,9 +70,10 @@ class Live:
         self.actions = actions()
         self.stage = tag("p", "", cls="st-news", role="status")
         self.news = tag("p", "", cls="soft small st-news")
-        with tag("details"):
+        with tag("details") as self.folded:
             tag("summary", "Log")
             self.log = tag("pre", "", tabindex="0", aria_label="Log")
+        self.folded.set_visibility(False)
         with section("Scenarios", "scenarios"):
             self.rows = tag("div")
         region = {"tabindex": "0", "role": "region", "aria_label": "Chart of the search"}
@@ -175,6 +176,7 @@ class Live:
             log = job.folder / LOG  # a job that was stopped before its worker began has none
             lines = log.read_text(errors="replace").splitlines() if log.exists() else []
             self.log.set_text("\n".join(lines[-LOGGED:]))
+            self.folded.set_visibility(bool(lines))
         self._buttons(job)
 
     def _spent(self, job: Job | None) -> str:
@@ -323,3 +325,4 @@ class Cells:
             return
         chip(campaign.status, campaign.tone)
         link(f"{campaign.tried} tried", "/campaign", folder=campaign.folder, name=campaign.name)
+        tag("div", campaign.headline, cls="soft small")
