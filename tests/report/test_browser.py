@@ -217,7 +217,7 @@ def test_the_first_screen_shows_verdict_figures_encounter_and_next_steps(show: S
         box = tab.locator(part).first.bounding_box()
         assert box is not None and box["y"] + box["height"] <= 720, part
     assert len(tab.locator(".lead h1, .lead .strip").all_inner_texts()) and state(tab)["playing"] is False
-    words = " ".join(tab.locator(".lead h1, .lead .strip").all_inner_texts()).split()
+    words = " ".join(tab.locator(".lead h1, .lead .strip, .lead .next span").all_inner_texts()).split()
     assert len(words) <= 60
     shown = [float(v) for v in tab.locator("#map").get_attribute("viewBox").split()]
     tab.get_by_role("button", name="Fit").click()

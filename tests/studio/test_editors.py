@@ -85,3 +85,28 @@ def test_a_scenario_is_changed_simulated_and_saved(show: Show, studio: Server) -
     tab.get_by_role("button", name="Add to the suite").click()
     tab.get_by_text("suite holds 1 case.").wait_for(timeout=PATIENT)
     assert rvsg.Suite.open(studio.folder / "suite").cases[0].title == "Slow walk"
+
+
+def test_a_point_that_is_dragged_is_repaired_with_its_reason_or_kept(show: Show, studio: Server) -> None:
+    attempts = rvsg.Campaign.open(studio.folder / "runs" / "first").attempts()
+    index = next(a.index for a in attempts if a.purpose == "search" and a.proposal.scenario)
+    tab = show(f"/scenario?campaign=runs/first&attempt={index}")
+    tab.get_by_text("of 20 runs violate").wait_for(timeout=PATIENT)
+    handles = tab.locator("circle.st-handle[tabindex='0']")
+    box = handles.nth(1).bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    assert tab.evaluate("([x, y]) => document.elementFromPoint(x, y).matches('.st-handle')", [x, y])
+    far = max((handle.bounding_box() for handle in handles.all()), key=lambda each: abs(each["x"] - x))
+    tab.mouse.move(x, y)
+    tab.mouse.down()
+    tab.mouse.move(far["x"] + 200 if far["x"] > x else far["x"] - 120, y + 150, steps=6)
+    tab.mouse.up()
+    keep = tab.get_by_role("button", name="Keep my point")
+    keep.wait_for(timeout=PATIENT)
+    said = tab.locator("#editor .st-message").inner_text()
+    assert said.startswith("Repaired: ") and said.count("rerouted") == 1
+    assert tab.locator(".st-flash").count() >= 1
+    keep.click()
+    tab.get_by_text("are not neighbours").first.wait_for(timeout=PATIENT)
+    tab.get_by_text("now not possible").wait_for()

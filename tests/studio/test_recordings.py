@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from tests.studio.conftest import PATIENT, Server, Show, axe_violations, fits
+from tests.studio.test_every_page import LOOK, OTHER_LOOKS
 
 import rvsg
 from rvsg.scenario.builder import load_scenario_in
@@ -41,8 +42,10 @@ def is_well(tab: Any) -> None:
     assert fits(tab)
 
 
-@pytest.mark.parametrize("look", [(1280, "light"), pytest.param((390, "dark"), marks=pytest.mark.exhaustive)])
-def test_a_recording_becomes_a_scenario(show: Show, studio: Server, tracks: Path, look: tuple[int, str]) -> None:
+@pytest.mark.parametrize("look", [LOOK, *(pytest.param(each, marks=pytest.mark.exhaustive) for each in OTHER_LOOKS)])
+def test_a_recording_becomes_a_scenario(
+    show: Show, browser: Any, studio: Server, tracks: Path, look: tuple[int, str]
+) -> None:
     tab = show("/recording", width=look[0], color_scheme=look[1], bypass_csp=True)
     is_well(tab)
     tab.get_by_label("Drop a recording here").set_input_files(tracks)
@@ -60,7 +63,7 @@ def test_a_recording_becomes_a_scenario(show: Show, studio: Server, tracks: Path
     assert tab.get_by_text(re.compile("^seed [0-4]: ")).count() == 5
     times = "[...document.querySelectorAll('[data-studio=replay]')].map(each => each.replayData.groups[0].runs.length)"
     assert tab.evaluate(times) == [2]
-    tab.get_by_text("The same on the command line").click()
+    tab.get_by_text("The same on the command line").press("Enter")
     command = (
         "rvsg recording scenario recordings/incident.csv --world warehouse --robot tiago_omni --people as-recorded"
     )
@@ -68,7 +71,12 @@ def test_a_recording_becomes_a_scenario(show: Show, studio: Server, tracks: Path
     is_well(tab)
     scenario, world = load_scenario_in(studio.folder / "scenarios" / "incident.json")
     assert world.name == "warehouse" and len(scenario.people.humans) == 2
-    assert "incident.csv" in (studio.folder / "scenarios" / "incident.html").read_text()
+    written = browser.new_page(viewport={"width": look[0], "height": 900}, color_scheme=look[1], bypass_csp=True)
+    written.goto((studio.folder / "scenarios" / "incident.html").as_uri())
+    written.get_by_text("incident.csv").first.wait_for()
+    written.locator(".rp-map").first.wait_for()
+    is_well(written)
+    written.close()
     tab.get_by_role("link", name="Open in the editor").click()
     tab.wait_for_url("**/scenario?file=scenarios%2Fincident.json")
 

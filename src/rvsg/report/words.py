@@ -58,7 +58,7 @@ def dependence(each: Sensitivity, of: Range, *, flat: bool) -> str:
     (bad, runs), (others, rest), p = each.band.inside, each.band.outside, f"p {each.band.p:.2g}"
     low, high = (of.word(value) or f"{value:.2f}" for value in (of.at(each.band.low), of.at(each.band.high)))
     said = f"{bad}/{runs} violate from {low} to {high}"
-    said += f", {others}/{rest} elsewhere ({p}{'' if each.band.told else ', not told apart'})"
+    said += f", {others}/{rest} elsewhere ({p}{'' if each.band.told else ', not told apart from chance'})"
     ends = f"{100 * each.at_low:.0f} % at the low end, {100 * each.at_high:.0f} % at the high end"
     return said if flat else f"{said}; fitted: {ends}"
 

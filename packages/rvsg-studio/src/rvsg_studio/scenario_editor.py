@@ -98,7 +98,7 @@ def try_out(
     world = scenario.mission.place(world)
     people, repairs = (scenario.people, ()) if as_is else repair(scenario.people, scenario.mission, world)
     scenario = scenario.replace(people=people)
-    said = tuple(f"{each.human}: {each.what}" for each in repairs)
+    said = tuple(dict.fromkeys(f"{each.human}: {each.what}" for each in repairs))
     problems = tuple(str(finding) for finding in check(people, scenario.mission, world))
     if problems:
         return Tried(scenario=scenario, repairs=said, problems=problems)

@@ -692,7 +692,7 @@
         text += " Nearest: " + state.group.people[h].name + ", " + (touching ? "in contact" : gap < 1 ? Math.max(1, Math.round(gap * 100)) + " cm away" : gap.toFixed(1) + " m away") + ".";
       }
       const judged = state.run.judged ? curveAt(state.run.judged, t) : null;
-      if (judged !== null) text += " " + r.quantity.charAt(0).toUpperCase() + r.quantity.slice(1) + ": " + number(judged, r.unit) + (r.limit !== null ? " (limit: " + r.limitText + ")" : "") + ".";
+      if (judged !== null) text += " " + r.quantity.charAt(0).toUpperCase() + r.quantity.slice(1) + ": " + number(judged, r.unit) + ".";
       layers.forEach(function (each) {
         if (each.layer.say && each.box.checked && each.layer.has(state.run.id)) text += " " + each.layer.say(view());
       });

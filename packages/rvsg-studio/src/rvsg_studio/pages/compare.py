@@ -111,12 +111,12 @@ def add(workspace: Workspace) -> None:
     @route(workspace, "/compare", "Compare", patience_s=PATIENT_S)
     async def compare(a: str = "", b: str = "") -> None:
         listing = await load(workspace.whole_listing if a and b else workspace.listing)
-        pairs, unit = await load(_read, workspace, a, b) if a and b else ((), "")
+        found = await load(_read, workspace, a, b) if a and b else None
         with page(workspace, "Compare", here="/compare", wide=True) as made:
             _choose_campaigns(made, [each for each in listing.campaigns if not each.problem], a, b)
-            if a and b:
+            if found is not None:
                 _totals(listing, a, b)
-                _pairs(a, b, pairs, unit)
+                _pairs(a, b, *found)
             tag("p", "", cls="soft")
             link("Compare two versions of the robot on a suite", "/compare/versions")
 
@@ -158,15 +158,20 @@ def add(workspace: Workspace) -> None:
             made.command("Run a suite", "rvsg suite run suite --runs 20 --version now --json > now.json")
 
 
-def _read(workspace: Workspace, a: str, b: str) -> tuple[tuple[Pair, ...], str]:
+Paired = tuple[tuple[Pair, ...], Mapping[int, str], str]
+"""The scenarios that two campaigns both ran, the names that the answer of the first gives attempts, and the unit."""
+
+
+def _read(workspace: Workspace, a: str, b: str) -> Paired:
     """Pair the scenarios of two campaigns; what was read is kept until one of their stores changes."""
     paths = workspace.existing(a), workspace.existing(b)
 
-    def made() -> tuple[tuple[Pair, ...], str]:
+    def made() -> Paired:
         first, second = (rvsg.Campaign.open(path) for path in paths)
         found = compare_campaigns(first, second)
         one, two = found.variants
-        return tuple(zip(one.cases, two.cases, found.changes, strict=True)), first.requirement.unit
+        names = {row.attempt: f"{row.number} {row.name}" for row in first.answer.rows}
+        return tuple(zip(one.cases, two.cases, found.changes, strict=True)), names, first.requirement.unit
 
     return workspace.kept(("pairs", a, b, stamp(paths[1])), paths[0], made)
 
@@ -245,7 +250,7 @@ def _totals(listing: Listing, a: str, b: str) -> None:
                     tag("td", str(value(campaign)))
 
 
-def _pairs(a: str, b: str, pairs: tuple[Pair, ...], unit: str) -> None:
+def _pairs(a: str, b: str, pairs: tuple[Pair, ...], names: Mapping[int, str], unit: str) -> None:
     tag("h2", "The same scenarios in both")
     if not pairs:
         tag(
@@ -271,7 +276,7 @@ def _pairs(a: str, b: str, pairs: tuple[Pair, ...], unit: str) -> None:
                         shares = (f"{each.verdict.violations} of {each.verdict.runs}" for each in (one, two))
                         tag("span", " → ".join(shares), cls="small")
                     with tag("span", cls="st-clip"):
-                        link(one.title, "/finding", campaign=a, attempt=one.attempt)
+                        link(names.get(one.attempt, one.title), "/finding", campaign=a, attempt=one.attempt)
                         tag("span", " · ")
                         link("in the second", "/finding", campaign=b, attempt=two.attempt)
                     with tag("span"):

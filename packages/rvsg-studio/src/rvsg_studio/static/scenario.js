@@ -108,28 +108,31 @@
         human.tasks.forEach(function (task, t) {
           const line = svg(drawing.metres, "polyline", { class: "st-planned" + (on ? " st-chosen" : "") + (k === flash ? " st-flash" : ""), stroke: colour(k), points: text(task.path.map(function (name) { return position(human, name); }).filter(Boolean)) });
           line.addEventListener("pointerdown", function () { choose(k); });
-          if (!on) return;
-          task.path.forEach(function (name, at) {
-            const p = position(human, name);
-            if (!p || (at === 0 && t > 0)) return;
-            const end = at === 0 || at === task.path.length - 1;
-            const dot = svg(drawing.metres, "circle", { class: "st-handle", cx: p[0], cy: p[1], r: Math.max(end ? 0.16 : 0.09, (end ? 9 : 6) * drawing.pixel()), "data-waypoint": name, "data-task": t, "data-handle": t + "/" + at, tabindex: end ? 0 : -1, role: "button", "aria-label": human.name + ", task " + (t + 1) + ", at " + name + ": arrow keys move it" });
-            dot.addEventListener("keydown", function (event) {
-              const to = beside(name, event.key);
-              if (!to) return;
-              event.preventDefault(); event.stopPropagation();
-              moved = k;
-              edit(function () { replaceAt(people()[k], t, at, to); });
-            });
-            dot.addEventListener("pointerdown", function (event) {
-              event.stopPropagation(); event.preventDefault();
-              keep(); drag = { human: k, task: t, at: at, name: name, sent: 0 };
-              drawing.map.setPointerCapture(event.pointerId);
-            });
-          });
         });
         const first = human.tasks.length && position(human, human.tasks[0].path[0]);
         if (first) { const p = drawing.place(first[0], first[1]); svg(drawing.words, "text", { class: "st-person", fill: colour(k), x: p[0], y: p[1] - 0.35, "font-size": 0.45 }, human.name); }
+      });
+      /* the handles last: no line of another task or person lies over them */
+      const mine = people()[chosen];
+      if (mine) mine.tasks.forEach(function (task, t) {
+        task.path.forEach(function (name, at) {
+          const p = position(mine, name);
+          if (!p || (at === 0 && t > 0)) return;
+          const end = at === 0 || at === task.path.length - 1;
+          const dot = svg(drawing.metres, "circle", { class: "st-handle", cx: p[0], cy: p[1], r: Math.max(end ? 0.16 : 0.09, (end ? 9 : 6) * drawing.pixel()), "data-waypoint": name, "data-task": t, "data-handle": t + "/" + at, tabindex: end ? 0 : -1, role: "button", "aria-label": mine.name + ", task " + (t + 1) + ", at " + name + ": arrow keys move it" });
+          dot.addEventListener("keydown", function (event) {
+            const to = beside(name, event.key);
+            if (!to) return;
+            event.preventDefault(); event.stopPropagation();
+            moved = chosen;
+            edit(function () { replaceAt(people()[chosen], t, at, to); });
+          });
+          dot.addEventListener("pointerdown", function (event) {
+            event.stopPropagation(); event.preventDefault();
+            keep(); drag = { human: chosen, task: t, at: at, name: name, sent: 0 };
+            drawing.map.setPointerCapture(event.pointerId);
+          });
+        });
       });
       const again = held && drawing.map.querySelector('[data-handle="' + held + '"]');
       if (again) again.focus();
@@ -262,7 +265,7 @@
     }
     function showVerdict() {
       verdict.textContent = "";
-      if (differs()) { compare(); html(verdict, "span", { class: "st-before" }, "before " + before + ", now "); }
+      if (differs()) { compare(); html(verdict, "span", { class: "st-before" }, "before " + before + ", now " + (tried && tried.problems.length ? "not possible:" : "")); }
       if (!tried) { html(verdict, "span", { class: "soft" }, "Preparing the simulator; the first time takes a minute or two\u2026"); return; }
       if (tried.problems.length) {
         const list = html(verdict, "ul", { class: "st-wrong" });
@@ -276,7 +279,7 @@
         tried.objectives.forEach(function (value, k) { html(dots, "span", { class: tried.violated[k] ? "st-dot st-dot-bad" : "st-dot", title: value === null ? "no value" : value.toPrecision(3) + " " + tried.unit }); });
       } else html(verdict, "strong", { class: "st-share" }, "One run: " + (tried.objectives[0] === null ? "no value" : tried.objectives[0].toPrecision(3) + " " + tried.unit) + (tried.limit !== null ? " (limit " + +tried.limit.toPrecision(3) + " " + tried.unit + ")" : "") + "\u2026");
       html(verdict, "span", { class: "soft small" }, tried.outcome + ", after " + tried.duration_s.toFixed(1) + " s");
-      if (tried.repairs.length) html(verdict, "span", { class: "soft small" }, "Repaired: " + tried.repairs.join("; "));
+      if (tried.repairs.length && !status.textContent) html(verdict, "span", { class: "soft small" }, "Repaired: " + tried.repairs.join("; "));
     }
     function show() {
       if (!drawing) { skeleton.remove(); startMap(); }
