@@ -36,7 +36,7 @@ from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec, ignore
 from rvsg.evaluation.verdict import counted
 from rvsg.report.comparison_page import (
-    ORDER,
+    TONES,
     ReplayedChange,
     change_replay,
     comparison_page,
@@ -67,7 +67,7 @@ class VersionComparison:
     def page(self) -> str:
         """Return the comparison as an HTML page; with the suite at hand, two runs on one clock for six changes."""
         changed = [each for each in self.found.changes if each.change not in (Change.MISSING, Change.UNCHANGED)]
-        shown = sorted(changed, key=lambda each: ORDER.index(each.change))[:6] if self.suite is not None else []
+        shown = sorted(changed, key=lambda each: [*TONES].index(each.change))[:6] if self.suite is not None else []
         return comparison_page(self.found, replayed=[self._replayed(each) for each in shown])
 
     def replay(self, case: str, requirement: str) -> dict[str, Any]:

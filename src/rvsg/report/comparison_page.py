@@ -31,7 +31,8 @@ from rvsg.scenario.variation import Range
 from rvsg.world.drawing.svg import floor_plan
 from rvsg.world.world import World
 
-ORDER = (Change.BROKEN, Change.FIXED, Change.UNCLEAR, Change.MISSING, Change.UNCHANGED)
+TONES = {Change.BROKEN: "bad", Change.FIXED: "good", Change.UNCLEAR: "", Change.MISSING: "", Change.UNCHANGED: ""}
+"""The tone of each change, what broke first."""
 RANKING = ("rank", "stack", "version", "violated", "share (95 % interval)", "contact", "arrived", "stack failed")
 CHANGES = ("case", "requirement", "change", "violated before", "violated now", "difference (95 % interval)", "p (Holm)")
 LABEL_W, BAR_W, ROW_H = 230, 420, 30
@@ -169,10 +170,9 @@ def _points(difference: float, interval: tuple[float, float]) -> str:
 def change_rows(changes: Sequence[CaseChange]) -> list[dict[str, str]]:
     """Return the rows of a table of changes as text, what broke first; `tone` is good, bad or empty."""
     rows = []
-    for each in sorted(changes, key=lambda each: ORDER.index(each.change)):
+    for each in sorted(changes, key=lambda each: [*TONES].index(each.change)):
         row = {"case": each.case, "title": each.title, "requirement": each.requirement, "change": each.change.value}
-        row |= {"tone": {Change.BROKEN: "bad", Change.FIXED: "good"}.get(each.change, "")}
-        row |= dict.fromkeys(("before", "now", "difference", "p"), "")
+        row |= {"tone": TONES[each.change]} | dict.fromkeys(("before", "now", "difference", "p"), "")
         if each.difference is not None and each.interval is not None and each.p_corrected is not None:
             row |= {"before": f"{each.violations[0]} of {each.seeds}", "now": f"{each.violations[1]} of {each.seeds}"}
             row |= {"difference": _points(each.difference, each.interval), "p": f"{each.p_corrected:.3g}"}

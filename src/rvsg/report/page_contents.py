@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.findings import Finding
 from rvsg.campaign.ranking import best_attempt, confirmed_candidate, search_attempts
-from rvsg.evaluation.verdict import counted, metres, number, outcome_in_words, percent, value_in_words
+from rvsg.evaluation.verdict import metres, number, outcome_in_words, percent, value_in_words
 from rvsg.generation.generator import Call
 from rvsg.generation.vlm.recording import RecordedCall, Recording
 from rvsg.report.answer import Answer
@@ -18,6 +18,7 @@ from rvsg.report.replay_data import distinct_colours, people_colours
 from rvsg.report.run_facts import AttemptFacts, footprint_of
 from rvsg.report.stills import Look, Turn
 from rvsg.report.summary import Summary, configuration_number, in_short
+from rvsg.report.terminal import describe_calls
 from rvsg.report.words import shown_at
 from rvsg.scenario.brief import Feedback
 from rvsg.scenario.scenario import Attention, Behaviour, Human
@@ -221,10 +222,8 @@ class Conversations:
 
     def __init__(self, recording: Recording | None) -> None:
         self._recording = recording
-        self._calls: Mapping[str, RecordedCall] = {
-            call.key: call for call in recording or () if call.answer is not None
-        }
-        self._failed = {call.key: call for call in recording or () if call.answer is None}
+        answered_last = sorted(recording or (), key=lambda call: call.answer is not None)
+        self._calls = {call.key: call for call in answered_last}
         self._said: set[str] = set()
         self._answers: set[str] = set()
         self._left = MOST_CHARACTERS
@@ -233,7 +232,7 @@ class Conversations:
         """Return purpose, new messages and answer of each call that is on record."""
         found = []
         for call in calls:
-            kept = self._calls.get(call.recording or "") or self._failed.get(call.recording or "")
+            kept = self._calls.get(call.recording or "")
             if kept is not None and self._recording is not None:
                 found.append(self._one(kept, self._recording))
         return found
@@ -320,17 +319,8 @@ def _feedback(feedback: Feedback | None, unit: str) -> list[str]:
 
 
 def _calls(calls: Sequence[Call]) -> str:
-    if not calls:
-        return ""
-    tokens = sum(call.input_tokens for call in calls)
-    out = sum(call.output_tokens for call in calls)
-    costs = [call.cost_usd for call in calls]
-    price = f", {sum(c for c in costs if c is not None):.4f} USD" if None not in costs else ", cost unknown"
-    seconds = sum(call.latency_s for call in calls)
-    return (
-        f"{counted(len(calls), 'call')} of {calls[0].model}: {tokens} tokens in, {out} out{price}, {seconds:.1f} s "
-        f"({', '.join(call.purpose for call in calls)})"
-    )
+    took, purposes = sum(call.latency_s for call in calls), ", ".join(call.purpose for call in calls)
+    return f"{describe_calls(calls)} {took:.1f} s ({purposes})" if calls else ""
 
 
 def _paths(

@@ -202,9 +202,9 @@ def actions() -> Tag:
     return tag("p", cls="st-actions")
 
 
-def chip(status: str, tone: str = "", *, bad: bool = False, good: bool = False) -> Tag:
+def chip(status: str, tone: str = "") -> Tag:
     """Add a chip with a status in the colours of the report; `tone` as an answer gives it."""
-    return tag("span", status, cls=f"chip {tone}{' bad' if bad else ''}{' good' if good else ''}".strip())
+    return tag("span", status, cls=f"chip {tone}".strip())
 
 
 def rate(row: Row) -> None:

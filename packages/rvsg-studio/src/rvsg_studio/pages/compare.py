@@ -15,7 +15,7 @@ import rvsg
 from rvsg.app.comparison import VersionComparison, compare_campaigns
 from rvsg.campaign.suite import CaseChange, CaseResult, Change
 from rvsg.core.errors import InputError
-from rvsg.report.comparison_page import change_rows
+from rvsg.report.comparison_page import TONES, change_rows
 from rvsg_studio.answers import compared_versions
 from rvsg_studio.frame import (
     PATIENT_S,
@@ -68,12 +68,7 @@ def matrix(found: Iterable[tuple[tuple[int, int], Change]], sides: Sequence[str]
                             tag("span", "none", cls="soft")
                         for change in Change:
                             if counts[change]:
-                                change_chip(change, f"{counts[change]} {change.value}")
-
-
-def change_chip(change: Change, text: str = "") -> None:
-    """Add a chip with a change in its colour."""
-    chip(text or change.value, bad=change is Change.BROKEN, good=change is Change.FIXED)
+                                chip(f"{counts[change]} {change.value}", TONES[change])
 
 
 def scatter(places: Iterable[Place], said: str, across: str, up: str) -> None:
@@ -158,7 +153,7 @@ def add(workspace: Workspace) -> None:
             made.command("Run a suite", "rvsg suite run suite --runs 20 --version now --json > now.json")
 
 
-Paired = tuple[tuple[Pair, ...], Mapping[int, str], str]
+Paired = tuple[tuple[Pair, ...], Mapping[int | None, str], str]
 """The scenarios that two campaigns both ran, the names that the answer of the first gives attempts, and the unit."""
 
 
@@ -170,7 +165,7 @@ def _read(workspace: Workspace, a: str, b: str) -> Paired:
         first, second = (rvsg.Campaign.open(path) for path in paths)
         found = compare_campaigns(first, second)
         one, two = found.variants
-        names = {row.attempt: f"{row.number} {row.name}" for row in first.answer.rows}
+        names: dict[int | None, str] = {row.attempt: f"{row.number} {row.name}" for row in first.answer.rows}
         return tuple(zip(one.cases, two.cases, found.changes, strict=True)), names, first.requirement.unit
 
     return workspace.kept(("pairs", a, b, stamp(paths[1])), paths[0], made)
@@ -250,7 +245,7 @@ def _totals(listing: Listing, a: str, b: str) -> None:
                     tag("td", str(value(campaign)))
 
 
-def _pairs(a: str, b: str, pairs: tuple[Pair, ...], names: Mapping[int, str], unit: str) -> None:
+def _pairs(a: str, b: str, pairs: tuple[Pair, ...], names: Mapping[int | None, str], unit: str) -> None:
     tag("h2", "The same scenarios in both")
     if not pairs:
         tag(
@@ -272,7 +267,7 @@ def _pairs(a: str, b: str, pairs: tuple[Pair, ...], names: Mapping[int, str], un
             for one, two, change in pairs[:SHOWN]:
                 with tag("div", cls="st-row"):
                     with tag("span", cls="st-row-head"):
-                        change_chip(change.change)
+                        chip(change.change.value, TONES[change.change])
                         shares = (f"{each.verdict.violations} of {each.verdict.runs}" for each in (one, two))
                         tag("span", " → ".join(shares), cls="small")
                     with tag("span", cls="st-clip"):
@@ -304,7 +299,7 @@ def _changes(compared: VersionComparison, given: dict[str, str]) -> None:
                     tag("a" if replay else "span", row["title"], href=replay)
                 tag("td", row["requirement"])
                 with tag("td"):
-                    chip(row["change"], bad=row["tone"] == "bad", good=row["tone"] == "good")
+                    chip(row["change"], row["tone"])
                 for key in ("before", "now", "difference", "p"):
                     tag("td", row[key], cls="n")
 

@@ -287,7 +287,7 @@ class Search:
                 place = f"Scenario {attempt.brief.scenario_index + 1}"
                 tag("strong", f"{place}, configuration {attempt.brief.configuration_index + 1}")
                 tag("span", f" {spent}, {counted(proposal.corrections, 'correction')} ", cls="soft small")
-                chip("valid" if valid else "invalid", good=valid, bad=not valid)
+                chip("valid", "good") if valid else chip("invalid", "bad")
             for title, lines in each.sections.items():
                 if lines:
                     tag("h2", title, cls="st-minor")

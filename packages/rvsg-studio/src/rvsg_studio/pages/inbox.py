@@ -165,7 +165,7 @@ class Inbox:
         file = self.workspace.relative(each.path)
         with tag("section", cls="st-card st-proposal", aria_label=name):
             with tag("p", cls="st-card-head"):
-                chip("valid" if each.valid else "invalid", good=each.valid, bad=not each.valid)
+                chip("valid", "good") if each.valid else chip("invalid", "bad")
                 tag("strong", name)
                 if proposal is not None:
                     spent = f", {counted(len(proposal.calls), 'call')}" if proposal.calls else ""
