@@ -237,7 +237,7 @@ def _result(made: Page, folder: str, found: Tuning, job: Job | None) -> None:
 
     def choose(number: int) -> None:
         if number == found.proposal:
-            chip("proposed", good=True)
+            chip("proposed", "good")
         elif number and job is not None:
             again = partial(_begin, made.workspace, folder, {**job.arguments, "choose": number})
             made.button("Propose this", again, aria_label=f"Propose setting {number}")
