@@ -300,7 +300,7 @@ def _figures(row: Row, requirement: Requirement) -> tuple[Figure, ...]:
     """Return the four figures of the most severe configuration."""
     known = limit_in_words(requirement)
     limit = f"limit: {known}{' in each run' if row.runs > 1 else ''}" if known else ""
-    often = f"{row.interval} of runs" if row.interval else "no limit"
+    often = f"likely {row.interval} of runs" if row.interval else "no limit"
     metric = find_metric(requirement.metric)
     touch = f"contact {row.contact} runs" + (f", {row.touch}" if row.touch else "")
     return (
@@ -341,6 +341,10 @@ def _elsewhere(rows: Sequence[Row], attempts: Sequence[Attempt], requirement: Re
     )
 
 
+FEW_RUNS = 10
+"""After fewer runs the rate of a failure is hardly known: their interval spans half of all rates."""
+
+
 def _next_steps(
     plan: Plan,
     summary: Summary,
@@ -360,14 +364,12 @@ def _next_steps(
         steps.append(("confirm", f"Confirm the contact in {elsewhere.number}", f" {elsewhere.attempt}"))
     elif candidate is not None and not shown:
         steps.append(("confirm", f"Confirm candidate {candidate.number}", f" {candidate.attempt}"))
-    if strongest is not None and strongest.status is Status.INCONCLUSIVE:
+    few = shown and rows[0].runs < FEW_RUNS
+    if strongest is not None and (few or strongest.status is Status.INCONCLUSIVE):
         steps.append(("more", "Make more runs", ""))
-    if shown:
-        steps.append(("keep", "Keep it as a regression test", ""))
+    steps.append(("keep", "Keep it as a regression test", "") if shown else ("repeat", "Search with another seed", ""))
     if rows:
         steps.append(("planner", "See what the planner does", f" --run {rows[0].run}"))
-    if not shown:
-        steps.append(("repeat", "Search with another seed", ""))
     known = (NextStep(text=text, command=commands[key] + rest) for key, text, rest in steps if key in commands)
     return tuple(known)[:3]
 
