@@ -22,9 +22,14 @@ from rvsg.simulation.run import Outcome, Run
 
 
 def run_of(
-    human: tuple[float, float], velocity: tuple[float, float], *, stops: bool = False, reached: bool = True
+    human: tuple[float, float],
+    velocity: tuple[float, float],
+    *,
+    stops: bool = False,
+    reached: bool = True,
+    still: slice | None = None,
 ) -> Run:
-    """The robot drives along x; the person passes `human` at t = 5 s, where they are nearest."""
+    """The robot drives along x; the person passes `human` at t = 5 s, nearest; `still`: samples at rest."""
     t = np.arange(0.0, 10.05, 0.1)
     x = 0.5 * t
     hx = x[50] + human[0] + velocity[0] * (t - 5.0)
@@ -32,11 +37,16 @@ def run_of(
     speed = np.full_like(t, 0.5)
     if stops:
         speed[45:55] = 0.0
+    if still is not None:
+        speed[still] = 0.0
     path = trajectory(t, x, v=speed, humans=[(hx, hy)])
     return measured_run(path, outcome=Outcome.REACHED if reached else Outcome.TIMED_OUT, goal=(5.0, 0.0, 0.0))
 
 
 NARROW = ((0.35, 0.1), (-0.35, 0.1), (-0.35, -0.1), (0.35, -0.1))
+
+
+STUCK = "stops and does not arrive"
 
 
 @pytest.mark.parametrize(
@@ -49,6 +59,11 @@ NARROW = ((0.35, 0.1), (-0.35, 0.1), (-0.35, -0.1), (0.35, -0.1))
         (run_of((0.0, 0.7), (0.0, 0.0), stops=True), "stands beside it", "stops and touches the person"),
         (run_of((0.0, 1.0), (0.0, 0.0), reached=False), "stands beside it", "drives on and does not arrive"),
         (replace(run_of((0.0, 0.7), (0.0, 0.0)), robot_outline=NARROW), "stands beside it", "drives on"),
+        (run_of((0.0, 1.0), (0.0, 0.0), still=slice(0, 40)), "stands beside it", "drives on"),
+        (run_of((0.0, 1.0), (0.0, 0.0), still=slice(0, 55)), "stands beside it", "sets off"),
+        (run_of((0.0, 1.0), (0.0, 0.0), still=slice(60, None)), "stands beside it", "drives on"),
+        (run_of((0.0, 1.0), (0.0, 0.0), still=slice(45, None)), "stands beside it", "arrives"),
+        (run_of((0.0, 1.0), (0.0, 0.0), still=slice(45, None), reached=False), "stands beside it", STUCK),
     ],
 )
 def test_a_run_is_told_by_its_closest_approach(run: Run, person: str, robot: str) -> None:

@@ -141,15 +141,21 @@ def seen_as(apart: tuple[float, float], velocity: tuple[float, float], yaw: floa
 
 
 def _robot(run: Run, index: int, *, touched: bool) -> str:
-    path = run.trajectory
-    window = (path.t >= path.t[index] - WINDOW_S) & (path.t <= path.t[index] + WINDOW_S)
-    slowest = float(path.speed[window].min())
+    """Return what the robot does then; it sets off and arrives without stopping or slowing down for anybody."""
+    path, arrived = run.trajectory, run.outcome is Outcome.REACHED
     moving = path.speed[path.speed > STOPS_M_S]
     usual = float(np.median(moving)) if len(moving) else 0.0
-    did = ["stops" if slowest < STOPS_M_S else "slows down" if slowest < SLOWS_TO * usual else "drives on"]
+    going = np.flatnonzero(path.speed > SLOWS_TO * usual)
+    first, last = (going[0], going[-1] if arrived else len(path) - 1) if len(going) else (0, len(path) - 1)
+    near = (path.t >= path.t[index] - WINDOW_S) & (path.t <= path.t[index] + WINDOW_S)
+    slowest = float(path.speed[first : last + 1][near[first : last + 1]].min(initial=np.inf))
+    if index < first or index > last:
+        did = ["sets off" if index < first else "arrives"]
+    else:
+        did = ["stops" if slowest < STOPS_M_S else "slows down" if slowest < SLOWS_TO * usual else "drives on"]
     if touched:
         did.append(TOUCHES)
-    if run.outcome is not Outcome.REACHED:
+    if not arrived:
         did.append("does not arrive")
     return " and ".join([", ".join(did[:-1]), did[-1]] if len(did) > 1 else did)
 
