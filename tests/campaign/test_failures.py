@@ -57,6 +57,7 @@ STUCK = "stops and does not arrive"
         (run_of((1.2, 0.0), (0.5, 0.0), stops=True), "walks the same way ahead of it", "stops"),
         (run_of((1.0, 0.0), (0.4, 0.8)), "crosses its way ahead of it", "drives on"),
         (run_of((0.0, 0.7), (0.0, 0.0), stops=True), "stands beside it", "stops and touches the person"),
+        (run_of((0.0, 0.7), (0.0, 0.0), still=slice(50, 60)), "stands beside it", "touches the person"),
         (run_of((0.0, 1.0), (0.0, 0.0), reached=False), "stands beside it", "drives on and does not arrive"),
         (replace(run_of((0.0, 0.7), (0.0, 0.0)), robot_outline=NARROW), "stands beside it", "drives on"),
         (run_of((0.0, 1.0), (0.0, 0.0), still=slice(0, 40)), "stands beside it", "drives on"),

@@ -99,11 +99,11 @@ def mode_of(run: Run, world: World) -> FailureMode | None:
         return None
     seen = sampled(run, world)
     index, human = (int(i) for i in np.unravel_index(int(seen.gap.argmin()), seen.gap.shape))
-    touched = any(touch.person == human and touch.first <= index <= touch.last for touch in seen.contacts)
+    touch = next((t for t in seen.contacts if t.person == human and t.first <= index <= t.last), None)
     return FailureMode(
         place=place_name(world, float(path.x[index]), float(path.y[index])),
         person=_person(run, index, human),
-        robot=_robot(run, index, touched=touched),
+        robot=_robot(run, index if touch is None else touch.first, touched=touch is not None),
     )
 
 
@@ -141,20 +141,21 @@ def seen_as(apart: tuple[float, float], velocity: tuple[float, float], yaw: floa
 
 
 def _robot(run: Run, index: int, *, touched: bool) -> str:
-    """Return what the robot does then; it sets off and arrives without stopping or slowing down for anybody."""
+    """Return what the robot does then, or before it touches somebody; to set off or arrive is no stop."""
     path, arrived = run.trajectory, run.outcome is Outcome.REACHED
     moving = path.speed[path.speed > STOPS_M_S]
     usual = float(np.median(moving)) if len(moving) else 0.0
     going = np.flatnonzero(path.speed > SLOWS_TO * usual)
     first, last = (going[0], going[-1] if arrived else len(path) - 1) if len(going) else (0, len(path) - 1)
-    near = (path.t >= path.t[index] - WINDOW_S) & (path.t <= path.t[index] + WINDOW_S)
+    until = path.t[index] + (0.0 if touched else WINDOW_S)  # contact stops it
+    near = (path.t >= path.t[index] - WINDOW_S) & (path.t <= until)
     slowest = float(path.speed[first : last + 1][near[first : last + 1]].min(initial=np.inf))
     if index < first or index > last:
         did = ["sets off" if index < first else "arrives"]
     else:
         did = ["stops" if slowest < STOPS_M_S else "slows down" if slowest < SLOWS_TO * usual else "drives on"]
     if touched:
-        did.append(TOUCHES)
+        did = [each for each in did if each != "drives on"] + [TOUCHES]
     if not arrived:
         did.append("does not arrive")
     return " and ".join([", ".join(did[:-1]), did[-1]] if len(did) > 1 else did)
