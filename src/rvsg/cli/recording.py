@@ -66,7 +66,7 @@ def scenario(
         float, typer.Option(min=0.05, hidden=True, help="How far the robot may differ for blended people, m.")
     ] = 0.5,
     requirement: Requirement = "R1",
-    runs: Annotated[int, typer.Option(min=1, help="Runs that are compared with the recording.")] = 5,
+    runs: Annotated[int, typer.Option(min=1, hidden=True, help="Runs that are compared with the recording.")] = 5,
     people_topic: PeopleTopic = None,
     people_frames: PeopleFrames = None,
     robot_topic: RobotTopic = None,
