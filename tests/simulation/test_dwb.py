@@ -136,7 +136,7 @@ def test_there_are_419_samples_in_dwbs_order() -> None:
 )
 def test_rollouts_end_where_the_slow_reading_ends(robot: Robot, begin: tuple[float, float, float], every: int) -> None:
     stack, samples = refer(stack_of(robot)), sample_table(stack_of(robot))
-    samples = samples[: fill_window(samples, *begin, stack)]
+    samples = samples[: fill_window(samples, *begin, 1.0, stack)]
     ends = np.zeros((len(samples), 5))
     roll_out_ends(ends, *begin, samples, stack)
     slow = np.array([slow_rollout(*begin, sample, robot)[-1] for sample in samples[::every]])
@@ -229,7 +229,7 @@ class TestDynamicWindow:
         assert stack_of(TIAGO).dwb_whole_range
         samples = np.zeros((500, 5))
         for v, w in ((0.0, 0.0), (0.5, -1.0), (0.31, 0.7)):
-            count = fill_window(samples, v, 0.0, w, STACK)
+            count = fill_window(samples, v, 0.0, w, 1.0, STACK)
             assert np.allclose(samples[:count], TABLE, atol=1e-12)
 
     @pytest.mark.parametrize(
@@ -248,7 +248,7 @@ class TestDynamicWindow:
         stack = stack_of(robot)
         assert not stack.dwb_whole_range
         samples = sample_table(stack)
-        count = fill_window(samples, *now, refer(stack))
+        count = fill_window(samples, *now, 1.0, refer(stack))
         ahead, aside, turn = (
             nav2_axis(at, low, high, rate, 1.7, number) for at, (low, high, rate, number) in zip(now, axes, strict=True)
         )
@@ -260,7 +260,7 @@ class TestDynamicWindow:
     def test_a_tugger_samples_only_what_its_steering_allows(self) -> None:
         stack = stack_of(load_robot("tugger"))
         samples = sample_table(stack)
-        count = fill_window(samples, 0.3, 0.0, 0.0, refer(stack))
+        count = fill_window(samples, 0.3, 0.0, 0.0, 1.0, refer(stack))
         v, w = samples[:count, 0], samples[:count, 1]
         assert (np.abs(w) <= np.abs(v) * math.tan(1.05) / 0.95 + 1e-9).all()
         assert (np.abs(w) > 0.9 * np.minimum(np.abs(v) * math.tan(1.05) / 0.95, 1.0)).any()
@@ -269,7 +269,7 @@ class TestDynamicWindow:
     def test_scores_of_an_earlier_larger_window_do_not_count(self) -> None:
         stack = stack_of(SLOW)
         samples = sample_table(stack)
-        count = fill_window(samples, 0.0, 0.0, 0.0, refer(stack))
+        count = fill_window(samples, 0.0, 0.0, 0.0, 1.0, refer(stack))
         assert count < len(samples)
         path = np.column_stack([np.linspace(1.5, 3.0, 60), np.full(60, 1.5)])
         best = choose(

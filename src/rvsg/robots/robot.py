@@ -126,6 +126,26 @@ class MonitorPolygon(Record):
     simulation_time_step: Annotated[float, Field(ge=0.01, le=5)] = 0.1
 
 
+class CostmapFilter(Record):
+    """A costmap filter of Nav2, and its mask as a map server publishes it."""
+
+    kind: Literal["keepout", "speed_percent", "speed_m_s"]
+    costmaps: Annotated[tuple[Literal["local", "global"], ...], Field(min_length=1)]
+    """Those that apply it: a speed limit changes with their updates."""
+    x: float
+    """Lower left corner of the mask in the map frame, m."""
+    y: float
+    resolution_m: Positive
+    columns: Annotated[int, Field(ge=1)]
+    cells: tuple[tuple[Annotated[int, Field(ge=-1, le=100)], Annotated[int, Field(ge=1)]], ...]
+    """Row by row, the lowest y first: a value (0 free, 100 occupied, -1 unknown) and how often it follows itself."""
+    base: float = 0.0
+    """A speed limit is this, and the value of the mask times the multiplier."""
+    multiplier: float = 1.0
+    full_m_s: Positive | None = None
+    """The highest speed of the local planner, of which a limit in m/s is a share; None: that of the robot."""
+
+
 class Navigation(Record):
     """All parameters of the stack that drives a robot."""
 
@@ -134,6 +154,7 @@ class Navigation(Record):
     costmaps: Costmaps = Costmaps()
     behaviours: Behaviours = Behaviours()
     collision_monitor: Annotated[tuple[MonitorPolygon, ...], Field(exclude_if=lambda polygons: not polygons)] = ()
+    costmap_filters: Annotated[tuple[CostmapFilter, ...], Field(exclude_if=lambda filters: not filters)] = ()
 
 
 Point = tuple[Annotated[float, Field(ge=-10, le=10)], Annotated[float, Field(ge=-10, le=10)]]

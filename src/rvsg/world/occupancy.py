@@ -90,6 +90,17 @@ def load_nav2_map(path: str | Path, *, free_thresh: float | None = None) -> tupl
     return OccupancyMap(cells=cells, resolution=header.resolution, origin=header.origin), tuple(notes)
 
 
+def read_mask(path: Path) -> tuple[NDArray[np.int16], float, Pose]:
+    """Return the cells of a mask of Nav2's costmap filters, its resolution and its origin, whose yaw Nav2 ignores.
+
+    The cells (rows, columns), the lowest y first, are as Nav2's map server publishes them: 0 to 100, -1 unknown.
+    Raises FileError as `load_nav2_map` does.
+    """
+    header = _header(read_yaml(path), None)
+    shade, opaque, _ = _shade(header.image, trinary=header.mode == "trinary")
+    return classify(shade, opaque, header)[::-1], header.resolution, header.origin
+
+
 def classify(shade: NDArray[np.float64], opaque: NDArray[np.bool_], header: Any) -> NDArray[np.int16]:
     """Return the value of every cell as nav2_map_server publishes it: 0 to 100, -1 unknown; the image's top row first.
 

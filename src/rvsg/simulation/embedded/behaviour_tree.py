@@ -239,7 +239,7 @@ def choose_dwb(state: State, answer: Floats) -> None:
     side = measured(body[base.SIDE])
     samples = state.samples
     if not state.stack.dwb_whole_range:
-        samples = samples[: fill_window(samples, v, side, w, state.stack)]
+        samples = samples[: fill_window(samples, v, side, w, state.times[dwb.SHARE], state.stack)]
     best = dwb.choose(
         state.nav, state.times, state.scratch, state.memo, samples, state.local[st.MASTER],
         state.nav[st.WINDOW_COLUMN], state.nav[st.WINDOW_ROW], state.path[1],

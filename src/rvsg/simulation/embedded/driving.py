@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rvsg.robots.robot import Robot
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
-from rvsg.simulation.embedded.dwb import PLAN_BEGIN, PLAN_END
+from rvsg.simulation.embedded.dwb import PLAN_BEGIN, PLAN_END, SHARE
 from rvsg.simulation.embedded.episode import Answer, Episode, Outside
 from rvsg.simulation.embedded.lidar import first_ray, full_scan
 from rvsg.simulation.embedded.localisation import MAP_X, MAP_Y, MAP_YAW
@@ -73,6 +73,7 @@ class Observed(LocalObservation):
         self.pose = (x, y, yaw)
         self.velocity = (v, w)
         self.lateral = float(body[base.SIDE])
+        self.speed_share = float(state.times[SHARE])
         self.map_from_odom = tuple(state.own.present[MAP_X : MAP_YAW + 1].tolist())
         self.plan = state.path[1, state.nav[PLAN_BEGIN] : state.nav[PLAN_END]]
         goal_x, goal_y, goal_yaw = self._goal

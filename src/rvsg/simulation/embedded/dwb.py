@@ -39,9 +39,10 @@ ROUNDING = 1e-6
 (IN_WINDOW, ROTATING, XY_REACHED, BAN_LEFT, BAN_RIGHT, LAST_SIGN, PLAN_BEGIN, PLAN_END, SOURCES, STAMP,
  LAST_BEST, BAN_ASIDE_LEFT, BAN_ASIDE_RIGHT, LAST_ASIDE) = range(14)  # fmt: skip
 CONTROLLER_INTS = 14
-# Indices of its real state: where the robot was when a turn was banned.
-BAN_X, BAN_Y, BAN_YAW = range(3)
-CONTROLLER_REALS = 3
+# Indices of its real state: where the robot was when a turn was banned, and the highest speed as a share of that
+# without Nav2's speed filter.
+BAN_X, BAN_Y, BAN_YAW, SHARE = range(4)
+CONTROLLER_REALS = 4
 
 
 class Scratch(NamedTuple):
@@ -308,7 +309,7 @@ def choose(
     if goal_column < 0 or align_column < 0:
         return -1
     state[STAMP] += 1
-    ends = memo.ends[ends_of(memo, measured_v, measured_side, measured_w, samples, p)]
+    ends = memo.ends[ends_of(memo, measured_v, measured_side, measured_w, reals[SHARE], samples, p)]
     column = x / p.resolution - origin_column
     row = y / p.resolution - origin_row
     rows, columns = master.shape

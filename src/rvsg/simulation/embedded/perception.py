@@ -20,6 +20,7 @@ from rvsg.simulation.embedded.costmap import (
     observe,
     shift,
 )
+from rvsg.simulation.embedded.dwb import SHARE
 from rvsg.simulation.embedded.lidar import FAR, NO_RETURN, first_ray, scan
 from rvsg.simulation.embedded.localisation import MAP_YAW, to_map
 from rvsg.simulation.embedded.navfn import convert
@@ -113,6 +114,42 @@ def update_local(scene: Scene, state: State, settings: Settings) -> None:
             state.stack.footprint,
         )  # fmt: skip
     inflate_marks(state.local[st.MASTER], state.local[: st.MASTER], scene.local_costs)
+    if scene.keepout.size > 0:
+        keep_out(scene, state)
+    if scene.local_shares.size > 0:
+        limit_speed(scene, state, scene.local_shares)
+
+
+@inner
+def cell_at(scene: Scene, state: State, x: float, y: float) -> tuple[int, int]:
+    """Return row and column of the map where the robot believes a place to be; (-1, -1) where that is off the map."""
+    x, y = to_map(state.own.present, x, y)
+    row = math.floor((y - scene.origin_y) / scene.resolution)
+    column = math.floor((x - scene.origin_x) / scene.resolution)
+    rows, columns = scene.static.shape
+    return (row, column) if 0 <= row < rows and 0 <= column < columns else (-1, -1)
+
+
+@inner
+def keep_out(scene: Scene, state: State) -> None:
+    """Raise the cells of the local costmap to what keepout filters say of their centres; nothing inflates them."""
+    master = state.local[st.MASTER]
+    side = state.stack.resolution
+    for r in range(master.shape[0]):
+        for c in range(master.shape[1]):
+            row, column = cell_at(
+                scene, state, (state.nav[WINDOW_COLUMN] + c + 0.5) * side, (state.nav[WINDOW_ROW] + r + 0.5) * side
+            )
+            if row >= 0 and scene.keepout[row, column] != UNKNOWN:
+                master[r, c] = max(master[r, c], scene.keepout[row, column])
+
+
+@inner
+def limit_speed(scene: Scene, state: State, shares: Floats) -> None:
+    """Take over the limit of a speed filter where the robot believes itself; without one there the limit stays."""
+    row, column = cell_at(scene, state, state.body[base.X], state.body[base.Y])
+    if row >= 0 and shares[row, column] >= 0.0:
+        state.times[SHARE] = shares[row, column]
 
 
 @inner
@@ -150,6 +187,8 @@ def update_global(scene: Scene, state: State, settings: Settings) -> None:
         int(row), int(column), half,
     )  # fmt: skip
     convert(state.costs, state.global_master, scene.table, top, left, bottom, right)
+    if scene.global_shares.size > 0:
+        limit_speed(scene, state, scene.global_shares)
 
 
 # Columns of the table of zones.

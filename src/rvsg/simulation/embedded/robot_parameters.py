@@ -295,7 +295,9 @@ def stack_of(robot: Robot) -> Stack:
         dwb_sim_time=dwb.sim_time_s,
         dwb_linear=dwb.linear_granularity_m,
         dwb_angular=dwb.angular_granularity_rad,
-        dwb_whole_range=planned.whole_range(dwb.sim_time_s) and math.isinf(robot.drive.max_curvature),
+        dwb_whole_range=planned.whole_range(dwb.sim_time_s)
+        and math.isinf(robot.drive.max_curvature)
+        and all(each.kind == "keepout" for each in navigation.costmap_filters),
         dwb_footprint=dwb.check_footprint,
         dwb_window=0.5 * maps.local_size_m,
         dwb_prune=dwb.prune_distance_m,

@@ -52,21 +52,25 @@ def towards(wanted: float, now: float, up: float, down: float) -> float:
 
 
 @kernel
-def fill_window(samples: Floats, v0: float, side0: float, w0: float, p: Stack) -> int:
+def fill_window(samples: Floats, v0: float, side0: float, w0: float, share: float, p: Stack) -> int:
     """Write the samples of the dynamic window at measured velocities v0, side0, w0; return their number.
 
     As Nav2's XYThetaIterator: the velocities that can be reached within the time a rollout lasts, in even steps, the
     lateral speed and the yaw rate 0 between the innermost two. A robot that cannot turn on the spot samples the yaw
     rates that its steering allows at each speed; one that moves sideways is in no direction faster than ahead.
+    A speed filter leaves a share of every highest speed.
     """
-    v = min(p.dwb_max_v, max(p.dwb_min_v, v0))
+    fastest = p.dwb_max_v * min(1.0, share)
+    most = p.dwb_max_side * min(1.0, share)
+    turn = p.dwb_max_w * min(1.0, share)
+    v = min(fastest, max(p.dwb_min_v, v0))
     low = towards(p.dwb_min_v, v, p.dwb_acc_v * p.dwb_sim_time, p.dwb_dec_v * p.dwb_sim_time)
-    high = towards(p.dwb_max_v, v, p.dwb_acc_v * p.dwb_sim_time, p.dwb_dec_v * p.dwb_sim_time)
+    high = towards(fastest, v, p.dwb_acc_v * p.dwb_sim_time, p.dwb_dec_v * p.dwb_sim_time)
     speeds = p.dwb_v_samples if high - low > 1e-5 else 1
     change = p.dwb_acc_v * p.dwb_sim_time
-    aside = min(p.dwb_max_side, max(-p.dwb_max_side, side0))
-    right = towards(-p.dwb_max_side, aside, change, change)
-    left = towards(p.dwb_max_side, aside, change, change)
+    aside = min(most, max(-most, side0))
+    right = towards(-most, aside, change, change)
+    left = towards(most, aside, change, change)
     sides = p.dwb_side_samples if left - right > 1e-5 else 1
     count = 0
     for i in range(speeds):
@@ -75,18 +79,17 @@ def fill_window(samples: Floats, v0: float, side0: float, w0: float, p: Stack) -
         for j in range(sides):
             side = right + (left - right) * j / max(1, sides - 1)
             if before < 0.0 < side:
-                count = add_rates(samples, count, speed, 0.0, w0, p)
-            if side == 0.0 or speed * speed + side * side <= p.dwb_max_v * p.dwb_max_v:
-                count = add_rates(samples, count, speed, side, w0, p)
+                count = add_rates(samples, count, speed, 0.0, w0, turn, p)
+            if side == 0.0 or speed * speed + side * side <= fastest * fastest:
+                count = add_rates(samples, count, speed, side, w0, turn, p)
             before = side
     return count
 
 
 @inner
-def add_rates(samples: Floats, count: int, v: float, side: float, w0: float, p: Stack) -> int:
-    """Append a sample for every yaw rate within reach of w0; return the number of samples."""
+def add_rates(samples: Floats, count: int, v: float, side: float, w0: float, limit: float, p: Stack) -> int:
+    """Append a sample for every yaw rate within the limit and reach of w0; return the number of samples."""
     change = p.dwb_acc_w * p.dwb_sim_time
-    limit = p.dwb_max_w
     if p.wheelbase > 0.0:
         limit = min(limit, abs(v) * p.curvature)
     w = min(limit, max(-limit, w0))
@@ -126,8 +129,8 @@ MEMO_SAMPLES = 450_000
 class Rollouts(NamedTuple):
     """A memory of where every sample ends, by measured velocity: pure, so it may outlive an episode.
 
-    `keys` (M, 3) are the measured v, omega and speed to the left (NaN: empty), `ends` (M, S, 5) in the frame of the
-    robot: the end pose, and the point 0.1 m ahead of it.
+    `keys` (M, 4) are the measured v, omega and speed to the left and the share of a speed filter (NaN: empty), `ends`
+    (M, S, 5) in the frame of the robot: the end pose, and the point 0.1 m ahead of it.
     """
 
     keys: Floats
@@ -137,7 +140,7 @@ class Rollouts(NamedTuple):
 def rollouts(count: int) -> Rollouts:
     """An empty memory for `count` samples."""
     size = max(1, min(MEMO_SIZE, MEMO_SAMPLES // max(1, count)))
-    return Rollouts(keys=np.full((size, 3), np.nan), ends=np.zeros((size, count, 5)))
+    return Rollouts(keys=np.full((size, 4), np.nan), ends=np.zeros((size, count, 5)))
 
 
 @inner
@@ -215,14 +218,16 @@ def roll_out_ends(ends: Floats, v0: float, side0: float, w0: float, samples: Flo
 
 
 @kernel
-def ends_of(memo: Rollouts, v0: float, side0: float, w0: float, samples: Floats, p: Stack) -> int:
+def ends_of(memo: Rollouts, v0: float, side0: float, w0: float, share: float, samples: Floats, p: Stack) -> int:
     """The row of the memory that holds the end poses for these measured velocities; works them out if need be."""
     slot = int(abs(v0 * 7919.0 + w0 * 104729.0 + side0 * 1299709.0) * 1009.0) % memo.keys.shape[0]
-    if memo.keys[slot, 0] != v0 or memo.keys[slot, 1] != w0 or memo.keys[slot, 2] != side0:
+    key = memo.keys[slot]
+    if key[0] != v0 or key[1] != w0 or key[2] != side0 or key[3] != share:
         roll_out_ends(memo.ends[slot], v0, side0, w0, samples, p)
         memo.keys[slot, 0] = v0
         memo.keys[slot, 1] = w0
         memo.keys[slot, 2] = side0
+        memo.keys[slot, 3] = share
     return slot
 
 

@@ -15,6 +15,7 @@ from rvsg.robots.robot import Robot
 from rvsg.simulation.embedded import dwb
 from rvsg.simulation.embedded.base import new_body
 from rvsg.simulation.embedded.costmap import FREE, INSCRIBED, LETHAL, UNKNOWN, inflate_static, inflation_kernel
+from rvsg.simulation.embedded.costmap_filters import keepout_costs, speed_shares
 from rvsg.simulation.embedded.lidar import ray_directions
 from rvsg.simulation.embedded.localisation import Localisation, beam_scores
 from rvsg.simulation.embedded.navfn import BUFFER, HIGH, conversion, reaches, rest_of_way
@@ -43,6 +44,8 @@ class Scene(NamedTuple):
     `origin_x`, `origin_y`; `table`, `reach` NavFn's costs; `local_costs`, `global_costs` inflation kernels. `edges`
     (E, 4) are the lidar outlines in the world frame; tile t of the raster sees `tile_edges[tile_start[t] :
     tile_start[t + 1]]`. `closed` (a raster of 0.1 m in the world frame) says from where every ray returns.
+    `keepout`, `local_shares`, `global_shares`: what filters of the local costmap, and speed filters of either, say of
+    the cells of the map, see `costmap_filters`; empty without one.
     """
 
     static: Bytes
@@ -62,6 +65,9 @@ class Scene(NamedTuple):
     tile_columns: int
     tile_rows: int
     tile_reach: float
+    keepout: Bytes
+    local_shares: Floats
+    global_shares: Floats
 
 
 def latest(cache: OrderedDict[K, V], key: K, most: int, make: Callable[[], V]) -> V:
@@ -89,6 +95,10 @@ class Surroundings:
         static = np.full(occupancy.cells.shape, UNKNOWN, np.uint8)
         static[occupancy.cells == 0] = FREE
         static[occupancy.cells == 100] = LETHAL
+        self.keepout, self.global_keepout = (keepout_costs(robot, occupancy, which) for which in ("local", "global"))
+        self.local_shares, self.global_shares = (speed_shares(robot, occupancy, which) for which in ("local", "global"))
+        if self.global_keepout.size:  # Nav2's filter takes an unknown cell for what its mask says
+            static[(static == UNKNOWN) & (self.global_keepout != UNKNOWN)] = FREE
         self.edges, self.owner = lidar_edges(world)
         self.beam_scores = beam_scores(occupancy, robot.lidars[0].max_range_m)
         self.x, self.y, rows, columns = _extent(world, self.edges)
@@ -221,9 +231,12 @@ def _scene(around: Surroundings, static: Bytes, costs: Bytes, occupancy: Occupan
         near = np.arange(len(around.edges), dtype=np.int32)
     else:
         start, near = edges_by_tile(around.edges, around.x, around.y, tile_columns, tile_rows, reach_m)
+    inflated, keepout = inflate_static(static, costs), around.global_keepout
+    if keepout.size:
+        inflated = np.maximum(inflated, np.where(keepout == UNKNOWN, FREE, keepout))
     return Scene(
         static=static,
-        inflated=inflate_static(static, costs),
+        inflated=inflated,
         table=conversion(),
         reach=reaches(),
         local_costs=around.local_costs,
@@ -239,6 +252,9 @@ def _scene(around: Surroundings, static: Bytes, costs: Bytes, occupancy: Occupan
         tile_columns=tile_columns,
         tile_rows=tile_rows,
         tile_reach=reach_m,
+        keepout=around.keepout,
+        local_shares=around.local_shares,
+        global_shares=around.global_shares,
     )
 
 
@@ -367,6 +383,8 @@ def new_state(
     longest = 4 * max(rows, columns) + 2
     stack = stack_of(robot)
     samples = sample_table(stack)
+    times = np.zeros(REALS)
+    times[dwb.SHARE] = 1.0
     cells = stack.cells
     lidars = robot.lidars
     rays = max(lidar.rays for lidar in lidars)
@@ -376,7 +394,7 @@ def new_state(
     return State(
         body=new_body(),
         nav=np.zeros(INTS, np.int64),
-        times=np.zeros(REALS),
+        times=times,
         goals=goals,
         path=np.zeros((3, longest, 2)),
         journal=np.zeros((JOURNAL, 7)),

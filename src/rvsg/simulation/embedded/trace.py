@@ -29,7 +29,7 @@ from rvsg.simulation.embedded import base, dwb
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.behaviour_tree import ODOMETRY_DEADBAND
 from rvsg.simulation.embedded.costmap import INSCRIBED
-from rvsg.simulation.embedded.dwb import PLAN_END, STAMP
+from rvsg.simulation.embedded.dwb import PLAN_END, SHARE, STAMP
 from rvsg.simulation.embedded.episode import Episode, Outside
 from rvsg.simulation.embedded.lidar import first_ray, full_scan
 from rvsg.simulation.embedded.localisation import MAP_YAW
@@ -410,7 +410,7 @@ class _Recorder:
         count = len(samples) if state.stack.dwb_whole_range else int(np.count_nonzero(samples[:, SAMPLE_STEPS]))
         measured = body[[base.V, base.W, base.SIDE]]
         measured[np.abs(measured) <= ODOMETRY_DEADBAND] = 0.0
-        slots = np.flatnonzero((state.memo.keys == measured).all(axis=1))
+        slots = np.flatnonzero((state.memo.keys == [*measured, state.times[SHARE]]).all(axis=1))
         pose = (float(body[base.X]), float(body[base.Y]), float(body[base.YAW]))
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         ends = state.memo.ends[slots[0], :count]

@@ -378,6 +378,10 @@ class MppiSettings(Nav2Settings):
     TwirlingCritic: Twirling = Twirling()
 
 
+LIMITED = ("v_max", "v_min", "w_max")
+"""What a speed filter scales; the constraint critic keeps its limits, as in Nav2."""
+
+
 class Mppi(Configured):
     """Nav2 with MPPI as local planner."""
 
@@ -401,6 +405,10 @@ class Mppi(Configured):
             f"ax_max {s.ax_max:g} is smaller than -ax_min {-s.ax_min:g}: the speeds that MPPI samples drift downwards, "
             "and the robot may crawl or reverse. Nav2 before April 2026 does the same. Give both the same size.",
         )
+
+    def full_speed(self, robot: Robot) -> float:
+        """Return its highest forward speed."""
+        return float(self.settings.vx_max)
 
     def planner_parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """Return the weights of the critics, the noise and the speed."""
@@ -428,6 +436,7 @@ class Mppi(Configured):
         rng = stream(task.seed, "stack/mppi")
         self._draw_noise = partial(start_again, work, rng, numbers)
         self._work, self._numbers = refer(work), refer(numbers)  # taken apart at every call they cost a tenth of it
+        self._full, self._share = numbers, 1.0
         self._sent = (0.0, 0.0)
         self._until = -math.inf
         self._period_s = task.period_s
@@ -438,6 +447,10 @@ class Mppi(Configured):
         if seen.t > self._until:
             self._start_again()
         self._until = seen.t + 1.5 * self._period_s
+        if seen.speed_share != self._share:
+            self._share = seen.speed_share
+            limits = {name: self._share * value for name, value in self._full._asdict().items() if name in LIMITED}
+            self._numbers = refer(self._full._replace(**limits))
         for _ in range(self.settings.retry_attempt_limit + 1):
             before = self._sent if self.settings.open_loop else seen.velocity
             valid, v, w = optimise(

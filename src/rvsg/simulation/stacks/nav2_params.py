@@ -14,9 +14,11 @@ from typing import Any, Literal, Never
 from rvsg.core.documents import Document, DocumentError, parse_yaml
 from rvsg.core.errors import FileError
 from rvsg.core.inputs import read_text
+from rvsg.simulation.embedded.costmap_filters import runs_of
 from rvsg.simulation.embedded.robot_parameters import ACTIONS
 from rvsg.simulation.stacks.mppi import MppiSettings
 from rvsg.simulation.stacks.pure_pursuit import PurePursuitSettings
+from rvsg.world.occupancy import read_mask
 
 Key = tuple[str, ...]
 State = Literal["honoured", "no effect", "not supported"]
@@ -141,6 +143,8 @@ PLANNING = {"use_astar": False, "allow_unknown": True, "use_final_approach_orien
 MONITORED = ("min_points", "slowdown_ratio", "linear_limit", "angular_limit", "time_before_collision",
              "simulation_time_step")  # fmt: skip
 """Options of the polygons of a collision monitor."""
+SPEED_FILTERS = {1: "speed_percent", 2: "speed_m_s"}
+"""Types of filter infos, beside 0, keepout."""
 CHECKERS = ("SimpleProgressChecker", "SimpleGoalChecker", "StoppedGoalChecker")
 LAYERS = ("StaticLayer", "ObstacleLayer", "VoxelLayer", "InflationLayer")
 CRITICS = ("RotateToGoal", "Oscillation", "BaseObstacle", "ObstacleFootprint", "GoalAlign", "PathAlign", "PathDist",
@@ -244,6 +248,8 @@ class _Reader:
         self.refused: dict[Key, str] = {}
         self.idle: dict[Key, str] = {}
         """Sections that change nothing, and why."""
+        self.filters: dict[str, dict[str, Any]] = {}
+        """Costmap filters, by the topic of their filter info."""
         self.options: dict[str, Any] = {"smoother": {}, "costmaps": {}, "behaviours": {}}
 
     def wrong(self, key: Key, message: str, code: str = "document") -> Never:
@@ -393,6 +399,7 @@ class _Reader:
             self.used[(*local.place, "height")] = ""
         for section, prefix in ((local, "local"), (world, "global")):
             self._layers(section, prefix)
+        self.options["costmap_filters"] = tuple(self.filters.values())
         self._footprint(local)
         for key in ("robot_radius", "footprint", "footprint_padding"):
             if key in world.values and world.values[key] == local.values.get(key):
@@ -417,10 +424,53 @@ class _Reader:
         for name, values in section.values.items():
             if isinstance(values, Mapping) and name not in listed:
                 self.idle[(*section.place, name)] = f"{name} is not among the plug-ins of the costmap"
-        for name in section.values.get("filters") or ():
-            self.refused[(*section.place, "filters")] = "costmap filters (keepout and speed zones) are not simulated"
-            for key in leaves_of(section.values.get(str(name)), (*section.place, str(name))):
-                self.refused[key[0]] = "costmap filters are not simulated"
+        for name in section.get("filters") or ():
+            layer = section.inner(str(name))
+            if layer.values.get("enabled") is False:
+                self.idle[layer.place] = "this filter is off"
+            elif why := self._filter(layer, prefix):
+                self.refused[(*section.place, "filters")] = f"{name}: {why}"
+                for key, _ in leaves_of(layer.values, layer.place):
+                    self.refused[key] = why
+
+    def _filter(self, layer: Section, prefix: str) -> str:
+        """Read a costmap filter with its mask; return why it is not simulated."""
+        plugin = re.split(r"::|/", str(layer.values.get("plugin")))[-1]
+        topic = str(layer.values.get("filter_info_topic")).strip("/")
+        info = self._server("filter_info_topic", topic)
+        server = info and self._server("topic_name", str(info.get("mask_topic", "filter_mask")).strip("/"))
+        if plugin not in ("KeepoutFilter", "SpeedFilter"):
+            return "of Nav2's costmap filters, keepout and speed filters are simulated"
+        if info is None or server is None or not server.values.get("yaml_filename"):
+            return "no mask: expected servers whose filter_info_topic and topic_name lead to a yaml_filename"
+        kind = "keepout" if plugin == "KeepoutFilter" else SPEED_FILTERS.get(info.get("type"))
+        if kind is None:
+            return "expected a filter info of type 1 (percent) or 2 (m/s)"
+        if kind != "keepout" and any(each["kind"] != "keepout" for key, each in self.filters.items() if key != topic):
+            return "one speed filter is simulated"
+        for key in ("plugin", "enabled", "filter_info_topic"):
+            layer.get(key)
+        if topic not in self.filters:
+            file = self.path.parent / str(server.get("yaml_filename"))
+            if not file.is_file():
+                self.wrong((*server.place, "yaml_filename"), f"there is no {file}. Expected the yaml file of a mask")
+            cells, resolution, origin = read_mask(file)
+            self.filters[topic] = {
+                "kind": kind, "costmaps": [], "x": origin.x, "y": origin.y, "resolution_m": resolution,
+                "columns": cells.shape[1], "cells": runs_of(cells), "base": info.number("base", 0.0),
+                "multiplier": info.number("multiplier", 1.0),
+            }  # fmt: skip
+        self.filters[topic]["costmaps"].append(prefix)
+        return ""
+
+    def _server(self, key: str, topic: str) -> Section | None:
+        """Return the node that publishes a topic."""
+        for name in self.document:
+            section = self.node(str(name))
+            if key in section.values and str(section.values[key]).strip("/") == topic:
+                section.get(key)
+                return section
+        return None
 
     def _sources(self, layer: Section, prefix: str) -> None:
         names = str(layer.get("observation_sources", "")).split()

@@ -9,7 +9,18 @@ from pydantic import Field, ValidationError
 
 from rvsg.core.documents import invalid_options
 from rvsg.core.records import Record
-from rvsg.robots.robot import Behaviours, Costmaps, Dwb, MonitorPolygon, Polygon, Robot, SafetyZone, Smoother
+from rvsg.robots.robot import (
+    Behaviours,
+    CostmapFilter,
+    Costmaps,
+    Dwb,
+    MonitorPolygon,
+    Polygon,
+    Robot,
+    SafetyZone,
+    Smoother,
+)
+from rvsg.simulation.embedded.robot_parameters import planned_range
 from rvsg.simulation.stacks.parameters import Parameter, of_costmaps, of_dwb, of_monitor, value_at
 from rvsg.simulation.stacks.protocol import LocalObservation, LocalPlanner, Task
 
@@ -32,6 +43,8 @@ class Nav2Settings(Record):
     behaviours: dict[str, Any] = Field(default_factory=dict)
     collision_monitor: tuple[MonitorPolygon, ...] = ()
     """Polygons of Nav2's collision monitor, instead of the robot's."""
+    costmap_filters: tuple[CostmapFilter, ...] = ()
+    """Nav2's keepout and speed filters with their masks."""
     footprint: Polygon | None = None
     """What Nav2 takes for the robot's outline; its body stays what it is."""
     padding_m: Annotated[float, Field(ge=0, le=0.5)] | None = None
@@ -73,6 +86,10 @@ class Configured(LocalPlanner):
         """Return the parameters of the local planner itself."""
         return ()
 
+    def full_speed(self, robot: Robot) -> float:
+        """Return the speed that the limits of a speed filter are shares of."""
+        return planned_range(robot).high
+
     def tunable_parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """Return the parameters of the planner, of inflation and of the polygons of the collision monitor."""
         adapted = self.adapt(robot)
@@ -94,6 +111,9 @@ class Configured(LocalPlanner):
         parts = {key: getattr(robot.navigation, key).replace(**values) for key, values in sections.items()}
         if given.collision_monitor:
             parts["collision_monitor"] = given.collision_monitor
+        if given.costmap_filters:
+            full = self.full_speed(robot.replace(navigation=robot.navigation.replace(**parts)))
+            parts["costmap_filters"] = tuple(each.replace(full_m_s=full) for each in given.costmap_filters)
         changes: dict[str, Any] = {"navigation": robot.navigation.replace(**parts)} if parts else {}
         if given.footprint is not None:
             changes |= {"footprint": given.footprint, "body": robot.outline}

@@ -158,6 +158,8 @@ class LocalObservation(Observation):
     """x, y, yaw of the goal in the odom frame, m and rad."""
     costmap: Costmap
     """What Nav2 keeps around the robot."""
+    speed_share: float = 1.0
+    """The highest speed here, as a share of the planner's own: what Nav2's speed filter says."""
 
 
 class NavigationStack(ABC):

@@ -231,6 +231,10 @@ class PurePursuit(Configured):
     title: ClassVar[str] = "Nav2 (Jazzy) with regulated pure pursuit, NavFn and the default behaviour tree"
     Settings: ClassVar[type[Nav2Settings]] = PurePursuitSettings
 
+    def full_speed(self, robot: Robot) -> float:
+        """Return its desired speed."""
+        return float(self.settings.desired_linear_vel)
+
     def planner_parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """Return the distances and speeds of regulated pure pursuit."""
         return of_pure_pursuit(robot)
@@ -261,7 +265,10 @@ class PurePursuit(Configured):
     def pursue(self, seen: LocalObservation, plan: Floats) -> tuple[float, float] | None:
         """Return the command that follows a plan."""
         cells, x, y, side = seen.costmap
-        valid, v, w = pursue(plan, cells, x, y, side, *seen.pose, *seen.velocity, seen.goal[2], self._numbers)
+        p = self._numbers
+        if seen.speed_share != 1.0:
+            p = p._replace(desired_linear_vel=seen.speed_share * p.desired_linear_vel)
+        valid, v, w = pursue(plan, cells, x, y, side, *seen.pose, *seen.velocity, seen.goal[2], p)
         return (v, w) if valid else None
 
 
