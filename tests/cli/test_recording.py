@@ -50,3 +50,14 @@ def test_a_bag_becomes_a_scenario_without_a_world_at_hand(
     assert main(["simulate", "made.json", "--out", "runs.jsonl"]) == 0
     assert main(["suite", "add", "made.json", "--suite", "kept", "--expect", "pass"]) == 0
     assert main(["recording", "scenario", str(bag), "--people", "drunk"]) == 2
+
+
+def test_a_folder_becomes_a_suite_without_a_world_at_hand(
+    bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    make = ["recording", "suite", str(bag.parent), "--suite", "kept", "--runs", "1", "--open-floor"]
+    assert main(make) == 0
+    assert "kept holds 1 case." in capsys.readouterr().err
+    assert (tmp_path / "kept" / "worlds" / "run" / "world.yaml").is_file()
+    assert main(["suite", "run", "kept", "--runs", "1"]) == 0

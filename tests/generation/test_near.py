@@ -88,6 +88,7 @@ def test_a_campaign_starts_from_a_scenario(tmp_path: Path) -> None:
     made = rvsg.Campaign.create(tmp_path / "out", start_from=str(file), near=NEAR, simulator="kinematic", **few)
     assert (made.plan.mission.route, made.config.humans, made.config.strategy) == (own, 3, "study")
     list(made.run())
+    assert made.changes == "" and made.report(world="warehouse").is_file(), "no world has a route that was driven"
     kept = [attempt.proposal.scenario for attempt in rvsg.Campaign.open(tmp_path / "out").attempts()]
     assert len(kept) == 4 and kept[0] is not None and kept[0].people == scenario.people
     for words, settings in {"--generator": {"generator": "random"}, "--humans": {"humans": 1}}.items():

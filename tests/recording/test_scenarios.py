@@ -10,12 +10,13 @@ import pytest
 
 import rvsg
 from rvsg.app.reconstruction import rebuild, recorded_cases, suite_of_recordings, world_of_recording
+from rvsg.app.suites import Suite
 from rvsg.campaign.nearness import nearest_violation
 from rvsg.core.errors import FileError
 from rvsg.evaluation.metrics import measure
 from rvsg.evaluation.sampled import sampled
 from rvsg.recording.fidelity import compare, estimates, recorded_as
-from rvsg.recording.inspection import inspect
+from rvsg.recording.inspection import inspect, map_share
 from rvsg.recording.intent import People, recorded_scenario
 from rvsg.recording.recorded_run import recorded_run
 from rvsg.recording.tracks import PersonTrack, Recording, load_recording
@@ -203,6 +204,27 @@ def test_people_in_walls_tell_a_wrong_world_whose_floor_the_robot_could_drive_on
     assert note.kind == "world" and note.count == len(aside.rows)
 
 
+def test_the_map_of_a_bag_is_compared_with_that_of_the_world(world: World, bag: Path) -> None:
+    found = load_recording(bag, world=world)
+    assert found.occupancy is not None and map_share(found, world) == 1.0
+    cells, size = found.occupancy.cells, found.occupancy.resolution
+    finer = replace(found.occupancy, cells=cells.repeat(2, 0).repeat(2, 1), resolution=size / 2)
+    aside = replace(found.occupancy, origin=found.occupancy.origin.replace(x=found.occupancy.origin.x + 1.0))
+    assert map_share(replace(found, occupancy=finer), world) == 1.0
+    moved = replace(world, map_offset=(2.0, 0.0))
+    assert map_share(load_recording(bag, world=moved), moved) == 1.0, "both maps lie in the frame of the map"
+    for other, where in ((found, rvsg.load_world("office")), (replace(found, occupancy=aside), world)):
+        (note,) = (each for each in inspect(other, where).notes if each.kind == "map")
+        assert f"{map_share(other, where):.0%}" in note.text and map_share(other, where) < 0.5
+    empty = replace(found.occupancy, cells=np.zeros_like(cells))
+    for nothing in (replace(found, occupancy=empty), replace(found, occupancy=None)):
+        assert not any(note.kind == "map" for note in inspect(nothing, world).notes)
+    bare = replace(world, occupancy=empty)
+    assert map_share(found, bare) == 0.0
+    made = recorded_scenario(replace(found, occupancy=aside), world, route=world.route("route_1"))
+    assert [note.kind for note in made.notes].count("map") == 1
+
+
 def test_a_robot_that_stops_at_its_goal_has_arrived_by_one_rule(world: World) -> None:
     start = world.route("route_1").start
     found = recording(world, walker((0, start.x + 1.0, start.y - 2.0), (15, start.x + 1.0, start.y - 1.9)))
@@ -247,17 +269,32 @@ def test_a_folder_becomes_a_suite_and_what_cannot_be_read_is_told(bag: Path, wor
     cases = recorded_cases(folder, world, "R1", runs=1)
     assert [case.source for case in cases] == ["whole.mcap", "cut.mcap"]
     assert cases[0].kinds and cases[0].gap_m < 1.5 and cases[1].problem
-    suite = suite_of_recordings(cases, tmp_path / "suite", "R1", world)
+    suite = suite_of_recordings(cases, tmp_path / "suite", "R1")
     (case,) = suite.cases
     assert case.name.startswith("01-") and "whole.mcap" in case.title
     (tmp_path / "suite" / f"{case.name}.yaml").rename(tmp_path / "suite" / "mine.yaml")
-    again = suite_of_recordings(cases, tmp_path / "suite", "R1", world)
+    again = suite_of_recordings(cases, tmp_path / "suite", "R1")
     assert [each.name for each in again.cases] == ["mine"], "a case keeps its name"
     with pytest.raises(FileError):
         recorded_cases(tmp_path / "suite", world)
     for no_folder in (tmp_path / "absent", bag):
         with pytest.raises(FileError):
             recorded_cases(no_folder, world)
+
+
+def test_each_recording_of_a_suite_has_its_own_map_or_an_open_floor(bag: Path, tmp_path: Path) -> None:
+    folder, suite = tmp_path / "bags", tmp_path / "suite"
+    folder.mkdir()
+    (folder / "mapped.mcap").write_bytes(bag.read_bytes())
+    rows = [f"{name},{t:.1f},{x + 0.5 * t:.2f},{y}" for name, x, y in (("robot", 0, 0), ("1", 2, 1)) for t in T[:60]]
+    (folder / "bare.csv").write_text("id,t,x,y\n" + "\n".join(rows))
+    mapped, bare = recorded_cases(folder, None, "R1", runs=1, worlds=suite / "worlds")
+    assert mapped.rebuilt is not None and mapped.rebuilt.world.name == "mapped"
+    assert bare.rebuilt is None and "--open-floor" in bare.problem
+    cases = recorded_cases(folder, None, "R1", runs=1, worlds=suite / "worlds", open_floor=True)
+    suite_of_recordings(cases, suite, "R1")
+    moved = suite.rename(tmp_path / "moved")
+    assert {world.name for world in Suite.open(moved).worlds.values()} == {"mapped", "bare"}
 
 
 def test_encounters_are_cut_out_of_a_long_drive(world: World, tmp_path: Path) -> None:

@@ -81,6 +81,21 @@ def test_a_recording_becomes_a_scenario(
     tab.wait_for_url("**/scenario?file=scenarios%2Fincident.json")
 
 
+def test_a_recording_without_a_map_is_rebuilt_on_an_open_floor(show: Show, studio: Server, tracks: Path) -> None:
+    (studio.folder / "bare.csv").write_bytes(tracks.read_bytes())
+    tab = show("/recording?file=bare.csv&world=warehouse", bypass_csp=True)
+    tab.get_by_role("button", name="Make the scenario").wait_for()
+    assert tab.get_by_label("Floor").count() == 0, "a world is given"
+    tab = show("/recording?file=bare.csv", width=390, bypass_csp=True)
+    tab.get_by_label("Floor").select_option("open")
+    is_well(tab)
+    tab.get_by_role("button", name="Make the scenario").click()
+    tab.locator("[data-studio=replay][data-ready]").wait_for(timeout=PATIENT)
+    tab.get_by_text("The same on the command line").press("Enter")
+    tab.get_by_text("--requirement R1 --open-floor").first.wait_for()
+    assert load_scenario_in(studio.folder / "scenarios" / "bare.json")[1].name == "bare-world"
+
+
 def test_recordings_of_the_folder_are_listed_and_none_is_replaced(tmp_path: Path) -> None:
     workspace = Workspace(tmp_path)
     (tmp_path / "bag").mkdir()

@@ -226,11 +226,19 @@ class RecordedCase:
 
 
 def recorded_cases(
-    folder: Path, world: World, requirement: str = "R1", *, on_case: Callable[[str], None] = ignore, **options: Any
+    folder: Path,
+    world: World | None,
+    requirement: str = "R1",
+    *,
+    worlds: Path = Path("worlds"),
+    open_floor: bool = False,
+    on_case: Callable[[str], None] = ignore,
+    **options: Any,
 ) -> list[RecordedCase]:
     """Rebuild every encounter of the recordings in a folder; rare kinds come first, and of a kind the nearest.
 
     Args:
+        worlds: where the worlds of the recordings are written if none is given; see `world_of_recording`.
         options: those of `rebuild`.
     """
     if not folder.is_dir():
@@ -243,18 +251,19 @@ def recorded_cases(
         on_case(path.name)
         try:
             whole = load_recording(path, world=world)
-            parts = [(path.name, whole)] if whole.end_s - whole.begin_s <= LONGEST_S else _encounters(whole, world)
+            place = world_of_recording(whole, world, worlds / path.stem, open_floor=open_floor)
+            parts = [(path.name, whole)] if whole.end_s - whole.begin_s <= LONGEST_S else _encounters(whole, place)
         except RvsgError as error:
             found.append(RecordedCase(source=path.name, kinds=(), gap_m=math.inf, rebuilt=None, problem=str(error)))
             continue
         for name, part in parts:
             goal = {} if part is whole else {"route": None}  # a part ends before the goal of the route
             try:
-                rebuilt = rebuild(part, world, requirement, **options | goal)
+                rebuilt = rebuild(part, place, requirement, **options | goal)
             except RvsgError as error:
                 found.append(RecordedCase(source=name, kinds=(), gap_m=math.inf, rebuilt=None, problem=str(error)))
                 continue
-            met = encounters_of(recorded_as(rebuilt.made.recording, rebuilt.runs[0]), world=world)
+            met = encounters_of(recorded_as(rebuilt.made.recording, rebuilt.runs[0]), world=place)
             kinds = tuple(dict.fromkeys(each.kind.value for each in met))
             gap_m = min((each.gap_m for each in met), default=math.inf)
             found.append(RecordedCase(source=name, kinds=kinds, gap_m=gap_m, rebuilt=rebuilt))
@@ -279,7 +288,7 @@ def _encounters(recording: Recording, world: World) -> list[tuple[str, Recording
     return [(f"{name} at {begin + BEFORE_S:.0f} s", between(recording, begin, end)) for begin, end in spans]
 
 
-def suite_of_recordings(cases: Sequence[RecordedCase], suite: str | Path, requirement: str, world: World) -> Suite:
+def suite_of_recordings(cases: Sequence[RecordedCase], suite: str | Path, requirement: str) -> Suite:
     """Keep cases in a suite, each expected to do what most of today's runs do; the given order is that of the files.
 
     A scenario that the suite holds already keeps its name.
@@ -292,6 +301,6 @@ def suite_of_recordings(cases: Sequence[RecordedCase], suite: str | Path, requir
             name = f"{len(known) + 1:02}-{(case.kinds or ('nobody-near',))[0].replace(' ', '-')}"
             made = made.add(
                 scenario, requirement, name=known.get(scenario.id, name), title=case.title[:120],
-                expected="violation" if bad else "pass", world=world,
+                expected="violation" if bad else "pass", world=case.rebuilt.world,
             )  # fmt: skip
     return made

@@ -88,12 +88,16 @@ class StoredCampaign:
     def changes(self) -> str:
         """What its pages say where the world has changed since; empty where it has not."""
         try:
-            check_same_route(self.plan.mission, self.world)
+            self._check_route(self.world)
         except InputError as error:
             if error.code != "world-changed":
                 raise
             return f"The world has changed since: verdicts are as stored, maps and places are today's. {error}"
         return ""
+
+    def _check_route(self, world: World) -> None:
+        if self.config.start_from is None:  # else the route is that of the scenario, such as a recorded drive
+            check_same_route(self.plan.mission, world)
 
     @property
     def _world_found(self) -> str:
@@ -262,7 +266,7 @@ class StoredCampaign:
         page = Path(path) if path is not None else self.page()
         place = self.shown_world if world is None else world_of(self.plan.mission, world)
         if world is not None:
-            check_same_route(self.plan.mission, place)
+            self._check_route(place)
         with self.reading() as ledger:
             attempts = list(ledger.attempts(self.name))
             above = self.folder.parent

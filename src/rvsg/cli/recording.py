@@ -27,6 +27,7 @@ People = Annotated[
     str, typer.Option(help="as-recorded, intent, or blended: recorded until the robot differs, then with intent.")
 ]
 RobotTopic = Annotated[str | None, typer.Option(hidden=True, help="The odometry topic.")]
+OpenFloor = Annotated[bool, typer.Option("--open-floor", help="Without a map: no obstacle was near.")]
 
 
 @app.command()
@@ -70,7 +71,7 @@ def scenario(
     people_topic: PeopleTopic = None,
     people_frames: PeopleFrames = None,
     robot_topic: RobotTopic = None,
-    open_floor: Annotated[bool, typer.Option("--open-floor", help="Without a map: no obstacle was near.")] = False,
+    open_floor: OpenFloor = False,
     jobs: Jobs = 1,
     out: Annotated[Path, typer.Option(metavar="FILE", help="Write the scenario here.")] = Path("scenario.json"),
     html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a page with both drives.")] = None,
@@ -127,12 +128,15 @@ def suite(
     settings: dict[str, Any],
     folder: Annotated[Path, typer.Argument(help="A folder of recordings.")],
     suite: Annotated[Path, typer.Option(help="The folder of the suite; created if missing.")],
-    world: Annotated[str, typer.Option(help="The world of the recordings.")],
+    world: Annotated[
+        str | None, typer.Option(help="The world of the recordings. [of each its map, as a world in the suite]")
+    ] = None,
     route: Annotated[str | None, typer.Option(help="The route that the robot drove. [its poses and its goal]")] = None,
     robot: Robot = None,
     people: People = "blended",
     requirement: Requirement = "R1",
     runs: Annotated[int, typer.Option(min=1, help="Runs that are compared with each recording.")] = 5,
+    open_floor: OpenFloor = False,
     jobs: Jobs = 1,
 ) -> None:
     """Keep the encounters of a folder of recordings as cases of a suite; the rare kinds and the nearest come first.
@@ -143,11 +147,12 @@ def suite(
     from rvsg.evaluation.verdict import counted
     from rvsg.scenario.world_lookup import as_world
 
-    chosen, place = effective(None, {}, settings), as_world(world)
+    chosen, place = effective(None, {}, settings), as_world(world) if world is not None else None
     options: dict[str, Any] = {"people": people, "robot": robot, "route": route, "runs": runs, "jobs": jobs}
+    options |= {"worlds": suite / "worlds", "open_floor": open_floor}
     options |= {"simulator": chosen.simulator_spec, "stack": chosen.stack_spec(), "on_message": say}
     cases = recorded_cases(folder, place, requirement, on_case=say, **options)
-    made = suite_of_recordings(cases, suite, requirement, place)
+    made = suite_of_recordings(cases, suite, requirement)
     for case in cases:
         verdict = "" if case.rebuilt is None else case.rebuilt.verdict
         say(f"- {case.title}. {verdict or case.problem}" if verdict else f"- {case.source}: {case.problem}")

@@ -14,7 +14,7 @@ import shapely
 from rvsg.core.errors import FileError, UnknownName
 from rvsg.core.records import Pose
 from rvsg.evaluation.sampled import stretches
-from rvsg.recording.inspection import outside
+from rvsg.recording.inspection import misfits
 from rvsg.recording.recorded_run import ARRIVES_M
 from rvsg.recording.tracks import GAP_S, PERIOD_S, Floats, Note, PersonTrack, Recording, clean
 from rvsg.robots.robot import Robot
@@ -98,7 +98,7 @@ def recorded_scenario(
     contacts = [each.replace(person=names[each.person]) for each in recording.contacts]
     found = clean(replace(recording, people=tuple(named), contacts=tuple(contacts)))
     notes = list(found.notes)
-    notes += outside(found, world)
+    notes += misfits(found, world)
     mission, said = mission_of(world, _route(found, world, route, notes), ROBOT if robot is None else robot)
     notes += [Note(kind="route", text=text) for text in said]
     nearest = sorted(found.people, key=lambda person: _nearest_m(found, person))

@@ -250,7 +250,7 @@ def rebuild_recording(work: Work) -> dict[str, Any]:
     given, out = work.arguments, Path(work.target)
     place = rvsg.load_world(_world(given["world"])) if given["world"] else None
     found = load_recording(given["file"], world=place, people_topic=given["people_topic"] or None)
-    place = world_of_recording(found, place, out.with_name(f"{out.stem}-world"))
+    place = world_of_recording(found, place, out.with_name(f"{out.stem}-world"), open_floor=given["open_floor"])
     options = {key: given[key] for key in ("robot", "people", "requirement")}
     made = rebuild(found, place, jobs=os.cpu_count() or 1, on_message=work.say, **options)
     save_scenario(made.made.scenario, out)

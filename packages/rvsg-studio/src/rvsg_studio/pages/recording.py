@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from nicegui import ui
 
@@ -60,7 +61,7 @@ def add(workspace: Workspace) -> None:
             _choose(made, asked, here, (*shipped_worlds(), *listing.worlds))
             if found is not None:
                 _show(found)
-                _ask(made, asked)
+                _ask(made, asked, bare=found.recording.occupancy is None and not world)
                 if job is not None:
                     _result(made, job)
 
@@ -109,9 +110,11 @@ def _choose(made: Page, asked: dict[str, str], here: list[str], worlds: tuple[st
     made.command("Inspect", f"rvsg recording inspect {_options(asked)}")
 
 
-def _options(asked: dict[str, str]) -> str:
+def _options(asked: dict[str, Any]) -> str:
     named = [
-        f"--{key.replace('_', '-')} {shlex.quote(value)}" for key, value in asked.items() if value and key != "file"
+        f"--{key.replace('_', '-')}" + ("" if value is True else f" {shlex.quote(value)}")
+        for key, value in asked.items()
+        if value and key != "file"
     ]
     return " ".join([shlex.quote(asked["file"] or "FILE"), *named])
 
@@ -122,9 +125,9 @@ def _show(found: Inspection) -> None:
             tag("li", str(line))
 
 
-def _ask(made: Page, asked: dict[str, str]) -> None:
-    """Lay out how the scenario is made, and the button that begins it."""
-    chosen = {"robot": ROBOT, "people": People.BLENDED.value, "requirement": "R1"}
+def _ask(made: Page, asked: dict[str, str], *, bare: bool) -> None:
+    """Lay out how the scenario is made, and the button that begins it; a `bare` recording has no map and no world."""
+    chosen: dict[str, Any] = {"robot": ROBOT, "people": People.BLENDED.value, "requirement": "R1", "open_floor": False}
     choices = {
         "robot": {name: name for name in shipped_robots()},
         "people": {
@@ -149,6 +152,10 @@ def _ask(made: Page, asked: dict[str, str]) -> None:
             for key, options in choices.items():
                 with field(key.capitalize()):
                     select(options, chosen[key], partial(chosen.__setitem__, key))
+            if bare:
+                with field("Floor", help="The recording holds no map"):
+                    floors = {"": "not known", "open": "open: no obstacle was near"}
+                    select(floors, "", lambda value: chosen.update(open_floor=bool(value)))
         with actions():
             made.button("Make the scenario", start, cls="st-primary")
     made.command("Make the scenario", f"rvsg recording scenario {_options(asked | chosen)} --out {out}")
