@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from tests.coded import coded
@@ -18,16 +19,19 @@ from rvsg.campaign.parameter_search import SEEDS, Candidate, ParameterSearch, is
 from rvsg.campaign.setting_runs import SettingRun, SettingRuns, TuningCase, results_of
 from rvsg.campaign.suite import compare
 from rvsg.campaign.tuning import Choice, Part, Tuning, split
+from rvsg.campaign.zones import Zones, zones_around
 from rvsg.cli.tune import _Shown
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.core.plugins import Spec
+from rvsg.core.records import Pose
 from rvsg.report.tuning_page import headline, trade, tuning_page, unsolved_text
 from rvsg.robots.robot import load_robot
 from rvsg.simulation.run import Outcome
-from rvsg.simulation.stacks.parameter_file import has_place, skeleton, with_values_in_file
+from rvsg.simulation.stacks.parameter_file import has_place, skeleton, with_filters_in_file, with_values_in_file
 from rvsg.simulation.stacks.parameters import Parameter, value_at, with_values
 from rvsg.simulation.stacks.stack_choice import StackChoice
+from rvsg.world.occupancy import write_mask
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "stacks"
 PLANNER = '''
@@ -204,7 +208,9 @@ def test_the_score_names_what_breaks() -> None:
     assert found.time == pytest.approx(1.2) and (found.violated, found.contacts, found.runs) == (3, 3, 6)
     once = {key: run(*key, violated=key == ("passes", 0)) for key in keys}
     assert score_of(once, before).broken_cases == (), "one violation in three runs breaks nothing"
-    assert trade(found, score_of(before, before)) == "as many violations, contact in 3 of 6 runs, 20 % longer"
+    assert trade(found, score_of(before, before)) == (
+        "as many violations, contact in 3 of 6 runs, 20 % longer, passes breaks"
+    )
 
 
 def test_no_kind_of_failure_is_in_both_parts(here: Path) -> None:
@@ -461,3 +467,71 @@ def test_a_page_offers_another_setting_only_where_there_is_one(here: Path) -> No
     assert "--choose" not in tuning_page(found.replace(front=(as_it_is,)))
     assert "--choose" not in tuning_page(found.replace(front=(as_it_is, other), proposal=4))
     assert "--choose" in tuning_page(found.replace(front=(as_it_is, other)))
+
+
+# Zones
+
+NEAR = """still:
+  title: Slow near people
+  text: Be slow near people.
+  formula: always (distance_to_person > 0.75 or speed < 0.3)
+"""
+
+
+def test_zones_lie_where_most_failures_are_near_one_another() -> None:
+    places = [(0.0, 0.0), (1.0, 0.0), (0.5, 0.5), (9.0, 9.0), (9.0, 9.5), (30.0, 30.0)]
+    first, second = zones_around(places)
+    assert (first.x, first.y, first.runs, first.radius_m) == (0.5, 0.17, 3, 1.5)
+    assert (second.x, second.y, second.runs) == (9.0, 9.25, 2)
+    assert zones_around(places[-1:]) == zones_around([]) == ()
+
+
+def test_masks_of_a_file_are_those_of_the_setting_and_nothing_else_changes(here: Path) -> None:
+    zones = Zones(zones=zones_around([(2.0, 2.0)] * 2 + [(4.5, 2.0)] * 3), found=5, x=-1.0, y=-2.0, resolution_m=0.05,
+                  rows=160, columns=140)  # fmt: skip
+    values = {"zone_1.speed_percent": 30.0, "zone_2.speed_percent": 55.0, "zone_2.keepout": 1.0}
+    filters, masks = zones.filters(values), zones.masks(values)
+    assert zones.filters({}) == [] and {int(each) for each in np.unique(masks["speed_percent"])} == {0, 30, 55}
+    files = {
+        kind: write_mask(mask, kind, 0.05, Pose(x=-1.0, y=-2.0), Path())
+        for kind, mask in masks.items()
+    }  # fmt: skip
+    after = with_filters_in_file(NAV2, Path("new.yaml"), filters, files)
+    Path("new.yaml").write_text(after)
+    read = StackChoice.of("new.yaml").record.options["costmap_filters"]
+    assert read == StackChoice.of(Spec("nav2-dwb", {"costmap_filters": filters})).record.options["costmap_filters"]
+    lines = iter(after.splitlines())
+    assert all(line in lines for line in NAV2.splitlines()), "every line of the file stays, in its order"
+    with pytest.raises(FileError, check=coded("no-place")):
+        with_filters_in_file(NAV2, Path("new.yaml"), filters, {})
+
+
+@pytest.mark.slow
+def test_zones_that_help_are_proposed_and_written_as_nav2_reads_them(here: Path) -> None:
+    Path("still.yaml").write_text(NEAR)
+    suite = rvsg.Suite.create("suite")
+    for delay_s in (15.0, 16.0, 17.0):  # who stands beside the aisle when the robot passes
+        walk = rvsg.walk("Anna", "H15", "E15", start_delay_s=delay_s)
+        scenario = rvsg.scenario(rvsg.load_world("warehouse"), "route_1", [walk])
+        suite = suite.add(scenario, "../still.yaml#still", name=f"case-{delay_s:.0f}", expected="pass")
+    zoned = {"stack": "nav2-rpp", "tries": "zones", "budget_runs": 200, "more_time": 2.0}
+    found = tuner(**zoned).run()
+    assert found.zones is not None and found.proposal and found.helps, headline(found)
+    assert len(found.tried) == found.settings - 1 and not found.sweeps
+    choice = StackChoice.of("out/nav2_params.yaml")
+    (speed,) = choice.driver.adapt(load_robot("tiago_omni")).navigation.costmap_filters
+    percent = {change.after for change in found.changes}
+    assert speed.kind == "speed_percent" and {value for value, _ in speed.cells} == {0, *percent}
+    assert "Zones that were tried" in Path("out/index.html").read_text()
+    again = tuner(**zoned, out=Path("again"), jobs=2).run()
+    assert again.tried == found.tried and again.changes == found.changes and again.parts == found.parts
+
+
+def test_zones_are_refused_for_what_has_no_file_of_nav2(here: Path) -> None:
+    suite_of(cases=1)
+    zoned = "global_costmap: {global_costmap: {ros__parameters: {filters: [inflation_layer]}}}\n"
+    Path("zoned.yaml").write_text(NAV2 + zoned)
+    for changes in ({}, {"stack": "nav2-rpp", "stack_options": {"lookahead_dist": 0.7}}, {"stack": "zoned.yaml"}):
+        with pytest.raises(InputError, check=coded("no-parameters")) as refused:
+            tuner(tries="zones", **changes).run()
+        assert "nav2-dwb" in str(refused.value)

@@ -9,12 +9,12 @@ import json
 import os
 import shlex
 import time
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 import yaml
 from pydantic import Field
@@ -26,18 +26,19 @@ from rvsg.app.suites import Suite, subject
 from rvsg.campaign.attempt import Failure
 from rvsg.campaign.parameter_search import SEEDS, Candidate, Optimiser, ParameterSearch, unsolved
 from rvsg.campaign.runner import Evaluator
-from rvsg.campaign.setting_runs import SettingRun, SettingRuns, TuningCase, Values, results_of
+from rvsg.campaign.setting_runs import SettingRun, SettingRunMaker, SettingRuns, TuningCase, Values, results_of
 from rvsg.campaign.suite import Case, CaseChange, Change, Comparison, SuiteResult, case_result, compare
 from rvsg.campaign.suite_folder import HEAD, SuiteCase, TuningNote, requirement_source
 from rvsg.campaign.tuning import Change as ValueChange
 from rvsg.campaign.tuning import Check, Choice, Part, Split, Sweep, Tuning, split
+from rvsg.campaign.zones import REACH_M, Zones, zones_around
 from rvsg.core import permission
 from rvsg.core.documents import read_document
 from rvsg.core.errors import FileError, InputError, SimulationError, UnknownName
 from rvsg.core.files import write_whole
 from rvsg.core.inputs import read_text
 from rvsg.core.plugins import Spec, ignore
-from rvsg.core.records import Record
+from rvsg.core.records import Pose, Record
 from rvsg.core.seeds import seed_for
 from rvsg.evaluation.verdict import counted
 from rvsg.generation.random_search import RandomGenerator
@@ -49,10 +50,20 @@ from rvsg.scenario.brief import Brief
 from rvsg.scenario.builder import as_robot
 from rvsg.scenario.scenario import HumanConfiguration, Scenario
 from rvsg.scenario.world_lookup import folder_of
+from rvsg.simulation.embedded.simulator import can_plan
 from rvsg.simulation.simulators import make_simulator
-from rvsg.simulation.stacks.parameter_file import has_place, place_of, skeleton, with_values_in_file
+from rvsg.simulation.stacks.parameter_file import (
+    SKELETONS,
+    has_filters,
+    has_place,
+    place_of,
+    skeleton,
+    with_filters_in_file,
+    with_values_in_file,
+)
 from rvsg.simulation.stacks.parameters import Parameter, value_at, with_values
 from rvsg.simulation.stacks.stack_choice import StackChoice
+from rvsg.world.occupancy import write_mask
 
 RESULT, RUNS, ASKED, PAGE = "tuning.json", "runs.jsonl", "asked.json", "index.html"
 SWEPT, SWEEP_POINTS = 4, 5
@@ -95,6 +106,7 @@ class Tuner:
         stack: a name, a parameter file, a class or a command.
         out: the folder of the tuning; an existing one is resumed.
         narrowing: a YAML file that narrows, fixes or adds parameters.
+        tries: values of parameters, or zones of Nav2's costmap filters where the stack fails.
         robot: drives every case instead of the robot of its scenario.
         more_time: how much longer the robot may take on average, as a share.
         budget_runs: runs of the search at most, those of the stack before included.
@@ -110,6 +122,7 @@ class Tuner:
     stack_options: Mapping[str, Any] = field(default_factory=dict)
     out: Path
     narrowing: Path | None = None
+    tries: Literal["parameters", "zones"] = "parameters"
     robot: str | None = None
     only: Sequence[str] = ()
     optimiser: Optimiser = "tpe"
@@ -141,12 +154,18 @@ class Tuner:
                 self.on_message(text)
             cases = [self._case(suite, case) for case in suite.chosen(self.only)]
             stack = Spec(choice.record.name, choice.record.options)
-            parameters, fixed, notes = self._parameters(choice, cases)
+            parameters: tuple[Parameter, ...] = ()
+            fixed: dict[str, float] = {}
+            zones: Zones | None = None
+            if self.tries == "zones":
+                cases, notes = self._in_one_map(cases, stack)
+            else:
+                parameters, fixed, notes = self._parameters(choice, cases)
             for text in notes:
                 self.on_message(text)
             check_budget(self.budget_runs, len(cases))
-            counts = counted(len(cases), "case"), counted(len(parameters), "parameter")
-            self.on_message(f"{stack.name}: {counts[0]}, {counts[1]}.")
+            what = "zones" if self.tries == "zones" else counted(len(parameters), "parameter")
+            self.on_message(f"{stack.name}: {counted(len(cases), 'case')}, {what}.")
             present = {each.name: float(each.present or 0.0) for each in parameters}
             asked = self._asked(suite, stack)
             if found := differences(self._known() or asked, asked):
@@ -161,6 +180,12 @@ class Tuner:
                     )
                 write_whole(self.out / ASKED, json.dumps(asked, indent=1) + "\n")
                 parts = split(cases, before.runs.values())
+                settings: list[dict[str, float]] = []
+                if self.tries == "zones":
+                    zones = self._zones([each for each in cases if each.name in parts.tuned], before, runs.maker)
+                    parameters = zones.parameters()
+                    runs.use(SettingRunMaker(stack, {each.name: each.present or 0.0 for each in parameters}, zones))
+                    settings = [each for each in zones.settings() if self._leaves_ways(each, cases, runs.maker)]
                 search = ParameterSearch(
                     parameters,
                     [each for each in cases if each.name in parts.tuned],
@@ -173,7 +198,7 @@ class Tuner:
                 search.begin()
                 search.spent = len(before.runs)  # those of held-out cases count, too
                 end = None if self.budget_minutes is None else time.monotonic() + 60.0 * self.budget_minutes
-                for _ in search.run(self.budget_runs):
+                for _ in search.run_settings(settings, self.budget_runs) if zones else search.run(self.budget_runs):
                     self.on_search(search)
                     if end is not None and time.monotonic() > end:
                         break
@@ -182,6 +207,7 @@ class Tuner:
     def _asked(self, suite: Suite, stack: Spec) -> dict[str, Any]:
         """Return what a resumed tuning must have been begun with; budgets, checks and the choice may change."""
         return {
+            **({"try": self.tries} if self.tries != "parameters" else {}),
             "suite": suite.head.title,
             "stack": stack.model_dump(mode="json"),
             "robot": self.robot,
@@ -210,6 +236,58 @@ class Tuner:
             with closing(make_simulator(given)) as made:
                 tested = tested.driven_by(as_robot(self.robot, made.robots))
         return TuningCase(tested, given)
+
+    def source(self, stack: Spec) -> tuple[str | None, Path]:
+        """Return the text of the parameter file, or of one made for a stack of Nav2 without options."""
+        if self.stack.endswith((".yaml", ".yml")):
+            return read_text(Path(self.stack)), Path(self.stack)
+        return None if self.stack_options else skeleton(stack.name), Path("nav2_params.yaml")
+
+    def _in_one_map(self, cases: Sequence[TuningCase], stack: Spec) -> tuple[list[TuningCase], tuple[str, ...]]:
+        """Return the cases of the world that most are in, and what a user has to know.
+
+        Raises:
+            InputError: the stack has no parameter file that zones can be written into.
+        """
+        text = self.source(stack)[0]
+        if text is None or has_filters(text) or self.narrowing:
+            raise InputError(
+                "--try zones adds keepout and speed filters of Nav2: give --stack a parameter file without such "
+                f"filters, or one of {', '.join(SKELETONS)} without options, and no --parameters.",
+                code="no-parameters",
+            )
+        worlds = Counter(each.scenario.mission.world for each in cases)
+        world, count = worlds.most_common(1)[0]
+        note = f"Zones are of one map: the {count} of {len(cases)} cases in {world} are taken; --only takes others."
+        return [each for each in cases if each.scenario.mission.world == world], (note,) if len(worlds) > 1 else ()
+
+    def _zones(self, cases: Sequence[TuningCase], before: Candidate, maker: SettingRunMaker) -> Zones:
+        """Return zones around where the robot is at the decisive moments of the violating runs of cases."""
+        places, world = list[tuple[float, float]](), cases[0].tested.world
+        for case in cases:
+            for made in (run for run in before.runs.values() if run.case == case.name and run.violated):
+                requirement = case.requirements[made.violations.index(True)]
+                run = maker.run(case, before.values, made.seed)
+                measured = Evaluator(requirement, case.tested.world).measure(run)
+                at = run_facts(run, measured, requirement, case.tested.world, case.scenario).decisive_at
+                places.append((at.x - world.map_offset[0], at.y - world.map_offset[1]))
+        found, occupancy = zones_around(places), world.occupancy
+        if not found:
+            raise InputError(
+                f"No zone to try: the decisive moments of {counted(len(places), 'violating run')} lie more than "
+                f"{REACH_M:g} m from one another.",
+                code="nothing-to-tune",
+            )
+        rows, columns = occupancy.cells.shape
+        return Zones(zones=found, found=len(places), x=occupancy.origin.x, y=occupancy.origin.y, rows=rows,
+                     columns=columns, resolution_m=occupancy.resolution)  # fmt: skip
+
+    def _leaves_ways(self, setting: Values, cases: Sequence[TuningCase], maker: SettingRunMaker) -> bool:
+        """Return whether every route of the cases can still be planned with a setting of zones."""
+        world, missions = cases[0].tested.world, {each.scenario.mission.id: each.scenario.mission for each in cases}
+        with closing(StackChoice.of(maker.stack_of(setting))) as choice:
+            robots = ((each, each.robot_record or load_robot(DEFAULT_ROBOT)) for each in missions.values())
+            return all(can_plan(world, each.route, choice.driver.adapt(robot)) for each, robot in robots)
 
     def _parameters(
         self, choice: StackChoice, cases: Sequence[TuningCase]
@@ -271,6 +349,11 @@ class _Checks:
     runs: SettingRuns
 
     @property
+    def zones(self) -> Zones | None:
+        """The zones that were tried."""
+        return self.runs.maker.zones
+
+    @property
     def present(self) -> Values:
         """The setting before tuning."""
         return self.search.before.values
@@ -293,11 +376,9 @@ class _Checks:
             parameters=tuple(search.parameters.values()),
             split=self.split,
             before=before,
-            front=tuple(
-                Choice(number=each.number, values=self._changed(each.values), score=each.score)
-                for each in front
-                if each.score is not None
-            ),
+            front=self._choices(front),
+            zones=self.zones,
+            tried=self._choices(search.candidates[1:] if self.zones else ()),
             unsolved=tuple(unsolved(search)),
             importances=search.importances(),
             notes=notes,
@@ -311,14 +392,15 @@ class _Checks:
             file, text, diff = self._file(setting.values)
             write_whole(out / file, text)
             parts = tuple(self._parts(setting.values))
-            most = (min(SWEPT, len(search.parameters)) * (SWEEP_POINTS + 1) + len(search.parameters)) * whole
-            tell(f"Trying one parameter at a time around the proposal: at most {counted(most, 'run')}.")
+            if not self.zones:
+                most = (min(SWEPT, len(search.parameters)) * (SWEEP_POINTS + 1) + len(search.parameters)) * whole
+                tell(f"Trying one parameter at a time around the proposal: at most {counted(most, 'run')}.")
             found = found.replace(
                 proposal=proposed.number,
                 score=setting.score,
                 changes=tuple(self._changes(setting)),
                 parts=parts,
-                sweeps=tuple(self._sweeps(setting, found.importances)),
+                sweeps=() if self.zones else tuple(self._sweeps(setting, found.importances)),
                 file=file,
                 diff=diff,
             )
@@ -350,14 +432,15 @@ class _Checks:
             return chosen
         return front[0] if front and self.search.gains(front[0]) else None
 
+    def _choices(self, candidates: Iterable[Candidate]) -> tuple[Choice, ...]:
+        return tuple(
+            Choice(number=each.number, values=self._changed(each.values), score=each.score)
+            for each in candidates
+            if each.score is not None
+        )
+
     def _changed(self, values: Values) -> dict[str, float]:
         return {name: value for name, value in values.items() if value != self.present.get(name)}
-
-    def _source(self) -> tuple[str | None, Path]:
-        """Return the text of the parameter file, or of one made for a stack of Nav2 without options."""
-        if self.tuner.stack.endswith((".yaml", ".yml")):
-            return read_text(Path(self.tuner.stack)), Path(self.tuner.stack)
-        return None if self.tuner.stack_options else skeleton(self.stack.name), Path("nav2_params.yaml")
 
     def _file_of_stack(self, values: Values) -> tuple[str, str] | None:
         """Return name and text of the parameter file that the stack keeps itself, such as that of a launched Nav2."""
@@ -366,11 +449,19 @@ class _Checks:
 
     def _file(self, values: Values) -> tuple[str, str, tuple[str, ...]]:
         """Return name and text of the file of the proposed stack, and what differs in it."""
-        text, path = self._source()
+        text, path = self.tuner.source(self.stack)
         if (own := self._file_of_stack(values)) is not None:
             (_, text), path, after = self._file_of_stack(self.present) or own, Path(own[0]), own[1]
         elif text is None:
             return "stack.json", self.runs.maker.stack_of(values).to_json(), ()
+        elif self.zones is not None:
+            masks = {
+                kind: write_mask(mask, f"{kind.partition('_')[0]}_mask", self.zones.resolution_m,
+                                 Pose(x=self.zones.x, y=self.zones.y), self.tuner.out)
+                for kind, mask in self.zones.masks(self._changed(values)).items()
+            }  # fmt: skip
+            filters = self.zones.filters(self._changed(values))
+            after = with_filters_in_file(text, self.tuner.out / path.name, filters, masks)
         else:
             after = with_values_in_file(text, path, self._changed(values))
         lines = difflib.unified_diff(text.splitlines(), after.splitlines(), path.name, "proposed", n=1, lineterm="")
@@ -378,7 +469,7 @@ class _Checks:
 
     def _changes(self, setting: Candidate) -> Iterator[ValueChange]:
         """Yield each changed value with the proposal without it."""
-        text, _ = self._source()
+        text = None if self.zones else self.tuner.source(self.stack)[0]
         for name, value in self._changed(setting.values).items():
             place = place_of(name, yaml.safe_load(text), self.stack.options) if text is not None else None
             known = self.search.parameters.get(name)

@@ -10,7 +10,7 @@ and resumes by asking again.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -232,6 +232,16 @@ class ParameterSearch:
             self.candidates += batch
             yield
 
+    def run_settings(self, settings: Iterable[Values], budget: int) -> Iterator[None]:
+        """Try these settings in their order, without a race, while the runs that are left suffice for another one."""
+        for values in settings:
+            if self.spent + len(self.before.runs) > budget:
+                return
+            tried = self.try_out({**self.before.values, **values})
+            tried.number = len(self.candidates)
+            self.candidates.append(tried)
+            yield
+
     def _is_slow(self, candidate: Candidate, score: Score) -> bool:
         """Return whether a setting takes too long by more than as much again as is allowed, once it met every case."""
         return len(candidate.runs) >= len(self.cases) and score.time > 1.0 + 2.0 * self.more_time
@@ -240,7 +250,7 @@ class ParameterSearch:
         """Return a setting with its score on every case and seed; it takes no part in the race."""
         tried = Candidate(-1, dict(values))
         self._race([tried], list(self.before.runs))
-        tried.score = score_of(tried.runs, self.before.runs)
+        tried.score = score_of(tried.runs, self.before.runs) if tried.runs else None
         return tried
 
     def simplified(self, candidate: Candidate) -> Candidate:

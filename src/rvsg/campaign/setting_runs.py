@@ -20,6 +20,7 @@ from rvsg.campaign.observation import mode_of
 from rvsg.campaign.suite import CaseResult, SuiteResult, state_of
 from rvsg.campaign.suite_folder import SuiteCase
 from rvsg.campaign.worker_pool import Processes
+from rvsg.campaign.zones import Zones
 from rvsg.core.errors import FileError, InputError, SimulationError
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec, ignore
@@ -109,6 +110,8 @@ class SettingRunMaker:
     stack: Spec
     present: Values
     """The values of the parameters before tuning; the options of a stack hold those that differ."""
+    zones: Zones | None = None
+    """Zones that the parameters are of, rather than of the options."""
     _simulators: dict[str, Simulator] = field(default_factory=dict)
 
     def simulator(self, case: TuningCase, values: Values) -> Simulator:
@@ -122,6 +125,9 @@ class SettingRunMaker:
     def stack_of(self, values: Values) -> Spec:
         """Return the stack with a setting."""
         changed = {name: value for name, value in values.items() if value != self.present.get(name)}
+        if self.zones is not None:
+            filters = self.zones.filters(changed)
+            return Spec(self.stack.name, {**self.stack.options, **({"costmap_filters": filters} if filters else {})})
         return Spec(self.stack.name, with_values(self.stack.options, changed))
 
     def run(self, case: TuningCase, values: Values, seed: int) -> Run:
@@ -206,6 +212,14 @@ class SettingRuns:
         if self._workers is not None:
             self._workers.stop(kill=kind is not None)
         self.maker.close()
+
+    def use(self, maker: SettingRunMaker) -> None:
+        """Make the runs from now on by another maker."""
+        self.maker.close()
+        self.maker, self._variant = maker, (None, ("", {}))
+        if self._workers is not None:
+            self._workers.stop(kill=False)
+            self._workers.start(maker, ignore)
 
     def run(self, wanted: Iterable[tuple[Values, TuningCase, int]]) -> Iterator[SettingRun | Failure]:
         """Yield a run for each setting, case and seed, in this order; stored ones are not made again."""

@@ -13,6 +13,7 @@ from typing import Literal
 from rvsg.campaign.parameter_search import Score, Unsolved
 from rvsg.campaign.setting_runs import SettingRun, TuningCase
 from rvsg.campaign.suite import Comparison, SuiteResult
+from rvsg.campaign.zones import Zones
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
 from rvsg.evaluation.statistics import ShareDifference, share_difference
@@ -144,6 +145,10 @@ class Tuning(Record):
     settings: int
     stopped: int
     """Settings that left the race early."""
+    zones: Zones | None = None
+    """Where zones were tried, rather than parameters."""
+    tried: tuple[Choice, ...] = ()
+    """Every setting of zones."""
     failed: tuple[str, ...]
     """Settings in which the stack failed or that it refused, each with the reason."""
     parameters: tuple[Parameter, ...]

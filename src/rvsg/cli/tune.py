@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 app = verb(no_args_is_help=True)
 Optimiser = Literal["tpe", "cmaes", "nsga2"]
+Tries = Literal["parameters", "zones"]
 
 
 @app.command()
@@ -30,6 +31,9 @@ def tune(
     parameters: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Narrow, fix or add parameters (YAML).")
     ] = None,
+    tries: Annotated[
+        Tries, typer.Option("--try", help="Values of parameters, or zones of Nav2's filters where the stack fails.")
+    ] = "parameters",
     robot: Annotated[
         str | None, typer.Option(help="Drive every case with this robot: a shipped one or a file.")
     ] = None,
@@ -73,6 +77,7 @@ def tune(
         stack_options=chosen.stack_options,
         out=folder,
         narrowing=parameters,
+        tries=tries,
         robot=robot,
         only=only or (),
         optimiser=optimiser,

@@ -27,7 +27,8 @@ ABOUT: Mapping[Check, str] = {
 def headline(found: Tuning) -> str:
     """Return what came of a tuning, with the checks that decide it."""
     if found.proposal is None:
-        return f"None of the {found.settings} settings tried fails less and holds the limits."
+        none = f"None of the {found.settings} settings tried fails less and holds the limits."
+        return f"No zone helps. {none}" if found.zones else none
     rows = [f"{part.name} {_shares(part)}" for part in found.parts if part.name in ("tuned", "held out")]
     said = f"{'Shown to help' if found.helps else 'Not shown to help'}. Runs that violate: {'; '.join(rows)}."
     attacked = found.part("attacked")
@@ -95,6 +96,8 @@ def trade(score: Score, before: Score) -> str:
     for share, least, words in ((score.time, 0.5, ("longer", "shorter")), (score.jerk, 5.0, ("rougher", "smoother"))):
         if abs(change := 100 * (share - 1.0)) >= least:
             said.append(f"{abs(change):.0f} % {words[change < 0]}")
+    if broken := sorted({*score.broken_cases, *score.new_contacts}):
+        said.append(f"{', '.join(broken)} breaks")
     return ", ".join(said)
 
 
@@ -132,6 +135,8 @@ def unsolved_text(each: Unsolved, found: Tuning) -> str:
         f"{each.case}: none of the {counted(each.settings, 'setting')} tried with each of its seeds removes this "
         f"failure; the best still violates in {each.least} of {each.of} runs."
     )
+    if found.zones:
+        return text
     if each.settings < each.needed:
         return f"{text} What limits it can be told from {each.needed} settings on."
     if each.limited_by is None or each.end is None:
@@ -143,7 +148,11 @@ def unsolved_text(each: Unsolved, found: Tuning) -> str:
 
 
 def result_lines(found: Tuning) -> Iterator[str]:
-    """Yield the checks, the changes with their reasons, what no setting removes, and what failed."""
+    """Yield the checks, the zones, the changes with their reasons, what no setting removes, and what failed."""
+    yield from (f"{each.group}: {each.source}" for each in found.parameters[::2] if found.zones)
+    for choice in found.tried:
+        values = ", ".join(f"{name} {value:g}" for name, value in choice.values.items())
+        yield f"{values}: {trade(choice.score, found.before)}"
     yield from map(part_text, found.parts)
     for change in found.changes:
         before = "" if change.before is None else f"{change.before:g} to "
@@ -172,6 +181,7 @@ def tuning_page(found: Tuning, replayed: ReplayedChange | None = None) -> str:
         found=found,
         headline=headline(found),
         front=[(each, front_row(each.number, each.score, found.before)["trade"]) for each in found.front],
+        tried=[(each, trade(each.score, found.before)) for each in found.tried],
         changes=[(each, reason(each, found.score)) for each in found.changes],
         parts=[part_row(each) for each in found.parts],
         sweeps=[sweep_chart(each) for each in found.sweeps],

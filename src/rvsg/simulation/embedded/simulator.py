@@ -8,6 +8,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from rvsg.simulation.embedded.driving import Driving, called_every
 from rvsg.simulation.embedded.episode import Episode, Outside, go_on, new_recording
 from rvsg.simulation.embedded.localisation import Localisation
 from rvsg.simulation.embedded.moving_bodies import MovingBodies, placed
+from rvsg.simulation.embedded.navfn import HIGH
 from rvsg.simulation.embedded.people.contact import events_of
 from rvsg.simulation.embedded.people.crowd import initial
 from rvsg.simulation.embedded.people.recorded import RecordedPeople
@@ -366,6 +368,18 @@ def surroundings(world: World, robot: Robot) -> Surroundings:
 def rollouts(robot: Robot) -> Rollouts:
     """Return the process's memory of a robot's rollouts: pure, so runs may share it one after another."""
     return latest(_ROLLOUTS, robot.id, _KEPT_ROLLOUTS, lambda: new_rollouts(len(sample_table(stack_of(robot)))))
+
+
+def can_plan(world: World, route: Route, robot: Robot) -> bool:
+    """Return whether NavFn finds a way from the start of a route to its goal, where nothing but the map is in it."""
+    around, scene = surroundings(world, robot), surroundings(world, robot).open_scene
+    left, low = world.map_offset[0] + scene.origin_x, world.map_offset[1] + scene.origin_y
+    for begin, end in pairwise([route.start, *route.through, route.goal]):
+        rest = around.rest_of_way(scene, np.array([[end.x, end.y]]) - world.map_offset)
+        row, column = int((begin.y - low) / scene.resolution), int((begin.x - left) / scene.resolution)
+        if rest is None or rest[row * scene.static.shape[1] + column] >= HIGH:
+            return False
+    return True
 
 
 def _check(route: Route, seed: int) -> None:

@@ -6,6 +6,7 @@ those of the user. What was written is read again: a file that does not say what
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -105,6 +106,59 @@ def with_values_in_file(text: str, path: Path, values: Mapping[str, float]) -> s
     for option, value in values.items():
         if value_at(after.options, option) != value:
             raise FileError(path, f"{option} stays {value_at(after.options, option)} in this file.", code="no-place")
+    return text
+
+
+FILTERS = {"keepout": ("KeepoutFilter", 0), "speed_percent": ("SpeedFilter", 1)}
+"""Classes of Nav2's costmap filters, and types of their filter infos."""
+
+
+def has_filters(text: str) -> bool:
+    """Return whether a costmap of a parameter file lists filters."""
+    document = yaml.safe_load(text)
+    return any(value_at(document, f"{which}_costmap.{which}_costmap.{ROS}.filters") for which in ("local", "global"))
+
+
+def with_filters_in_file(text: str, path: Path, filters: Sequence[Mapping[str, Any]], masks: Mapping[str, str]) -> str:
+    """Return the text of a parameter file with costmap filters, and the servers of their masks at its end.
+
+    Args:
+        path: where the file will be.
+        filters: the option `costmap_filters`.
+        masks: the file of the mask of each kind, beside `path`.
+    """
+    for which in ("global", "local"):
+        node, listed = (f"{which}_costmap", f"{which}_costmap", ROS), []
+        for each in filters:
+            if which in each["costmaps"]:
+                name = each["kind"].partition("_")[0]
+                listed.append(f"{name}_filter")
+                keys = {"plugin": f'"nav2_costmap_2d::{FILTERS[each["kind"]][0]}"', "enabled": "true",
+                        "filter_info_topic": f'"/{name}_filter_info"'}  # fmt: skip
+                if name == "speed":
+                    keys["speed_limit_topic"] = '"/speed_limit"'
+                for key, value in keys.items():
+                    text = _changed(text, (*node, listed[-1], key), value)
+        if listed:
+            text = _changed(text, (*node, "filters"), json.dumps(listed))
+    for kind, mask in masks.items():
+        name = kind.partition("_")[0]
+        servers = {
+            f"{name}_filter_mask_server": {"topic_name": f'"/{name}_filter_mask"', "yaml_filename": f'"{mask}"'},
+            f"{name}_costmap_filter_info_server": {
+                "filter_info_topic": f'"/{name}_filter_info"', "mask_topic": f'"/{name}_filter_mask"',
+                "type": str(FILTERS[kind][1]), "base": "0.0", "multiplier": "1.0",
+            },
+        }  # fmt: skip
+        for server, keys in servers.items():
+            if server not in yaml.safe_load(text):
+                text = f"{text.rstrip()}\n{server}:\n  {ROS}: {{}}\n"
+            for key, value in keys.items():
+                text = _changed(text, (server, ROS, key), value)
+    read = read_nav2_text(text, path).options.get("costmap_filters", ())
+    known = {each["kind"]: each["cells"] for each in read}
+    if known != {each["kind"]: each["cells"] for each in filters}:
+        raise FileError(path, f"this file takes the filters {', '.join(known) or 'of nobody'}.", code="no-place")
     return text
 
 
