@@ -261,6 +261,17 @@ def test_a_faster_robot_and_a_slow_answer_are_estimated(bag: Path, run: Run, wor
     assert "limits.acceleration_m_s2" not in {each.parameter for each in told}
 
 
+def test_a_simulated_robot_that_is_held_up_makes_the_recorded_one_no_faster(bag: Path, run: Run) -> None:
+    robot, found = load_robot("tiago_omni"), load_recording(bag)
+    path = run.trajectory
+    held = replace(run, trajectory=replace(path, x=path.x * 0.01, y=path.y * 0.01), outcome=Outcome.TIMED_OUT)
+    assert estimates(found, held, robot) == ()
+    found.robot[:, 0] *= 0.25
+    speed = np.hypot(*(np.gradient(found.robot[:, k], found.robot[:, 0]) for k in (1, 2)))
+    told = {each.parameter: each.recorded for each in estimates(found, held, robot)}
+    assert robot.limits.speed_m_s < told["limits.speed_m_s"] <= float(speed.max())
+
+
 def test_a_folder_becomes_a_suite_and_what_cannot_be_read_is_told(bag: Path, world: World, tmp_path: Path) -> None:
     folder = tmp_path / "bags"
     folder.mkdir()

@@ -149,3 +149,26 @@ def test_only_people_may_vary_and_a_scenario_without_a_range_is_no_family(value:
 def test_a_description_that_speaks_of_a_range_is_none(value: dict[str, Any]) -> None:
     value["description"] = "1 to 2"
     assert len(family_of(value, ["Human 1.speed_m_s=1 to 2"]).ranges) == 1
+
+
+def test_what_changes_nothing_for_who_is_on_a_track_may_not_vary(value: dict[str, Any]) -> None:
+    human = value["people"]["humans"][0]
+    places = [[1.0, 0.1 * k] for k in range(200)]
+    tracks: dict[str, dict[str, Any]] = {
+        "as-recorded": {"points": places},
+        "blended": {"points": places, "until_m": 0.5},
+        "appears": {"points": places[:1], "leaves": False},
+    }
+    for form, track in tracks.items():
+        human |= {"track": track, "start": places[0]}
+        assert family_of(value, ["Human 1.track.start_s=0 to 2"]).ranges[0].high == 2.0
+        for key in ("start[0]", "start_delay_s"):
+            with pytest.raises(UnknownName, match="--people intent") as refused:
+                family_of(value, [f"Human 1.{key}=0 to 1"])
+            assert "track.points[10]" not in str(refused.value)
+        if form == "as-recorded":
+            for span in ("attention=attentive to unseeing", "speed_m_s=0.8 to 1.4"):
+                with pytest.raises(UnknownName):
+                    family_of(value, [f"Human 1.{span}"])
+        else:
+            assert family_of(value, ["Human 1.speed_m_s=0.8 to 1.4"])

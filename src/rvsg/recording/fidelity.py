@@ -20,7 +20,7 @@ from rvsg.evaluation.verdict import counted
 from rvsg.recording.recorded_run import outcome_of, speed_of
 from rvsg.recording.tracks import GAP_S, Floats, Recording
 from rvsg.robots.robot import Robot
-from rvsg.simulation.run import Run, Trajectory
+from rvsg.simulation.run import Outcome, Run, Trajectory
 from rvsg.world.world import World
 
 NEAR_M = 2.0
@@ -179,6 +179,7 @@ def estimates(recording: Recording, run: Run, robot: Robot) -> tuple[Estimate, .
     """Return what of a robot file differs from the recording: speed, acceleration and latency of the base.
 
     Speed and acceleration are those that both drives reach in one of twenty moments, so the same drive is compared.
+    A simulated robot that does not arrive tells nothing; then they are told where the recording exceeds the robot file.
     """
     if len(recording.robot) < LEAST_COMMANDS:
         return ()
@@ -190,6 +191,8 @@ def estimates(recording: Recording, run: Run, robot: Robot) -> tuple[Estimate, .
     ):
         measure: Callable[[Floats, Floats], float] = of
         recorded, simulated = (measure(*pair) for pair in pairs)
+        if run.outcome is not Outcome.REACHED:
+            simulated = min(file, recorded)
         if recorded > SHOWN and abs(recorded - simulated) > least * simulated:
             found.append(Estimate(parameter=parameter, file=file, recorded=round(file * recorded / simulated, 2)))
     latency_s = _latency(recording)

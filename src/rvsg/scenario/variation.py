@@ -166,9 +166,25 @@ def _varied(humans: list[dict[str, Any]], text: str) -> Range:
     leaves = _leaves(human, ())
     keys = {key_text(k): k for k, v in leaves if isinstance(v, int | float) and not isinstance(v, bool)}
     keys["attention"] = ("attention",)
+    hint, track = f"Numbers of {human['name']} that may vary.", human.get("track")
+    if track is not None:
+        idle = _idle(track)
+        keys = {name: key for name, key in keys.items() if key[0] not in idle and key[:2] not in idle}
+        hint += (
+            " Who follows a recorded track does so earlier or later by track.start_s; for places, speeds and attention "
+            "make the scenario with `rvsg recording scenario --people intent`."
+        )
     if rest not in keys:
-        raise UnknownName("number", rest, keys, hint=f"Numbers of {human['name']} that may vary.")
+        raise UnknownName("number", rest, keys, hint=hint)
     return _range(name, ("people", "humans", index, *keys[rest]), span)
+
+
+def _idle(track: dict[str, Any]) -> set[str | Key]:
+    """Return the keys of a person on a track that change nothing in a run."""
+    if len(track["points"]) == 1:  # appears there, and then walks by intent
+        return {"start", "start_delay_s", ("track", "period_s")}
+    by_intent = {"speed_m_s", "attention", "factors", "points"} if track.get("until_m") is None else set()
+    return {"start", "start_delay_s", ("track", "period_s"), ("track", "points"), *by_intent}
 
 
 def _set(data: Any, key: Key, value: float | str) -> None:
