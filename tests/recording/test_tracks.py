@@ -11,6 +11,7 @@ import pytest
 
 from rvsg.core.errors import FileError
 from rvsg.core.records import Pose
+from rvsg.recording.inspection import inspect
 from rvsg.recording.tracker import Scan, people_in_scans, track_places
 from rvsg.recording.tracks import PersonTrack, Recording, clean, load_recording
 from rvsg.world.world import OccupancyMap
@@ -195,6 +196,9 @@ def test_texts_of_public_data_sets_are_read(tmp_path: Path) -> None:
         ("a.csv", "id,t,x,y\n1,0,0,north\n"),
         ("a.csv", "id,t,x,y,frame\n1,0,0,0,camera\n"),
         ("a.csv", "id,t,x,y\n1,100,0,0\n1,5,0,0\n"),
+        ("a.csv", "id,t,x,y,yaw\nrobot,0,0,0,1\nrobot,1,0,0,90\n"),
+        ("a.csv", b"id,t,x,y\n1,0,0,0\n1,1,\x80,0\n"),
+        ("a.csv", "id,t,x,y\n1,0,0,0,5\n1,1"),
         ("a.json", "[1, 2]"),
         ("a.json", '{"tracks": 3'),
         ("a.txt", "1 2 3\n"),
@@ -203,8 +207,20 @@ def test_texts_of_public_data_sets_are_read(tmp_path: Path) -> None:
         ("absent.csv", None),
     ],
 )
-def test_files_that_are_no_tracks_are_refused(tmp_path: Path, name: str, text: str | None) -> None:
+def test_files_that_are_no_tracks_are_refused(tmp_path: Path, name: str, text: str | bytes | None) -> None:
     if text is not None:
-        (tmp_path / name).write_text(text)
+        (tmp_path / name).write_bytes(text.encode() if isinstance(text, str) else text)
     with pytest.raises(FileError):
         load_recording(tmp_path / name)
+
+
+def test_a_column_that_is_not_read_is_told_and_a_yaw_with_its_unit_is_taken(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("id,t,x,y,yaw_rad,theta\nrobot,0,0,0,20,1\nrobot,1,1,0,20,1\n")
+    found = load_recording(tmp_path / "a.csv")
+    assert [note.text for note in found.notes if note.kind == "columns"] == ["Columns that are not read: theta."]
+    assert found.robot[0, 3] == pytest.approx(20.0)
+
+
+def test_many_people_are_counted_and_not_listed() -> None:
+    found = inspect(of(*(walk(f"p{k}", T, T + k) for k in range(200)))).lines
+    assert len(found) < 40 and "170 more people, whom --json lists" in found and found[-1].endswith(", and 170 more.")

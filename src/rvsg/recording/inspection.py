@@ -14,6 +14,8 @@ from rvsg.world.world import OCCUPIED, OccupancyMap, World
 
 OUTSIDE, PEOPLE_OUTSIDE = 0.02, 0.1
 """A robot, or people, in obstacles or off the map for more than this share of their places were on another map."""
+LISTED = 30
+"""People beyond these are counted."""
 ALONG_M, BESIDE_M, SAME_MAP = 5.0, 0.3, 0.7
 """Of the obstacles this near to the drive on the map of a recording, this share is this near to one of the same map.
 
@@ -52,9 +54,12 @@ class Inspection:
         poses, begin, end = len(found.robot), found.begin_s, found.end_s
         said.append(f"robot: {poses} poses; the drive is from {begin:.1f} to {end:.1f} s")
         form = "{name}: {begin_s:.1f} to {end_s:.1f} s, {samples} places at {rate_hz:g} Hz, {gaps} gaps"
-        said += [form.format(**_person(person)) for person in found.people]
+        said += [form.format(**_person(person)) for person in found.people[:LISTED]]
+        if (more := len(found.people) - LISTED) > 0:
+            said.append(f"{more} more people, whom --json lists")
         said += [f"contact with {each.person} at {each.time_s:.1f} s" for each in found.contacts]
-        seen = ", ".join(f"{each.name} {each.begin_s:.1f} to {each.end_s:.1f} s" for each in self.usable)
+        seen = ", ".join(f"{each.name} {each.begin_s:.1f} to {each.end_s:.1f} s" for each in self.usable[:LISTED])
+        seen += f", and {more} more" if (more := len(self.usable) - LISTED) > 0 else ""
         return [*said, self.problem or f"After cleaning, seconds of the drive: {seen}."]
 
 

@@ -148,8 +148,10 @@ def _route(recording: Recording, world: World, route: Route | None, notes: list[
     """Return the route: from where the robot was when the drive began to the goal."""
     robot = recording.robot
     if len(robot) < 2:
-        said = "the recording holds no robot, whose drive a scenario needs. Record its odometry or its frames."
-        raise FileError(Path(recording.source), said)
+        said = (
+            "the recording holds no robot, whose drive a scenario needs. Record its odometry or its frames; in a table"
+        )
+        raise FileError(Path(recording.source), f"{said} its id is `robot`.")
     x, y, yaw = (round(float(value), 3) for value in robot[0, 1:4])
     start = Pose(x=x, y=y, yaw=yaw)
     if not robot_space(world).is_free(x, y):

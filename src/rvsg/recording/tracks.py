@@ -233,9 +233,8 @@ def clean(recording: Recording) -> Recording:
         f"{{}} of {len(people)} tracks are seen for less than {LEAST_S:g} s of the drive and are left out.",
     )  # fmt: skip
     if not known:
-        raise FileError(
-            Path(recording.source), "nobody is seen for a second of the drive. Name the people: --people-topic."
-        )
+        said = "nobody is seen for a second of the drive. Name the people: in a table by their id, in a bag with"
+        raise FileError(Path(recording.source), f"{said} --people-topic.")
     known = [replace(person, name=name) for person, name in zip(known, _names(known), strict=True)]
     smooth = [_smooth(person, begin, mending) for person in known]
     robot = recording.robot[(recording.robot[:, 0] >= begin - 1e-9) & (recording.robot[:, 0] <= end + 1e-9)].copy()

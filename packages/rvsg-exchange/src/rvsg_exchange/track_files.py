@@ -40,6 +40,8 @@ UNITS = {
 ANNOTATED_S = 0.4
 """ETH, UCY and TrajNet++ are annotated every 0.4 s."""
 BACK_S = 1.0
+TURNS_RAD = 4 * math.pi
+"""A yaw beyond this is taken for one in degrees, unless its column is named for its unit."""
 
 
 def read_tracks(path: Path, *, world: World | None = None) -> Recording:
@@ -47,13 +49,13 @@ def read_tracks(path: Path, *, world: World | None = None) -> Recording:
     if not path.exists():
         raise FileError(path, "the recording does not exist.")
     kind = path.suffix.lower()
-    notes = []
+    notes: list[Note] = []
     if kind == ".txt" or kind == ".ndjson":
         rows = list(_trajnet(path) if read_text(path).lstrip().startswith("{") else _eth(path))
         notes.append(Note(kind="clock", text=f"Frames are counted as {ANNOTATED_S:g} s apart, as ETH and UCY are."))
     else:
         source = {".csv": _csv, ".parquet": _parquet, ".json": _json}[kind]
-        rows = list(_columns(path, source(path)))
+        rows = list(_columns(path, source(path), notes))
     if not rows:
         raise FileError(path, "the file holds no track. It needs the columns id, t, x, y.")
     frames = {row[6] for row in rows}
@@ -117,12 +119,14 @@ def _driving(vx: Floats, vy: Floats) -> Floats:
     return np.asarray(np.arctan2(vy, vx)[last])
 
 
-def _columns(path: Path, table: Iterable[Mapping[str, Any]]) -> Iterator[Row]:
-    """Yield the rows of a table whose columns are named."""
+def _columns(path: Path, table: Iterable[Mapping[str, Any]], notes: list[Note]) -> Iterator[Row]:
+    """Yield the rows of a table whose columns are named; a note tells which are not read."""
     known: dict[str, tuple[str, float]] = {}
     for number, row in enumerate(table, start=1):
         if number == 1:
             known = _known(path, row)
+            if unread := sorted(map(str, row.keys() - {"id", "frame"} - {column for column, _ in known.values()})):
+                notes.append(Note(kind="columns", text=f"Columns that are not read: {', '.join(unread)}."))
         try:
             values = {
                 name: float(row[column]) * scale for name, (column, scale) in known.items() if _is_given(row[column])
@@ -132,7 +136,13 @@ def _columns(path: Path, table: Iterable[Mapping[str, Any]]) -> Iterator[Row]:
                 values.get("speed", math.nan), str(row.get("frame") or "map"),
             )  # fmt: skip
         except (KeyError, TypeError, ValueError):
-            raise FileError(path, f"row {number} lacks an id or a number: {dict(row)}.") from None
+            said = f"row {number} lacks an id or a number: {dict(row)}. Complete it, or take it out."
+            raise FileError(path, said) from None
+        if known.get("yaw", ("",))[0] == "yaw" and abs(values.get("yaw", 0.0)) > TURNS_RAD:
+            said = (
+                f"row {number} has a yaw of {values['yaw']:g}. Name the column yaw_deg, or yaw_rad if it is in radians."
+            )
+            raise FileError(path, said)
 
 
 def _is_given(value: Any) -> bool:
@@ -143,7 +153,7 @@ def _known(path: Path, row: Mapping[str, Any]) -> dict[str, tuple[str, float]]:
     """Return for each quantity its column and the factor to SI units."""
     found: dict[str, tuple[str, float]] = {}
     for name, units in UNITS.items():
-        for column in row:
+        for column in map(str, row):
             unit = column.removeprefix(f"{name}_")
             if column == name or (unit in units and column != unit):
                 found[name] = (column, units.get(unit, 1.0))
@@ -156,7 +166,10 @@ def _known(path: Path, row: Mapping[str, Any]) -> dict[str, tuple[str, float]]:
 
 def _csv(path: Path) -> Iterator[Mapping[str, Any]]:
     with path.open(encoding="utf-8-sig", newline="") as file:
-        yield from csv.DictReader(file)
+        try:
+            yield from csv.DictReader(file)
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise FileError(path, f"this is no table as text ({error}). Save it as CSV in UTF-8.") from None
 
 
 def _parquet(path: Path) -> Iterator[Mapping[str, Any]]:
