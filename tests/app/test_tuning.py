@@ -28,7 +28,13 @@ from rvsg.core.records import Pose
 from rvsg.report.tuning_page import headline, trade, tuning_page, unsolved_text
 from rvsg.robots.robot import load_robot
 from rvsg.simulation.run import Outcome
-from rvsg.simulation.stacks.parameter_file import has_place, skeleton, with_filters_in_file, with_values_in_file
+from rvsg.simulation.stacks.parameter_file import (
+    has_filters,
+    has_place,
+    skeleton,
+    with_filters_in_file,
+    with_values_in_file,
+)
 from rvsg.simulation.stacks.parameters import Parameter, value_at, with_values
 from rvsg.simulation.stacks.stack_choice import StackChoice
 from rvsg.world.occupancy import write_mask
@@ -492,18 +498,17 @@ def test_masks_of_a_file_are_those_of_the_setting_and_nothing_else_changes(here:
     values = {"zone_1.speed_percent": 30.0, "zone_2.speed_percent": 55.0, "zone_2.keepout": 1.0}
     filters, masks = zones.filters(values), zones.masks(values)
     assert zones.filters({}) == [] and {int(each) for each in np.unique(masks["speed_percent"])} == {0, 30, 55}
-    files = {
-        kind: write_mask(mask, kind, 0.05, Pose(x=-1.0, y=-2.0), Path())
-        for kind, mask in masks.items()
-    }  # fmt: skip
-    after = with_filters_in_file(NAV2, Path("new.yaml"), filters, files)
+    for kind, mask in masks.items():
+        write_mask(mask, Path(f"{kind.partition('_')[0]}_mask.yaml"), 0.05, Pose(x=-1.0, y=-2.0))
+    after = with_filters_in_file(NAV2, Path("new.yaml"), filters)
     Path("new.yaml").write_text(after)
     read = StackChoice.of("new.yaml").record.options["costmap_filters"]
     assert read == StackChoice.of(Spec("nav2-dwb", {"costmap_filters": filters})).record.options["costmap_filters"]
     lines = iter(after.splitlines())
     assert all(line in lines for line in NAV2.splitlines()), "every line of the file stays, in its order"
+    assert has_filters(after) and not has_filters(NAV2)
     with pytest.raises(FileError, check=coded("no-place")):
-        with_filters_in_file(NAV2, Path("new.yaml"), filters, {})
+        with_filters_in_file(NAV2, Path("new.yaml"), zones.filters({"zone_1.speed_percent": 20.0}))
 
 
 @pytest.mark.slow

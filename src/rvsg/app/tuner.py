@@ -455,13 +455,11 @@ class _Checks:
         elif text is None:
             return "stack.json", self.runs.maker.stack_of(values).to_json(), ()
         elif self.zones is not None:
-            masks = {
-                kind: write_mask(mask, f"{kind.partition('_')[0]}_mask", self.zones.resolution_m,
-                                 Pose(x=self.zones.x, y=self.zones.y), self.tuner.out)
-                for kind, mask in self.zones.masks(self._changed(values)).items()
-            }  # fmt: skip
-            filters = self.zones.filters(self._changed(values))
-            after = with_filters_in_file(text, self.tuner.out / path.name, filters, masks)
+            zones, changed = self.zones, self._changed(values)
+            for kind, mask in zones.masks(changed).items():
+                file = self.tuner.out / f"{kind.partition('_')[0]}_mask.yaml"
+                write_mask(mask, file, zones.resolution_m, Pose(x=zones.x, y=zones.y))
+            after = with_filters_in_file(text, self.tuner.out / path.name, zones.filters(changed))
         else:
             after = with_values_in_file(text, path, self._changed(values))
         lines = difflib.unified_diff(text.splitlines(), after.splitlines(), path.name, "proposed", n=1, lineterm="")

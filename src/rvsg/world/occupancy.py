@@ -344,14 +344,13 @@ def occupancy_from_objects(
     return OccupancyMap(cells=cells, resolution=resolution_m, origin=frame.origin)
 
 
-def write_mask(values: NDArray[np.int16], name: str, resolution: float, origin: Pose, folder: Path) -> str:
-    """Write the mask of a costmap filter, 0 to 100, as `NAME.pgm` and `NAME.yaml`; return the name of the latter."""
-    Image.fromarray(np.round(255.0 - 2.55 * values[::-1]).astype(np.uint8)).save(folder / f"{name}.pgm")
-    (folder / f"{name}.yaml").write_text(
-        f"image: {name}.pgm\nmode: scale\nresolution: {resolution!r}\norigin: [{origin.x!r}, {origin.y!r}, 0.0]\n"
+def write_mask(values: NDArray[np.int16], path: Path, resolution: float, origin: Pose) -> None:
+    """Write the mask of a costmap filter, 0 to 100, and its picture beside it."""
+    Image.fromarray(np.round(255.0 - 2.55 * values[::-1]).astype(np.uint8)).save(path.with_suffix(".pgm"))
+    path.write_text(
+        f"image: {path.stem}.pgm\nmode: scale\nresolution: {resolution!r}\norigin: [{origin.x!r}, {origin.y!r}, 0.0]\n"
         "negate: 0\noccupied_thresh: 1.0\nfree_thresh: 0.0\n"
     )
-    return f"{name}.yaml"
 
 
 def write_map(occupancy: OccupancyMap, folder: Path) -> None:

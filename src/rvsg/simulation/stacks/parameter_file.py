@@ -109,56 +109,54 @@ def with_values_in_file(text: str, path: Path, values: Mapping[str, float]) -> s
     return text
 
 
-FILTERS = {"keepout": ("KeepoutFilter", 0), "speed_percent": ("SpeedFilter", 1)}
-"""Classes of Nav2's costmap filters, and types of their filter infos."""
+FILTERS = {
+    "keepout": '{plugin: "nav2_costmap_2d::KeepoutFilter", enabled: true, filter_info_topic: "/keepout_filter_info"}',
+    "speed": '{plugin: "nav2_costmap_2d::SpeedFilter", enabled: true, filter_info_topic: "/speed_filter_info", '
+    'speed_limit_topic: "/speed_limit"}',
+}
+SERVERS = """\
+{name}_filter_mask_server:
+  ros__parameters:
+    topic_name: "/{name}_filter_mask"
+    yaml_filename: "{name}_mask.yaml"
+{name}_costmap_filter_info_server:
+  ros__parameters:
+    filter_info_topic: "/{name}_filter_info"
+    mask_topic: "/{name}_filter_mask"
+    type: {type}
+    base: 0.0
+    multiplier: 1.0
+"""
+"""The nodes that publish a mask, under the names of Nav2's own files."""
 
 
 def has_filters(text: str) -> bool:
-    """Return whether a costmap of a parameter file lists filters."""
+    """Return whether a parameter file has costmap filters, or servers of their masks."""
     document = yaml.safe_load(text)
-    return any(value_at(document, f"{which}_costmap.{which}_costmap.{ROS}.filters") for which in ("local", "global"))
+    listed = (value_at(document, f"{which}_costmap.{which}_costmap.{ROS}.filters") for which in ("local", "global"))
+    return any(listed) or any(f"{name}_filter_mask_server" in document for name in FILTERS)
 
 
-def with_filters_in_file(text: str, path: Path, filters: Sequence[Mapping[str, Any]], masks: Mapping[str, str]) -> str:
+def with_filters_in_file(text: str, path: Path, filters: Sequence[Mapping[str, Any]]) -> str:
     """Return the text of a parameter file with costmap filters, and the servers of their masks at its end.
 
     Args:
-        path: where the file will be.
+        path: where the file will be, beside `keepout_mask.yaml` and `speed_mask.yaml`.
         filters: the option `costmap_filters`.
-        masks: the file of the mask of each kind, beside `path`.
     """
+    names = [each["kind"].partition("_")[0] for each in filters]
     for which in ("global", "local"):
-        node, listed = (f"{which}_costmap", f"{which}_costmap", ROS), []
-        for each in filters:
-            if which in each["costmaps"]:
-                name = each["kind"].partition("_")[0]
-                listed.append(f"{name}_filter")
-                keys = {"plugin": f'"nav2_costmap_2d::{FILTERS[each["kind"]][0]}"', "enabled": "true",
-                        "filter_info_topic": f'"/{name}_filter_info"'}  # fmt: skip
-                if name == "speed":
-                    keys["speed_limit_topic"] = '"/speed_limit"'
-                for key, value in keys.items():
-                    text = _changed(text, (*node, listed[-1], key), value)
+        node: Key = (f"{which}_costmap", f"{which}_costmap", ROS)
+        listed = [name for name, each in zip(names, filters, strict=True) if which in each["costmaps"]]
         if listed:
-            text = _changed(text, (*node, "filters"), json.dumps(listed))
-    for kind, mask in masks.items():
-        name = kind.partition("_")[0]
-        servers = {
-            f"{name}_filter_mask_server": {"topic_name": f'"/{name}_filter_mask"', "yaml_filename": f'"{mask}"'},
-            f"{name}_costmap_filter_info_server": {
-                "filter_info_topic": f'"/{name}_filter_info"', "mask_topic": f'"/{name}_filter_mask"',
-                "type": str(FILTERS[kind][1]), "base": "0.0", "multiplier": "1.0",
-            },
-        }  # fmt: skip
-        for server, keys in servers.items():
-            if server not in yaml.safe_load(text):
-                text = f"{text.rstrip()}\n{server}:\n  {ROS}: {{}}\n"
-            for key, value in keys.items():
-                text = _changed(text, (server, ROS, key), value)
-    read = read_nav2_text(text, path).options.get("costmap_filters", ())
-    known = {each["kind"]: each["cells"] for each in read}
-    if known != {each["kind"]: each["cells"] for each in filters}:
-        raise FileError(path, f"this file takes the filters {', '.join(known) or 'of nobody'}.", code="no-place")
+            text = _changed(text, (*node, "filters"), json.dumps([f"{name}_filter" for name in listed]))
+        for name in listed:
+            text = _changed(text, (*node, f"{name}_filter"), FILTERS[name])
+    for name in names:
+        text = f"{text.rstrip()}\n{SERVERS.format(name=name, type=int(name == 'speed'))}"
+    read = {each["kind"]: each["cells"] for each in read_nav2_text(text, path).options.get("costmap_filters", ())}
+    if read != {each["kind"]: each["cells"] for each in filters}:
+        raise FileError(path, f"this file takes other masks: {', '.join(read) or 'none'}.", code="no-place")
     return text
 
 
