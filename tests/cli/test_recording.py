@@ -61,3 +61,14 @@ def test_a_folder_becomes_a_suite_without_a_world_at_hand(
     assert "kept holds 1 case." in capsys.readouterr().err
     assert (tmp_path / "kept" / "worlds" / "run" / "world.yaml").is_file()
     assert main(["suite", "run", "kept", "--runs", "1"]) == 0
+
+
+def test_a_folder_without_a_usable_recording_makes_no_suite(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("bags").mkdir()
+    Path("bags/bare.csv").write_text("id,t,x,y\nrobot,0,0,0\nrobot,9,4,0\n1,0,2,1\n1,9,2,2\n")
+    assert main(["recording", "suite", "bags", "--suite", "kept"]) == 2
+    said = capsys.readouterr().err
+    assert "--open-floor" in said and "rvsg suite run" not in said and not Path("kept").exists()

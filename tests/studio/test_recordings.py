@@ -81,19 +81,27 @@ def test_a_recording_becomes_a_scenario(
     tab.wait_for_url("**/scenario?file=scenarios%2Fincident.json")
 
 
-def test_a_recording_without_a_map_is_rebuilt_on_an_open_floor(show: Show, studio: Server, tracks: Path) -> None:
-    (studio.folder / "bare.csv").write_bytes(tracks.read_bytes())
-    tab = show("/recording?file=bare.csv&world=warehouse", bypass_csp=True)
+def test_a_recording_without_a_map_is_rebuilt_on_an_open_floor(
+    show: Show, browser: Any, studio: Server, tracks: Path
+) -> None:
+    name = "front_interaction_of_the_morning_01"
+    (studio.folder / f"{name}.csv").write_bytes(tracks.read_bytes())
+    tab = show(f"/recording?file={name}.csv&world=warehouse", bypass_csp=True)
     tab.get_by_role("button", name="Make the scenario").wait_for()
     assert tab.get_by_label("Floor").count() == 0, "a world is given"
-    tab = show("/recording?file=bare.csv", width=390, bypass_csp=True)
+    tab = show(f"/recording?file={name}.csv", width=390, bypass_csp=True)
     tab.get_by_label("Floor").select_option("open")
     is_well(tab)
     tab.get_by_role("button", name="Make the scenario").click()
     tab.locator("[data-studio=replay][data-ready]").wait_for(timeout=PATIENT)
     tab.get_by_text("The same on the command line").press("Enter")
     tab.get_by_text("--requirement R1 --open-floor").first.wait_for()
-    assert load_scenario_in(studio.folder / "scenarios" / "bare.json")[1].name == "bare-world"
+    assert load_scenario_in(studio.folder / "scenarios" / f"{name}.json")[1].name == f"{name}-world"
+    written = browser.new_page(viewport={"width": 390, "height": 844}, bypass_csp=True)
+    written.goto((studio.folder / "scenarios" / f"{name}.html").as_uri())
+    written.locator(".rp-map").first.wait_for()
+    is_well(written)
+    written.close()
 
 
 def test_recordings_of_the_folder_are_listed_and_none_is_replaced(tmp_path: Path) -> None:

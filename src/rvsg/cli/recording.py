@@ -144,6 +144,7 @@ def suite(
     Drives of more than a minute are cut into their encounters. A case is expected to do what most of today's runs do.
     """
     from rvsg.app.reconstruction import recorded_cases, suite_of_recordings
+    from rvsg.core.errors import FileError
     from rvsg.evaluation.verdict import counted
     from rvsg.scenario.world_lookup import as_world
 
@@ -152,8 +153,10 @@ def suite(
     options |= {"worlds": suite / "worlds", "open_floor": open_floor}
     options |= {"simulator": chosen.simulator_spec, "stack": chosen.stack_spec(), "on_message": say}
     cases = recorded_cases(folder, place, requirement, on_case=say, **options)
-    made = suite_of_recordings(cases, suite, requirement)
     for case in cases:
         verdict = "" if case.rebuilt is None else case.rebuilt.verdict
         say(f"- {case.title}. {verdict or case.problem}" if verdict else f"- {case.source}: {case.problem}")
+    if not any(case.rebuilt for case in cases):
+        raise FileError(folder, "no recording became a case. The lines above say why, and what to do.")
+    made = suite_of_recordings(cases, suite, requirement)
     say(f"{suite} holds {counted(len(made.cases), 'case')}. Run it with: rvsg suite run {suite}")

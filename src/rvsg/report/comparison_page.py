@@ -281,7 +281,7 @@ def recording_page(
 
 
 Floats = NDArray[np.float64]
-LEFT, RIGHT, TOP, BOTTOM = 62, 442, 30, 326
+LEFT, RIGHT, TOP, BOTTOM = 90, 442, 30, 326
 CELLS = 48
 WHITE, RED = 255.0, np.array([222.0, 92.0, 80.0]) - 255.0
 """The colour of no violation, and what it changes by until every run violates."""
