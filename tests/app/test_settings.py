@@ -168,6 +168,11 @@ def test_options_of_a_plug_in_are_told_as_they_are_read() -> None:
     assert pairs("simulator", given) == options
 
 
+def test_a_search_near_a_scenario_tells_the_settings_that_the_scenario_would_give_otherwise() -> None:
+    words = command_for(CampaignConfig(start_from="scenario.json", route="route_1"))
+    assert "--route route_1" in words and "--world warehouse" in words and "--robot tiago_omni" in words
+
+
 @pytest.mark.parametrize(
     ("requirement", "name"),
     [("R1", "R1"), ("req/huge.yaml", "huge"), ("req/huge.yaml#f", "f"), ("req/huge.yaml:a b/c", "a_b_c")],

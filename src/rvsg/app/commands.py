@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rvsg.app.folder import BEST
-from rvsg.app.settings import MACHINE, OF_THE_CALL, RUNS, TEST, CampaignConfig, option_of, settings
+from rvsg.app.settings import MACHINE, OF_START, OF_THE_CALL, RUNS, TEST, CampaignConfig, option_of, settings
 from rvsg.report.summary import Summary
 
 
@@ -91,13 +91,14 @@ def _simulator(config: CampaignConfig | None) -> list[str]:
 
 
 def _options(config: CampaignConfig, *, without: Sequence[str]) -> list[str]:
-    """Return the options of `rvsg run` that give these settings: those that are not the default."""
+    """Return the options of `rvsg run` that give these settings: those that are not the default, nor a scenario's."""
     words: list[str] = []
+    told = OF_START if config.start_from else frozenset()
     writer = {key: getattr(config, key) for key in ("generator", "model", "replay")}
     defaults = CampaignConfig().model_copy(update={"strategy": CampaignConfig(**writer).strategy})
     for key, value in config.model_dump(mode="json").items():
         option = option_of(key)
-        if key in without or value == getattr(defaults, key):
+        if key in without or (value == getattr(defaults, key) and key not in told):
             continue
         if isinstance(value, dict):
             for name, each in value.items():

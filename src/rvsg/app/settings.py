@@ -558,13 +558,17 @@ def file_of(reference: str) -> str:
     return re.sub(r"(\.(?:ya?ml|py))[#:].*", r"\1", reference)
 
 
+OF_START = frozenset({"world", "route", "robot", "humans"})
+"""The settings that a scenario to start from stands for."""
+
+
 def of_start(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return settings with those that a scenario to start from stands for, where they are left out.
 
     Raises:
         FileError: the file holds no scenario.
     """
-    path, left_out = values.get("start_from"), {"world", "route", "robot", "humans"} - values.keys()
+    path, left_out = values.get("start_from"), OF_START - values.keys()
     if not isinstance(path, str) or not left_out:
         return dict(values)
     from rvsg.scenario.builder import load_scenario_in
