@@ -355,8 +355,8 @@ def comparison(found: dict[str, Any], recorded: dict[str, Any]) -> dict[str, dic
 # Fit
 
 BOUNDS = {
-    "meetings": {"clearance_m": 0.2, "clearance_spread": 0.25, "crossing": 0.5, "earlier": 1.0, "horizon_s": 0.2,
-                 "horizon_spread": 0.5, "first_s": 0.3, "relaxation_s": 0.25, "sway_rad": 0.6},
+    "meetings": {"clearance_m": 0.1, "clearance_spread": 0.15, "crossing": 0.25, "earlier": 1.0, "horizon_s": 0.15,
+                 "first_s": 0.25, "relaxation_s": 0.25},
     "flow": {"headway_m": 0.9, "headway_s": 0.4, "headway_ahead_s": 0.9},
 }  # fmt: skip
 """What is fitted, and how far the fit may go from the present number, as a share of it."""

@@ -314,8 +314,8 @@ def turn_off(
     """Return the change of velocity to pass somebody at (rx, ry) from here at a clearance (m between centres).
 
     (vx, vy): the preferred velocity, (own_vx, own_vy) the present one. The clearance is for who comes the other way;
-    people of the same way keep `bodies` only. Where ways cross, people act earlier and ask for more, the more room one
-    likes.
+    people of the same way keep `bodies` only. Where ways cross, people act earlier and ask for more; who likes much
+    room asks for far more: recorded distances spread wide there.
     """
     wx = other_vx - vx
     wy = other_vy - vy
@@ -349,7 +349,7 @@ def turn_off(
             side = 1.0 if nx * other_vx + ny * other_vy >= 0.0 else -1.0
     elif faced > 0.0:
         facing = 0.5 - 0.5 * (vx * other_vx + vy * other_vy) / faced
-        facing *= 1.0 + manner[CROSSING] * likes * sine * sine
+        facing *= 1.0 + manner[CROSSING] * (likes * abs(sine)) ** 3
     clearance = max(bodies, facing * clearance)
     missing = clearance - side * offset
     if missing <= 0.0:

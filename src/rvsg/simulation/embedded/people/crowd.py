@@ -56,20 +56,20 @@ class Anticipation(Record):
 
     Each person draws a clearance (between centres, log-normal), a horizon (log-normal), a speed (a share of the
     scenario's, normal) and the period of the sway. `first_s`: time to the closest approach at which a person has turned
-    off in full. Where ways cross at a right angle, the clearance is larger by `crossing` of itself per metre of it,
-    and both times are longer by the share `earlier`. `headway_m`, `headway_s`, `headway_ahead_s`: the gap to who is
+    off in full. Where ways cross at a right angle, the clearance is larger by `crossing` of itself per cubic metre of
+    it, and both times are longer by the share `earlier`. `headway_m`, `headway_s`, `headway_ahead_s`: the gap to who is
     ahead is `headway_m` and `headway_s` of walking, less `headway_ahead_s` of their walking.
     """
 
-    clearance_m: float = 0.7
-    clearance_spread: float = 0.52
-    crossing: float = 4.3
-    earlier: float = 0.25
+    clearance_m: float = 0.76
+    clearance_spread: float = 0.45
+    crossing: float = 9.5
+    earlier: float = 0.45
     least_clearance_m: float = 0.6
     horizon_s: float = 3.2
     horizon_spread: float = 0.3
-    first_s: float = 1.8
-    relaxation_s: float = 0.38
+    first_s: float = 2.1
+    relaxation_s: float = 0.42
     acceleration_m_s2: float = 1.5
     speed_share: float = 0.893
     speed_spread: float = 0.173
@@ -78,9 +78,9 @@ class Anticipation(Record):
     sway_rad: float = 0.05
     sway_s: float = 2.7
     keep_right_m: float = KEEP_RIGHT_M
-    headway_m: float = 0.18
-    headway_s: float = 0.55
-    headway_ahead_s: float = 0.32
+    headway_m: float = 0.3
+    headway_s: float = 0.5
+    headway_ahead_s: float = 0.35
     formation_m: float = 0.7
     ahead_m: float = 3.0
 
