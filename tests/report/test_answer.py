@@ -17,6 +17,7 @@ from rvsg.campaign.runner import Evaluator
 from rvsg.cli import tables
 from rvsg.evaluation.detection import contacts, place_namer
 from rvsg.evaluation.sampled import sampled
+from rvsg.report.answer import _headline
 from rvsg.report.answer_row import MOVED
 from rvsg.report.overview import pins_of, render_overview
 from rvsg.report.page import render_page
@@ -85,3 +86,15 @@ def test_a_failure_with_contact_is_named_by_who_moves_into_whom() -> None:
         (mover,) = [key for key, words in MOVED.items() if words in row.touch]
         first = next(iter(contacts(sampled(ledger.run(row.run), warehouse()), place_namer(warehouse()))))
         assert INTO[mover] in row.name and (first.moved_by, first.person) == (mover, row.who)
+
+
+def test_the_headline_of_a_rarer_failure_tells_the_one_that_makes_its_status() -> None:
+    the_plan, _, ledger = default_campaign()
+    attempts = attempts_with(0.5)
+    row = answer(the_plan, attempts, ledger).rows[0]
+    always, rare = row.replace(often="always"), row.replace(number="9.9", often="sometimes")
+    summary = summarise(the_plan, attempts)
+    verdict = attempts[-1].verdict
+    said = _headline(the_plan, summary, [rare, always], verdict, attempts, None)
+    assert said.endswith(f" Always violated: {always.number}, {always.share}.")
+    assert "Always" not in _headline(the_plan, summary, [always, rare], verdict, attempts, None)
