@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import re
 import subprocess
 import sys
 import tempfile
@@ -102,12 +103,13 @@ def own_runs(count: int, world: World, folder: Path) -> dict[str, Any]:
 
 def ends(runs: Sequence[Run], world: World) -> dict[str, Any]:
     """Return the smallest gap (m) and the time (s) of each run."""
-    return {"ends": [[float(sampled(run, world).gap.min()), float(run.trajectory.t[-1])] for run in runs]}
+    gaps = [float(sampled(run, world).gap.min()) for run in runs]
+    return {"ends": [[round(gap, 3), float(run.trajectory.t[-1])] for gap, run in zip(gaps, runs, strict=True)]}
 
 
 def alike(row: dict[str, Any], gap_m: float, time_s: float) -> bool:
     """Whether both are those of the original run, within 0.1 m and 5 %."""
-    return abs(gap_m - row["gap_m"]) <= 0.1 and abs(time_s - row["time_s"]) <= 0.05 * row["time_s"]
+    return bool(abs(gap_m - row["gap_m"]) <= 0.1 and abs(time_s - row["time_s"]) <= 0.05 * row["time_s"])
 
 
 def scans(count: int, world: World, folder: Path) -> dict[str, Any]:
@@ -226,7 +228,7 @@ def main() -> None:
         if given.large_mb:
             found["memory"] = memory(given.large_mb, world, folder)
         found["own_runs"] = own_runs(given.runs, world, folder)
-    json.dump(found, sys.stdout, indent=1)
+    print(re.sub(r"[\[{][^\[\]{}]*[\]}]", lambda match: " ".join(match[0].split()), json.dumps(found, indent=1)))
 
 
 if __name__ == "__main__":
