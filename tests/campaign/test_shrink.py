@@ -25,6 +25,7 @@ from rvsg.campaign.runner import Evaluator, Runner
 from rvsg.campaign.smallest_scenario import Shrinker, simpler, size
 from rvsg.campaign.strategies import RandomStrategy
 from rvsg.cli import main
+from rvsg.cli.scenario import _show
 from rvsg.core.errors import InputError
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task
@@ -211,3 +212,14 @@ def test_an_interrupted_end_resumes_to_the_same_records(ended: tuple[MemoryLedge
 def test_what_no_longer_fails_is_not_told_as_the_failure_shrunk(violated: int, before: int, holds: bool) -> None:
     smallest = Smallest(attempt=7, scenario_id="x", taken_away=("Human 1",), violated=violated, of=10, before=before)
     assert smallest.holds is holds
+
+
+@pytest.mark.parametrize(("after", "said"), [(0, True), (4, False)])
+def test_a_smallest_scenario_that_hardly_violates_is_not_offered_in_silence(
+    after: int, said: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = shrinking()(crowd())
+    rarer = made.replace(before=made.before.replace(violations=5), after=made.after.replace(violations=after))
+    capsys.readouterr()
+    _show(rarer)
+    assert ("use the original" in capsys.readouterr().err) is said

@@ -183,7 +183,7 @@ def _show_step(step: Simplification) -> None:
 
 
 def _show(shrunk: Shrunk) -> None:
-    """Print the size of the original and of the smallest scenario, and how often each violates."""
+    """Print the size of the original and of the smallest scenario, how often each violates, and whether that holds."""
     from rvsg.evaluation.verdict import counted
 
     for name, people, verdict in (
@@ -195,6 +195,8 @@ def _show(shrunk: Shrunk) -> None:
             f"{name}: {counted(len(people.humans), 'human')}, {counted(tasks, 'task')}; {verdict.requirement} violated "
             f"in {verdict.violations} of {counted(verdict.runs, 'confirmation run')}"
         )
+    if 2 * shrunk.after.violations < shrunk.before.violations:
+        say("The smallest violates less than half as often: use the original, or raise --repeats.")
 
 
 @app.command()
