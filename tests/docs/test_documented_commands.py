@@ -136,7 +136,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The files that pages speak of; they are only ever copied."""
     made = tmp_path_factory.mktemp("pages")
     small = {"scenarios": 1, "refinements": 0, "repeats": 2, "confirmations": 4}
-    for seed, name in enumerate(("runs/first", "runs/second")):
+    for seed, name in ((1, "runs/first"), (11, "runs/second")):
         campaign = rvsg.Campaign.create(made / name, seed=seed, jobs=1, **small)
         list(campaign.run())
         campaign.report()
