@@ -64,7 +64,8 @@ def tune(
     The folder holds the changed parameter file, a page, tuning.json, and every run. The same command resumes.
     """
     from rvsg.app.settings import effective
-    from rvsg.app.tuner import PAGE, Tuner
+    from rvsg.app.tuner import Tuner
+    from rvsg.app.tuning_checks import PAGE
     from rvsg.app.wiring import jobs_of
     from rvsg.report.tuning_page import headline, result_lines
     from rvsg.simulation.stacks.stack_choice import DEFAULT_STACK

@@ -28,7 +28,7 @@ from rvsg.core.errors import FileError, InputError
 from rvsg.robots.robot import DEFAULT_ROBOT, MonitorPolygon, Robot, load_robot
 from rvsg.simulation.embedded.robot_parameters import planned_range, speeds
 from rvsg.simulation.stacks.mppi import Mppi
-from rvsg.simulation.stacks.nav2_params import MONITORED, PLANNING
+from rvsg.simulation.stacks.nav2_keys import MONITORED, PLANNING
 from rvsg.simulation.stacks.nav2_stack import Configured, Nav2Dwb, Nav2Settings
 from rvsg.simulation.stacks.protocol import NavigationStack
 from rvsg.simulation.stacks.pure_pursuit import PurePursuit

@@ -24,7 +24,7 @@ import rvsg
 from rvsg import Scenario, Spec, World
 from rvsg.app.comparison import VersionComparison, compare_versions
 from rvsg.app.playback import kept_trace, trace_source
-from rvsg.app.tuner import PAGE, RESULT
+from rvsg.app.tuning_checks import PAGE, RESULT
 from rvsg.campaign.run_set import RunSet
 from rvsg.campaign.tuning import Tuning
 from rvsg.core import permission

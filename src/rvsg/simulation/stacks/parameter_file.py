@@ -15,7 +15,8 @@ from typing import Any
 import yaml
 
 from rvsg.core.errors import FileError
-from rvsg.simulation.stacks.nav2_params import DWB, Key, read_nav2_text
+from rvsg.simulation.stacks.nav2_keys import DWB
+from rvsg.simulation.stacks.nav2_params import Key, read_nav2_text
 from rvsg.simulation.stacks.parameters import value_at
 
 SKELETONS = {

@@ -13,7 +13,8 @@ from nicegui import ui
 
 import rvsg
 from rvsg.app.settings import safe_name
-from rvsg.app.tuner import PAGE, check_budget
+from rvsg.app.tuner import check_budget
+from rvsg.app.tuning_checks import PAGE
 from rvsg.campaign.tuning import Tuning
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.report.tuning_page import front_row, headline, result_lines
