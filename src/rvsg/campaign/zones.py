@@ -51,11 +51,18 @@ class Zones(Record):
     rows: int
     columns: int
 
+    @property
+    def sources(self) -> list[str]:
+        """Why and where each zone is tried."""
+        return [
+            f"{each.runs} of {self.found} violating runs, {each.radius_m:g} m around ({each.x:g}, {each.y:g})"
+            for each in self.zones
+        ]
+
     def parameters(self) -> tuple[Parameter, ...]:
         """Return the two numbers of each zone: its speed limit, 100 % without one, and whether it is kept out of."""
         found = []
-        for k, each in enumerate(self.zones, 1):
-            source = f"{each.runs} of {self.found} violating runs, {each.radius_m:g} m around ({each.x:g}, {each.y:g})"
+        for k, source in enumerate(self.sources, 1):
             of = partial(Parameter, group=f"zone {k}", source=source)
             found.append(of(name=f"zone_{k}.speed_percent", low=10.0, high=100.0, present=100.0, unit="%"))
             found.append(of(name=f"zone_{k}.keepout", low=0.0, high=1.0, present=0.0, whole=True))
@@ -72,7 +79,7 @@ class Zones(Record):
     def masks(self, values: Mapping[str, float]) -> dict[str, NDArray[np.int16]]:
         """Return the masks of a setting (rows, columns), the lowest y first, by kind; none that limits nothing."""
         y, x = np.ogrid[: self.rows, : self.columns]
-        speed, keepout = np.full((2, self.rows, self.columns), 0, np.int16)
+        speed, keepout = np.zeros((2, self.rows, self.columns), np.int16)
         for k, each in enumerate(self.zones, 1):
             dx = self.x + (x + 0.5) * self.resolution_m - each.x
             dy = self.y + (y + 0.5) * self.resolution_m - each.y

@@ -270,8 +270,8 @@ def _headline(
         more = f", {share_of(alone.violations, alone.judged)} without people" if alone and alone.violations else ""
         more += "; how often is open" if first.often == "not settled" else ""
         more += f"; {first.contact} touch a person" if first.contacts else ""
-        always = [row for row in rows if row.state == "confirmed" and row.often == "always"]
-        also = f" Always violated: {always[0].number}, {always[0].share}." if always and first.often != "always" else ""
+        always = next((row for row in rows if row.state == "confirmed" and row.often == "always"), first)
+        also = f" Always violated: {always.number}, {always.share}." if first.often != always.often else ""
         return f"{first.name}. {first.share} runs violate {requirement.name}{more}.{also}"
     if first.violated == "no" and first.bounds is not None:
         most = percent(first.bounds[1])

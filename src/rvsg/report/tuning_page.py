@@ -149,7 +149,7 @@ def unsolved_text(each: Unsolved, found: Tuning) -> str:
 
 def result_lines(found: Tuning) -> Iterator[str]:
     """Yield the checks, the zones, the changes with their reasons, what no setting removes, and what failed."""
-    yield from (f"{each.group}: {each.source}" for each in found.parameters[::2] if found.zones)
+    yield from (f"zone {k}: {text}" for k, text in enumerate(found.zones.sources if found.zones else (), 1))
     for choice in found.tried:
         values = ", ".join(f"{name} {value:g}" for name, value in choice.values.items())
         yield f"{values}: {trade(choice.score, found.before)}"

@@ -60,9 +60,8 @@ def fill_window(samples: Floats, v0: float, side0: float, w0: float, share: floa
     rates that its steering allows at each speed; one that moves sideways is in no direction faster than ahead.
     A speed filter leaves a share of every highest speed.
     """
-    fastest = p.dwb_max_v * min(1.0, share)
-    most = p.dwb_max_side * min(1.0, share)
-    turn = p.dwb_max_w * min(1.0, share)
+    share = min(1.0, share)
+    fastest, most, turn = p.dwb_max_v * share, p.dwb_max_side * share, p.dwb_max_w * share
     v = min(fastest, max(p.dwb_min_v, v0))
     low = towards(p.dwb_min_v, v, p.dwb_acc_v * p.dwb_sim_time, p.dwb_dec_v * p.dwb_sim_time)
     high = towards(fastest, v, p.dwb_acc_v * p.dwb_sim_time, p.dwb_dec_v * p.dwb_sim_time)
