@@ -56,6 +56,12 @@ def _runs_in_this_process(request: pytest.FixtureRequest, monkeypatch: pytest.Mo
         monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0}, raising=False)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _keeps_no_state(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Keep the state of the user out of the tests, and theirs out of it; processes that they start inherit it."""
+    os.environ["XDG_STATE_HOME"] = str(tmp_path_factory.mktemp("state"))
+
+
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Any]:
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")

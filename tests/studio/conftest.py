@@ -18,7 +18,7 @@ from urllib.parse import urlsplit
 import pytest
 
 import rvsg
-from rvsg_studio.server import Guard
+from rvsg_studio.server import Guard, own_folder
 from rvsg_studio.workspace import Jobs
 from rvsg_studio.world_editor import folder_of_world
 
@@ -34,7 +34,7 @@ class Server:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.own = folder / ".rvsg-studio"
+        self.own = own_folder(folder)
         self.log = folder.parent / f"{folder.name}.log"
         self.killed = False
         """Whether the present test has killed it; lost connections are expected then."""
@@ -83,13 +83,7 @@ class Server:
                 jobs.stop(job.id)
                 waited(lambda job=job: not jobs.get(job.id).running)
         for path in (*self.folder.iterdir(), *self.own.iterdir(), *(self.own / "jobs").iterdir()):
-            if path not in (
-                self.own,
-                self.own / "jobs",
-                self.own / "nicegui",
-                self.own / "token",
-                self.own / ".gitignore",
-            ):
+            if path not in (self.own / "jobs", self.own / "nicegui", self.own / "token"):
                 shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
         shutil.copytree(work, self.folder, dirs_exist_ok=True)
         self.killed = self.refuses = False

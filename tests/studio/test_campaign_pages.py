@@ -91,7 +91,7 @@ def test_files_outside_the_folder_are_never_shown(show: Show, studio: Server) ->
     (studio.folder / "runs" / "first").rename(outside)
     (studio.folder / "runs" / "link").symlink_to(outside)
     tab = show()
-    for path in ("../outside", str(outside), "runs/link", "runs/../../outside", ".rvsg-studio"):
+    for path in ("../outside", str(outside), "runs/link", "runs/../../outside", str(studio.own)):
         answer = tab.request.get(f"{studio.direct}/data/replay?campaign={path}&attempt=0", headers=studio.cookie)
         assert answer.status == 400
         assert "outside the folder" in answer.json()["error"]

@@ -72,17 +72,17 @@ def more(tmp_path_factory: pytest.TempPathFactory, work: Path) -> Path:
     (folder / "proposals" / "good.json").write_text(proposal_json(propose("warehouse", "route_1", "R1", seed=1)))
     save_scenario(crossing, folder / "crossing.json")
     (folder / "runs.jsonl").write_text(runs_text(rvsg.simulate(crossing, range(2), simulator="kinematic")))
-    job = folder / ".rvsg-studio" / "jobs" / "20260101-000000-abcdef"
-    job.mkdir(parents=True)
-    told = {"kind": "campaign", "title": "Campaign", "command": "rvsg run", "target": "runs/first", "begun_s": 0.0}
-    (job / "job.json").write_text(json.dumps(told | {"arguments": {}}))
-    (job / "result.json").write_text(json.dumps({"state": "finished", "violated": False}))
     return folder
 
 
 @pytest.fixture
 def full(studio: Server, more: Path) -> Path:
     shutil.copytree(more, studio.folder, dirs_exist_ok=True)
+    job = studio.own / "jobs" / "20260101-000000-abcdef"
+    job.mkdir(parents=True)
+    told = {"kind": "campaign", "title": "Campaign", "command": "rvsg run", "target": "runs/first", "begun_s": 0.0}
+    (job / "job.json").write_text(json.dumps(told | {"arguments": {}}))
+    (job / "result.json").write_text(json.dumps({"state": "finished", "violated": False}))
     return studio.folder
 
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from rvsg_studio.server import Guard, token_of
+from rvsg.core.errors import FileError
+from rvsg.core.files import state_folder
+from rvsg_studio.server import Guard, own_folder, token_of
+from rvsg_studio.workspace import Workspace
 
 PORT = 8420
 HOST = f"127.0.0.1:{PORT}"
@@ -73,14 +77,41 @@ def test_the_cookie_is_set_under_a_host_name_of_the_studio_alone() -> None:
     assert OWN.endswith(f".localhost:{PORT}") and Guard(None, token="other", port=PORT).own != OWN  # type: ignore[arg-type]
 
 
-def test_the_token_belongs_to_the_folder_and_to_its_user(tmp_path: Path) -> None:
-    token, file = token_of(tmp_path), tmp_path / ".rvsg-studio" / "token"
-    assert len(token) == 32 and token_of(tmp_path) == token
-    assert file.stat().st_mode & 0o777 == 0o600
-    file.chmod(0o644)  # others may have read it
-    assert token_of(tmp_path) != token and file.stat().st_mode & 0o777 == 0o600
-    file.write_text("")
-    assert len(token_of(tmp_path)) == 32
+def test_what_a_folder_brings_is_neither_token_nor_job(tmp_path: Path) -> None:
+    """Both have the authority of the user, so they lie with the user, where nobody else can write."""
+    brought = tmp_path / "folder" / ".rvsg-studio"
+    (brought / "jobs" / "20260101-000000-abcdef").mkdir(parents=True)
+    (brought / "token").write_text("a" * 32)
+    (brought / "token").chmod(0o600)
+    job = {"kind": "campaign", "title": "", "command": "", "target": ".", "begun_s": 0.0, "arguments": {}}
+    (brought / "jobs" / "20260101-000000-abcdef" / "job.json").write_text(json.dumps(job))
+    own, other = own_folder(brought.parent), own_folder(tmp_path)
+    assert own != other and own.stat().st_mode & 0o777 == 0o700 and not own.is_relative_to(tmp_path)
+    token = token_of(own)
+    assert len(token) == 32 and token != "a" * 32 and token_of(own) == token and token_of(other) != token
+    (own / "token").write_text("")
+    assert len(token_of(own)) == 32
+    assert Workspace(brought.parent).jobs.all() == []
+
+
+@pytest.mark.parametrize("wrong", ["relative", "written by others", "a link", "a file"])
+def test_state_that_others_can_write_is_no_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setenv("XDG_STATE_HOME", "state" if wrong == "relative" else str(tmp_path / "state"))
+    folder = tmp_path / "state" / "rvsg"
+    folder.mkdir(parents=True)
+    if wrong == "relative":
+        assert state_folder() == tmp_path / "home" / ".local" / "state" / "rvsg"
+        return
+    if wrong == "written by others":
+        folder.chmod(0o777)
+    else:
+        folder.rename(tmp_path / "elsewhere")
+        folder.symlink_to(tmp_path / "elsewhere") if wrong == "a link" else folder.touch()
+    with pytest.raises(FileError) as caught:
+        state_folder()
+    assert caught.value.code == "state-folder"
 
 
 @pytest.mark.parametrize(

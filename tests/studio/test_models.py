@@ -33,7 +33,7 @@ def test_a_rejected_description_goes_back_to_the_model_and_the_difference_is_sho
     tab.locator("#text-grid").fill("Rows A to H.")
     tab.locator("mark.st-unknown", has_text="Office 77").wait_for()
     tab.locator("#reason").fill("It lies in the south.")
-    waited(lambda: "in the south" in "".join(p.read_text() for p in (studio.folder / ".rvsg-studio").rglob("*.json")))
+    waited(lambda: "in the south" in "".join(p.read_text() for p in studio.own.rglob("*.json")))
     tab.close()
     studio.restart()
     with serving(says(json.dumps(revised))) as server:
@@ -42,7 +42,7 @@ def test_a_rejected_description_goes_back_to_the_model_and_the_difference_is_sho
         tab.get_by_role("button", name="Reject").click()
         tab.get_by_text("Name a model first").wait_for()
         name_model(tab, server)
-        waited(lambda: server.url in (studio.folder / ".rvsg-studio" / "model.json").read_text())
+        waited(lambda: server.url in (studio.own / "model.json").read_text())
         tab.get_by_role("button", name="Reject").focus()
         tab.keyboard.press("Enter")
         tab.locator("#difference").wait_for(timeout=PATIENT)

@@ -1,9 +1,10 @@
-"""Files that are written completely or not at all, and checks that they can be, made before the work begins."""
+"""Files that are written completely or not at all, checks made before the work begins, and the user's own state."""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import stat
 import sys
 from pathlib import Path
 
@@ -27,6 +28,27 @@ def write_whole(path: Path, content: str | bytes) -> None:
         in_the_way = isinstance(error, FileExistsError | NotADirectoryError)
         reason = f"{path.parent} is no folder" if in_the_way else error.strerror or error
         raise FileError(path, f"the file cannot be written: {reason}.", code="not-writable") from None
+
+
+def state_folder() -> Path:
+    """Return the user's folder of state, made where it is missing: what lies there has the authority of the user.
+
+    Raises:
+        FileError: it cannot be made, or others than the user own it or can write in it.
+    """
+    base = Path(os.environ.get("XDG_STATE_HOME", ""))  # a relative one would lie in whatever folder is current
+    folder = (base if base.is_absolute() else Path("~/.local/state").expanduser()) / "rvsg"
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        status = folder.lstat()
+    except OSError as error:
+        reason = error.strerror
+    else:
+        safe = stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid() and not status.st_mode & 0o022
+        reason = "" if safe else "it is no folder that you own and you alone can write in"
+    if reason:
+        raise FileError(folder, f"{reason}. Mend it, or name another by XDG_STATE_HOME.", code="state-folder")
+    return folder
 
 
 def write_text(path: Path, text: str) -> None:

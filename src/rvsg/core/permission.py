@@ -18,8 +18,8 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
-from rvsg.core.errors import InputError
-from rvsg.core.files import write_whole
+from rvsg.core.errors import FileError, InputError
+from rvsg.core.files import state_folder, write_whole
 
 _scopes: ContextVar[tuple[frozenset[str], ...]] = ContextVar("scopes", default=())
 _process: list[tuple[frozenset[str], Path | None]] = []
@@ -169,14 +169,13 @@ def _is_named_in(source: Path, code: str) -> bool:
 
 
 def _memory() -> Path:
-    folder = os.environ.get("XDG_STATE_HOME") or "~/.local/state"
-    return Path(folder).expanduser() / "rvsg" / "allowed-code.json"
+    return state_folder() / "allowed-code.json"
 
 
 def _remembered() -> dict[str, str]:
     try:
         found = json.loads(_memory().read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, FileError):
         return {}
     return found if isinstance(found, dict) else {}
 
@@ -185,6 +184,4 @@ def _remember(key: str, code: str) -> None:
     known = _remembered()
     if key in known:
         return
-    path = _memory()
-    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    write_whole(path, json.dumps(known | {key: code}, indent=1) + "\n")
+    write_whole(_memory(), json.dumps(known | {key: code}, indent=1) + "\n")

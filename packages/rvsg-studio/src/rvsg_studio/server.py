@@ -20,13 +20,12 @@ from urllib.parse import parse_qsl, quote, urlencode
 from rvsg.app.view import SUFFIX, unpack_view
 from rvsg.core import plugins
 from rvsg.core.errors import FileError, InputError, how_to_install
+from rvsg.core.files import state_folder, write_whole
 
 HOST = "127.0.0.1"
 PORT = 8420
 """The port that is tried first where none is asked for."""
 RECONNECT_S = 60.0
-OWN = ".rvsg-studio"
-"""The studio's own folder in the folder it works in: jobs, undo steps, the index. Deleting it loses no result."""
 
 
 def serve(folder: Path, *, port: int | None, browser: bool, say: Callable[[str], None]) -> None:
@@ -48,11 +47,13 @@ def serve(folder: Path, *, port: int | None, browser: bool, say: Callable[[str],
     folder = Path.cwd()
     with _listening(port) as sock:
         number = sock.getsockname()[1]
-        token = token_of(folder)
+        token = token_of(own_folder(folder))
         app = make_app(folder, token=token, port=number)
         address = f"http://{HOST}:{number}/?token={token}"
         say(f"Studio of {folder}: {address}")
         say("Whoever knows this address can use the studio. Ctrl-C ends it; jobs go on.")
+        if (brought := folder / ".rvsg-studio").exists():
+            say(f"{brought} is not used: the studio keeps its own files in {own_folder(folder)}.")
         if browser:
             webbrowser.open(address)
         import uvicorn
@@ -62,25 +63,28 @@ def serve(folder: Path, *, port: int | None, browser: bool, say: Callable[[str],
         uvicorn.Server(config).run(sockets=[sock])
 
 
-def token_of(folder: Path) -> str:
-    """Return the token of a folder, which its user alone can read: pages that are open live on after a restart."""
-    path = folder / OWN / "token"
-    try:
-        path.parent.mkdir(mode=0o700, exist_ok=True)
-        if path.is_file() and not path.is_symlink() and not path.stat().st_mode & 0o077 and (known := path.read_text()):
-            return known
-        path.unlink(missing_ok=True)
-        with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
-            file.write(token := secrets.token_urlsafe(24))
-    except OSError as error:
-        raise FileError(folder, f"the studio cannot write here: {error.strerror}. Choose another folder.") from None
-    return token
+def own_folder(folder: Path) -> Path:
+    """Return where the studio keeps what is its own about a folder: jobs, token, undo steps, what is typed, the index.
+
+    It lies with the user and not in the folder, which may come from a stranger. Deleting it loses no result.
+    """
+    place = folder.resolve()
+    own = state_folder() / "studio" / f"{place.name}-{hashlib.sha256(os.fsencode(place)).hexdigest()[:16]}"
+    own.mkdir(parents=True, exist_ok=True, mode=0o700)
+    return own
+
+
+def token_of(own: Path) -> str:
+    """Return the token of a studio, which its user alone can read: pages that are open live on after a restart."""
+    path = own / "token"
+    if not path.is_file() or path.stat().st_size == 0:
+        write_whole(path, secrets.token_urlsafe(24))
+    return path.read_text()
 
 
 def make_app(folder: Path, *, token: str, port: int) -> Callable[..., object]:
     """Return the application of a studio, with its guard in front of everything."""
-    own = folder.resolve() / OWN
-    os.environ["NICEGUI_STORAGE_PATH"] = str(own / "nicegui")  # read when NiceGUI is imported
+    os.environ["NICEGUI_STORAGE_PATH"] = str(own_folder(folder) / "nicegui")  # read when NiceGUI is imported
     try:
         from fastapi import FastAPI
         from nicegui import ui
@@ -89,10 +93,7 @@ def make_app(folder: Path, *, token: str, port: int) -> Callable[..., object]:
     from rvsg_studio.answers import add_data
     from rvsg_studio.workspace import Workspace
 
-    try:
-        workspace = Workspace(folder)
-    except OSError as error:
-        raise FileError(folder, f"the studio cannot write here: {error.strerror}. Choose another folder.") from None
+    workspace = Workspace(folder)
     threading.Thread(target=workspace.listing, daemon=True).start()  # so that the first page waits less
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     add_data(app, workspace)

@@ -1,6 +1,7 @@
 """The folder a studio works in: files that may be named from outside, jobs, notes on findings, and unsaved input.
 
-Jobs outlive a page and the studio itself: each is a process of its own with a folder of its own.
+Jobs outlive a page and the studio itself: each is a process of its own with a folder of its own. They and all else
+that the studio keeps lie with the user (`own_folder`): what the folder brings starts nothing.
 
 ::
 
@@ -41,10 +42,10 @@ from rvsg.app.reconstruction import SUFFIXES
 from rvsg.app.view import SUFFIX, unpack_view
 from rvsg.core.documents import read_document
 from rvsg.core.errors import InputError
-from rvsg.core.files import write_whole
+from rvsg.core.files import state_folder, write_whole
 from rvsg.core.records import Record
 from rvsg_studio.listing import Lister, Listing
-from rvsg_studio.server import OWN
+from rvsg_studio.server import own_folder
 
 JOB, EVENTS, RESULT, LOCK, LOG = "job.json", "events.jsonl", "result.json", ".lock", "worker.log"
 BOTH = "both.json"
@@ -230,12 +231,7 @@ class Workspace:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder.resolve()
-        self.own = self.folder / OWN
-        self.own.mkdir(exist_ok=True)
-        self.own.chmod(0o700)  # drafts and logs are the user's own
-        ignore = self.own / ".gitignore"
-        if not ignore.exists():
-            ignore.write_text("*\n", encoding="utf-8")
+        self.own = own_folder(self.folder)
         self._lister = Lister(self.folder, self.own / "index.json")
         self.jobs = Jobs(self.own / "jobs", self.folder)
         self._kept: OrderedDict[tuple[Any, ...], Any] = OrderedDict()
@@ -254,7 +250,7 @@ class Workspace:
         if "\0" in name:
             raise InputError("A path holds no zero byte.")
         path = (self.folder / name).resolve()
-        if not path.is_relative_to(self.folder) or path.is_relative_to(self.own):
+        if not path.is_relative_to(self.folder) or path.is_relative_to(state_folder()):
             raise InputError(f"{name}: this lies outside the folder of the studio, {self.folder}.")
         return path
 
