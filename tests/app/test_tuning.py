@@ -25,6 +25,7 @@ from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Pose
+from rvsg.evaluation.verdict import Procedure
 from rvsg.report.tuning_page import headline, trade, tuning_page, unsolved_text
 from rvsg.robots.robot import load_robot
 from rvsg.simulation.run import Outcome
@@ -214,6 +215,7 @@ def test_the_score_names_what_breaks() -> None:
     assert found.time == pytest.approx(1.2) and (found.violated, found.contacts, found.runs) == (3, 3, 6)
     once = {key: run(*key, violated=key == ("passes", 0)) for key in keys}
     assert score_of(once, before).broken_cases == (), "one violation in three runs breaks nothing"
+    assert score_of(after, before, Procedure(error_rate=0.0001)).broken_cases == (), "nor do three for a strict suite"
     assert trade(found, score_of(before, before)) == (
         "as many violations, contact in 3 of 6 runs, 20 % longer, passes breaks"
     )
@@ -377,6 +379,14 @@ def test_a_file_without_an_inflation_layer_says_what_stays(here: Path) -> None:
         tuner(stack="nav2.yaml", on_message=said.append).run()
     assert any("costmaps.local_inflation_m" in text for text in said)
     assert yaml.safe_load(NAV2)["controller_server"]["ros__parameters"]["FollowPath"]["max_vel_x"] == 0.4
+
+
+def test_a_setting_is_judged_with_the_error_rates_of_the_suite(here: Path) -> None:
+    suite = suite_of(cases=1)
+    suite = replace(suite, head=suite.head.replace(judging=Procedure(error_rate=0.001)))
+    case = tuner()._case(suite, suite.cases[0])
+    (judged,) = results_of("before", "suite", [case], [run("case-0", k) for k in range(4)], Spec("x")).cases
+    assert judged.verdict.judged_by.error_rate == case.judging.error_rate == 0.001
 
 
 def test_an_attack_is_not_paired_and_says_what_it_found(here: Path) -> None:

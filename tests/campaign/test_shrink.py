@@ -3,6 +3,7 @@
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.campaign.parts import (
@@ -27,6 +28,7 @@ from rvsg.campaign.strategies import RandomStrategy
 from rvsg.cli import main
 from rvsg.cli.scenario import _show
 from rvsg.core.errors import InputError
+from rvsg.evaluation.verdict import DEFAULT
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task
 from rvsg.scenario.validity import check
@@ -210,7 +212,8 @@ def test_an_interrupted_end_resumes_to_the_same_records(ended: tuple[MemoryLedge
 
 @pytest.mark.parametrize(("violated", "before", "holds"), [(0, 2, False), (1, 1, False), (4, 10, False), (8, 10, True)])
 def test_what_no_longer_fails_is_not_told_as_the_failure_shrunk(violated: int, before: int, holds: bool) -> None:
-    smallest = Smallest(attempt=7, scenario_id="x", taken_away=("Human 1",), violated=violated, of=10, before=before)
+    runs: dict[str, Any] = {"violated": violated, "of": 10, "before": before, "judged_by": DEFAULT}
+    smallest = Smallest(attempt=7, scenario_id="x", taken_away=("Human 1",), **runs)
     assert smallest.holds is holds
 
 

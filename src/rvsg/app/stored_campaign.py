@@ -146,9 +146,7 @@ class StoredCampaign:
         """Every confirmation with what it means, the worst first."""
         with self.reading() as ledger:
             attempts = list(ledger.attempts(self.name))
-            return findings(
-                self.plan, attempts, run_of=ledger.run, world=self.shown_world, procedure=self.record.judging
-            )
+            return findings(self.plan, attempts, run_of=ledger.run, world=self.shown_world)
 
     @property
     def distinct_failures(self) -> tuple[DistinctFailure, ...]:
@@ -188,7 +186,7 @@ class StoredCampaign:
         """What the campaign says, in finished text; every page and the terminal show it."""
         with self.reading() as ledger:
             attempts, run_of = list(ledger.attempts(self.name)), cache(ledger.run)
-            found = findings(self.plan, attempts, run_of=run_of, world=self.shown_world, procedure=self.record.judging)
+            found = findings(self.plan, attempts, run_of=run_of, world=self.shown_world)
             known = summarise(self.plan, attempts)
             return answer_of(
                 self.plan, attempts, known, found, world=self.shown_world, run_of=run_of, **self._beside(ledger, known)

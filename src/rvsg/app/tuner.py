@@ -209,7 +209,7 @@ class Tuner:
         if self.robot is not None:
             with closing(make_simulator(given)) as made:
                 tested = tested.driven_by(as_robot(self.robot, made.robots))
-        return TuningCase(tested, given)
+        return TuningCase(tested, given, suite.head.judging)
 
     def source(self, stack: Spec) -> tuple[str | None, Path]:
         """Return the text of the parameter file, or of one made for a stack of Nav2 without options."""

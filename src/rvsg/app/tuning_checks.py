@@ -286,7 +286,7 @@ class ProposalChecks:
         scenario = Scenario(mission=like.scenario.mission, people=people)
         case = Case(name=name, title=name, expectations=like.tested.case.expectations, scenario=scenario)
         tested = SuiteCase(case=case, world=like.tested.world, requirements=like.tested.requirements)
-        return TuningCase(tested, like.simulator)
+        return TuningCase(tested, like.simulator, like.judging)
 
     def _ordinary(self, missions: Sequence[TuningCase]) -> Iterator[TuningCase]:
         """Yield people on random errands on each route: nothing is aimed at the robot."""
@@ -343,6 +343,7 @@ class ProposalChecks:
             budget_runs=budget,
             confirmations=max(20, budget // 3),
             shrink_runs=0,
+            **each.judging.model_dump(exclude={"max_runs"}),
             seed=self.tuner.seed,
             named=(self.tuner.stack, stack.options),
         )

@@ -114,7 +114,7 @@ class Confirmations:
         """
         plan, procedure = self.plan, self.parts.procedure
         undecided = [attempt for attempt in self._begun() if _status(attempt) is Status.INCONCLUSIVE]
-        undecided.sort(key=lambda a: badness(a.record.verdict, procedure), reverse=True)
+        undecided.sort(key=lambda a: badness(a.record.verdict), reverse=True)
         for number, summary in enumerate(undecided, 1):
             latest = {a.confirms: a for a in confirmations(self.attempts)}
             left = plan.confirmations - sum(a.runs for a in latest.values())
@@ -200,7 +200,7 @@ class Confirmations:
         removed = {(a.confirms, a.record.without) for a in self.attempts if a.purpose == "removal"}
         for confirmation in confirmed:
             scenario, verdict = confirmation.proposal.scenario, confirmation.verdict
-            if scenario is None or verdict is None or not violated(verdict, procedure=self.parts.procedure):
+            if scenario is None or verdict is None or not violated(verdict):
                 continue
             humans = scenario.people.humans
             if len(humans) < 2:  # the baseline is this scenario without its only person

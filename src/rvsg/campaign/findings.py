@@ -17,7 +17,6 @@ from rvsg.evaluation.realism import PEOPLE_REALISM, Motion, motions, rarest, sum
 from rvsg.evaluation.statistics import fisher, holm, share_difference
 from rvsg.evaluation.story import story_of
 from rvsg.evaluation.verdict import (
-    DEFAULT,
     Arrivals,
     Contacts,
     Procedure,
@@ -81,6 +80,8 @@ class Smallest(Record):
     of: int
     before: int
     """Violations of the confirmed scenario on the same seeds."""
+    judged_by: Annotated[Procedure, Field(exclude=True)]
+    """The procedure that judged the confirmed scenario."""
 
     @property
     def rarer(self) -> float:
@@ -93,8 +94,9 @@ class Smallest(Record):
 
         Both with the error rate of a verdict; 1 of 10 runs against 1 of 10 tells nothing.
         """
-        told_apart = self.rarer <= DEFAULT.error_rate
-        return DEFAULT.violated(self.violated, self.of) and not told_apart and 2 * self.violated >= self.before
+        told_apart = self.rarer <= self.judged_by.error_rate
+        violates = self.judged_by.violated(self.violated, self.of)
+        return violates and not told_apart and 2 * self.violated >= self.before
 
 
 AboutPeople = Literal["yes", "no", "open", "not violated"]
@@ -171,7 +173,6 @@ def findings(
     *,
     run_of: RunOf,
     world: World,
-    procedure: Procedure = DEFAULT,
     mode_of_run: Callable[[str], FailureMode | None] | None = None,
 ) -> tuple[Finding, ...]:
     """Return every confirmation with what it means, the worst first.
@@ -182,8 +183,8 @@ def findings(
     """
     modes = mode_of_run or (lambda run_id: mode_of(run_of(run_id), world))
     confirmed = [a for a in confirmations(attempts) if a.verdict is not None]
-    made = [_finding(plan, attempt, attempts, run_of, modes, world, procedure) for attempt in confirmed]
-    made.sort(key=lambda f: severity(f.verdict, f.contacts, plan.requirement, procedure), reverse=True)
+    made = [_finding(plan, attempt, attempts, run_of, modes, world) for attempt in confirmed]
+    made.sort(key=lambda f: severity(f.verdict, f.contacts, plan.requirement), reverse=True)
     return tuple(made)
 
 
@@ -247,16 +248,14 @@ def distinct_failures(found: Sequence[Finding]) -> tuple[DistinctFailure, ...]:
 Severity = tuple[bool, int, float, float, float]
 
 
-def severity(
-    verdict: Verdict | None, contacts: Contacts, requirement: Requirement, procedure: Procedure | None = None
-) -> Severity:
+def severity(verdict: Verdict | None, contacts: Contacts, requirement: Requirement) -> Severity:
     """Return how severe runs are for the robot, as a key that sorts as pages show them; larger is worse.
 
     Contact with a person comes first, whatever the requirement judges. Then: violated always, sometimes (or surely, but
     how often is open), open, not violated; then the share of runs with contact, the share of violating runs, of which
     the lower end of the interval counts, and the mean.
     """
-    bad, always, at_least = badness(verdict, procedure)
+    bad, always, at_least = badness(verdict)
     level = 3 if always else 2 if bad else 1 if verdict is None or verdict.status is Status.INCONCLUSIVE else 0
     mean = -math.inf if verdict is None or verdict.mean is None else requirement.badness(verdict.mean)
     return contacts.runs > 0, level, contacts.runs / max(1, contacts.of), at_least, mean
@@ -273,7 +272,7 @@ def worst_confirmation(attempts: Sequence[Attempt], requirement: Requirement) ->
     return max(confirmations(attempts), key=lambda a: (severity_of(a, requirement), -a.index), default=None)
 
 
-def badness(verdict: Verdict | None, procedure: Procedure | None = None) -> tuple[bool, bool, float]:
+def badness(verdict: Verdict | None) -> tuple[bool, bool, float]:
     """Return how much a verdict says against the robot: violated at all, always (FAIL), and how often at least.
 
     The lower end of the interval counts: 2 of 2 runs say less than 14 of 15.
@@ -281,7 +280,7 @@ def badness(verdict: Verdict | None, procedure: Procedure | None = None) -> tupl
     if verdict is None:
         return (False, False, 0.0)
     at_least = verdict.violation_interval[0] if verdict.violation_interval is not None else 0.0
-    return (violated(verdict, procedure=procedure), verdict.status is Status.FAIL, at_least)
+    return (violated(verdict), verdict.status is Status.FAIL, at_least)
 
 
 def _finding(
@@ -291,14 +290,13 @@ def _finding(
     run_of: RunOf,
     modes: Callable[[str], FailureMode | None],
     world: World,
-    procedure: Procedure,
 ) -> Finding:
     scenario, verdict, requirement = attempt.proposal.scenario, attempt.verdict, plan.requirement
     assert scenario is not None and verdict is not None
     safety = summarise_safety([m.values for m in attempt.measurements])
     baseline = next((a for a in reversed(attempts) if a.purpose == "baseline"), None)
     without = _share(baseline, attempt, requirement) if baseline else None
-    bad = violated(verdict, procedure=procedure)
+    bad = violated(verdict)
     worst = run_of(attempt.worst(requirement).run_id)
     cause, smallest = [], None
     for other in attempts:
@@ -317,9 +315,10 @@ def _finding(
                 violated=share.violated,
                 of=share.of,
                 before=before,
+                judged_by=verdict.judged_by,
             )
     corrected = holm({each.without: each.p for each in cause})
-    difference, difference_interval, about_people = _blame(verdict, without, bad, procedure)
+    difference, difference_interval, about_people = _blame(verdict, without)
     return Finding(
         scenario=attempt.brief.scenario_index,
         configuration=attempt.brief.configuration_index,
@@ -348,10 +347,9 @@ def _finding(
     )
 
 
-def _blame(
-    verdict: Verdict, without: Share | None, bad: bool, procedure: Procedure
-) -> tuple[float | None, tuple[float, float] | None, AboutPeople]:
+def _blame(verdict: Verdict, without: Share | None) -> tuple[float | None, tuple[float, float] | None, AboutPeople]:
     """Compare a verdict with the mission alone: the difference, its interval, and whether people cause it."""
+    bad, procedure = violated(verdict), verdict.judged_by
     if without is None or verdict.violation_probability is None:
         return None, None, "open" if bad else "not violated"
     share = Share(violated=verdict.violations, of=verdict.runs)

@@ -19,7 +19,7 @@ from rvsg.campaign.setting_runs import VIOLATION, SettingRun, SettingRuns, Tunin
 from rvsg.core.errors import InputError, how_to_install
 from rvsg.core.records import Record
 from rvsg.core.seeds import seed_for
-from rvsg.evaluation.verdict import DEFAULT
+from rvsg.evaluation.verdict import DEFAULT, Procedure
 from rvsg.simulation.stacks.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -83,11 +83,24 @@ class Candidate:
         return self.score is not None and not self.failures
 
 
-def score_of(runs: Mapping[tuple[str, int], SettingRun], before: Mapping[tuple[str, int], SettingRun]) -> Score:
+def score_of(
+    runs: Mapping[tuple[str, int], SettingRun],
+    before: Mapping[tuple[str, int], SettingRun],
+    judging: Procedure = DEFAULT,
+) -> Score:
     """Return the score of runs, beside those before tuning on the same cases and seeds."""
     pairs = [(runs[key], before[key]) for key in before if key in runs]
     cases = dict.fromkeys(run.case for run, _ in pairs)
     by_case = {case: [(a, b) for a, b in pairs if a.case == case] for case in cases}
+
+    def begins(flag: Callable[[SettingRun], bool]) -> tuple[str, ...]:
+        """Return the cases in which something happens more than rarely that never did before."""
+        return tuple(
+            case
+            for case, rows in by_case.items()
+            if not any(flag(old) for _, old in rows) and judging.violated(sum(flag(new) for new, _ in rows), len(rows))
+        )
+
     return Score(
         cost=math.fsum(run.cost for run, _ in pairs) / len(pairs),
         violated=sum(run.violated for run, _ in pairs),
@@ -95,17 +108,16 @@ def score_of(runs: Mapping[tuple[str, int], SettingRun], before: Mapping[tuple[s
         runs=len(pairs),
         time=math.fsum(run.time_s for run, _ in pairs) / math.fsum(run.time_s for _, run in pairs),
         jerk=math.fsum(run.jerk for run, _ in pairs) / max(1e-9, math.fsum(run.jerk for _, run in pairs)),
-        broken_cases=tuple(case for case, rows in by_case.items() if _begins(rows, lambda run: run.violated)),
-        new_contacts=tuple(case for case, rows in by_case.items() if _begins(rows, lambda run: run.contact)),
+        broken_cases=begins(lambda run: run.violated),
+        new_contacts=begins(lambda run: run.contact),
     )
 
 
-def _begins(rows: Sequence[tuple[SettingRun, SettingRun]], flag: Callable[[SettingRun], bool]) -> bool:
-    """Return whether something happens more than rarely, with the error rate of a verdict, that never did before."""
-    return not any(flag(old) for _, old in rows) and DEFAULT.violated(sum(flag(new) for new, _ in rows), len(rows))
-
-
-def is_worse(candidate: Mapping[tuple[str, int], SettingRun], best: Mapping[tuple[str, int], SettingRun]) -> bool:
+def is_worse(
+    candidate: Mapping[tuple[str, int], SettingRun],
+    best: Mapping[tuple[str, int], SettingRun],
+    judging: Procedure = DEFAULT,
+) -> bool:
     """Return whether the sequential test of a verdict says that a setting is worse than the best, and it is no faster.
 
     Among runs whose cost differs, a setting that is as good loses half. The likelihood ratio of `WORSE` against one
@@ -116,7 +128,7 @@ def is_worse(candidate: Mapping[tuple[str, int], SettingRun], best: Mapping[tupl
     won = sum(run.cost < other.cost for run, other in pairs)
     ratio = lost * math.log(WORSE / 0.5) + won * math.log((1.0 - WORSE) / 0.5)
     faster = math.fsum(run.time_s for run, _ in pairs) < math.fsum(other.time_s for _, other in pairs)
-    return ratio >= math.log(1.0 / DEFAULT.error_rate) and not faster
+    return ratio >= math.log(1.0 / judging.error_rate) and not faster
 
 
 class ParameterSearch:
@@ -144,6 +156,7 @@ class ParameterSearch:
     ) -> None:
         self.parameters = {each.name: each for each in parameters}
         self.cases = {each.name: each for each in cases}
+        self.judging = cases[0].judging
         self.fixed = dict(fixed or {})
         self.more_time = more_time
         self.seeds = [seed_for(seed, "tuning", k) for k in range(SEEDS)]
@@ -206,7 +219,7 @@ class ParameterSearch:
                 "first: `rvsg simulate` shows why.",
                 code="stack-fails",
             )
-        first.score = score_of(first.runs, first.runs)
+        first.score = score_of(first.runs, first.runs, self.judging)
         self._study.tell(trial, self._value(first.score))
         return first
 
@@ -222,9 +235,9 @@ class ParameterSearch:
                 for candidate, trial in zip(batch, trials, strict=True):
                     if candidate not in live or candidate.failures:
                         continue
-                    score = score_of(candidate.runs, self.before.runs)
+                    score = score_of(candidate.runs, self.before.runs, self.judging)
                     trial.report(self._value(score), done)
-                    if is_worse(candidate.runs, best.runs) or self._is_slow(candidate, score):
+                    if is_worse(candidate.runs, best.runs, self.judging) or self._is_slow(candidate, score):
                         candidate.lost_to = best.number
                     elif len(candidate.runs) == len(self.before.runs):
                         candidate.score = score
@@ -250,7 +263,7 @@ class ParameterSearch:
         """Return a setting with its score on every case and seed; it takes no part in the race."""
         tried = Candidate(-1, dict(values))
         self._race([tried], list(self.before.runs))
-        tried.score = score_of(tried.runs, self.before.runs) if tried.runs else None
+        tried.score = score_of(tried.runs, self.before.runs, self.judging) if tried.runs else None
         return tried
 
     def simplified(self, candidate: Candidate) -> Candidate:

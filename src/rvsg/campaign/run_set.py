@@ -344,7 +344,7 @@ class Judgement:
     @property
     def violated(self) -> bool:
         """Return whether the requirement is violated more than rarely, with the error rate of the procedure."""
-        return violated(self.verdict, procedure=self.procedure)
+        return violated(self.verdict)
 
     @property
     def violation_probability(self) -> float | None:

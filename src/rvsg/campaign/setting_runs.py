@@ -26,7 +26,7 @@ from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec, ignore
 from rvsg.core.records import Record
 from rvsg.evaluation.metrics import measure
-from rvsg.evaluation.verdict import judge, objective
+from rvsg.evaluation.verdict import DEFAULT, Procedure, judge, objective
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.archive import rounded
@@ -78,10 +78,11 @@ class SettingRun(Record):
 
 @dataclass(frozen=True)
 class TuningCase:
-    """A case, and the simulator that it runs with, without the stack."""
+    """A case, the simulator that it runs with, without the stack, and the error rates of its suite."""
 
     tested: SuiteCase
     simulator: Spec
+    judging: Procedure = DEFAULT
 
     @property
     def name(self) -> str:
@@ -292,6 +293,7 @@ def results_of(
             verdict = judge(
                 requirement,
                 [run.objectives[k] for run in mine],
+                procedure=case.judging,
                 arrived=[run.outcome == Outcome.REACHED.value for run in mine],
                 time_limit_s=case.scenario.mission.route.time_limit_s,
             )

@@ -251,9 +251,9 @@ def shrink_all(plan: Plan, attempts: Sequence[AttemptSummary], parts: Parts) -> 
     index = max((attempt.index for attempt in attempts), default=-1)
     world = parts.runner.world
     modes = partial(parts.ledger.failure_mode, world=world)
-    found = findings(plan, done, run_of=parts.ledger.run, world=world, procedure=parts.procedure, mode_of_run=modes)
+    found = findings(plan, done, run_of=parts.ledger.run, world=world, mode_of_run=modes)
     # What is shrunk first goes by the verdicts alone, as in every stored campaign.
-    found = tuple(sorted(found, key=lambda f: (badness(f.verdict, parts.procedure), -f.confirmation), reverse=True))
+    found = tuple(sorted(found, key=lambda f: (badness(f.verdict), -f.confirmation), reverse=True))
     confirmations = {finding.attempt: finding.confirmation for finding in found}
     worst = [confirmations[failure.attempts[0]] for failure in distinct_failures(found)]
     for place, confirmed in enumerate(worst):

@@ -23,7 +23,7 @@ from rvsg.core.errors import NothingJudged
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
 from rvsg.evaluation.statistics import ShareDifference, holm, share_difference, wilson
-from rvsg.evaluation.verdict import DEFAULT, Procedure, Status, Verdict, counted, violated
+from rvsg.evaluation.verdict import DEFAULT, Status, Verdict, counted, violated
 from rvsg.robots.robot import Robot
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
@@ -206,9 +206,9 @@ class SuiteResult(Record):
             )
 
 
-def state_of(expected: Literal["pass", "violation"], verdict: Verdict, *, procedure: Procedure = DEFAULT) -> State:
+def state_of(expected: Literal["pass", "violation"], verdict: Verdict) -> State:
     """Return the state of a case from what was expected and the verdict."""
-    if violated(verdict, procedure=procedure):
+    if violated(verdict):
         return State.KNOWN_FAILURE if expected == "violation" else State.BROKEN
     if verdict.status is Status.PASS:
         return State.FIXED if expected == "violation" else State.PASSED

@@ -406,7 +406,7 @@ def _result(
         requirement=expectation.requirement,
         expected=expectation.expected,
         reason=expectation.reason,
-        state=state_of(expectation.expected, verdict, procedure=measuring.procedure),
+        state=state_of(expectation.expected, verdict),
         verdict=verdict,
         seeds=tuple(run.seed for run in made),
         violations=tuple(None if m.objective is None else requirement.violated_by(m.objective) for m in row),

@@ -410,18 +410,14 @@ def judge(
     return verdict.replace(reason=how_sure(verdict))
 
 
-def violated(verdict: Verdict, *, procedure: Procedure | None = None) -> bool:
+def violated(verdict: Verdict) -> bool:
     """Return whether the runs violate the requirement: FAIL, FLAKY, or surely one of the two."""
-    return verdict.status in (Status.FAIL, Status.FLAKY) or still_open(verdict, procedure=procedure)
+    return verdict.status in (Status.FAIL, Status.FLAKY) or still_open(verdict)
 
 
-def still_open(verdict: Verdict, *, procedure: Procedure | None = None) -> bool:
-    """Return whether it is surely violated, but not yet whether nearly always (FAIL) or sometimes (FLAKY).
-
-    The procedure is that of the verdict where none is given.
-    """
-    used = procedure or verdict.judged_by
-    return verdict.status is Status.INCONCLUSIVE and used.violated(verdict.violations, verdict.runs)
+def still_open(verdict: Verdict) -> bool:
+    """Return whether it is surely violated, but not yet whether nearly always (FAIL) or sometimes (FLAKY)."""
+    return verdict.status is Status.INCONCLUSIVE and verdict.judged_by.violated(verdict.violations, verdict.runs)
 
 
 def next_repeats(
