@@ -13,9 +13,11 @@ from tests.cli.commands import Terminal
 
 import rvsg
 from rvsg.campaign.exploration import Exploration, explore, shares_of
+from rvsg.campaign.nearness import nearest_violation
 from rvsg.core.errors import FileError, InputError
-from rvsg.report.comparison_page import write_exploration
-from rvsg.scenario.builder import scenario_json
+from rvsg.report.comparison_page import response_page, write_exploration
+from rvsg.report.terminal import describe_exploration
+from rvsg.scenario.builder import load_family, scenario_json
 
 FAST = "kinematic"
 SPEED: dict[str, Any] = {"vary": ["Anna.speed_m_s=0.8 to 1.4"], "runs": 24, "simulator": FAST}
@@ -52,6 +54,23 @@ def test_the_worst_point_is_a_scenario_that_repeats_its_run(found: Exploration, 
     (run,) = rvsg.simulate(scenario, [worst.seed], simulator=FAST)
     judged = rvsg.judge([run], LIMIT)
     assert judged.verdict.objectives == (worst.objective,)
+
+
+def test_runs_that_do_not_arrive_are_said_first(file: Path, tmp_path: Path) -> None:
+    made = json.loads(file.read_text())
+    made["mission"]["route"]["time_limit_s"] = 1.0
+    late = tmp_path / "late.json"
+    late.write_text(json.dumps(made))
+    found = explore(late, LIMIT, **SPEED)
+    assert (found.arrived, found.runs) == (0, 24)
+    assert describe_exploration(found).startswith("0 of 24 runs arrive; near is violated in 0 of 24 runs")
+    assert ">0 of 24 runs arrive; near" in response_page(found)
+    near = nearest_violation(found.scenario, LIMIT, repeats=2, simulator=FAST)
+    assert str(near).startswith("0 of 2 runs arrive; ")
+    judged = rvsg.judge(rvsg.simulate(found.scenario, 2, simulator=FAST), LIMIT)
+    assert judged.verdict.reason.startswith("0 of 2 runs arrive; 0 of 2 runs violate")
+    on_time = rvsg.judge(rvsg.simulate(load_family(file)[0].middle, 2, simulator=FAST), LIMIT)
+    assert "arrive" not in on_time.verdict.reason
 
 
 def test_page_picture_and_numbers_are_written(found: Exploration, tmp_path: Path) -> None:

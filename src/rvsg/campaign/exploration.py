@@ -23,7 +23,7 @@ from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, Scenario
 from rvsg.scenario.variation import Range, ScenarioFamily, waypoints_used
 from rvsg.scenario.world_lookup import world_of
-from rvsg.simulation.run import Run
+from rvsg.simulation.run import Outcome, Run
 from rvsg.simulation.simulators import Simulator, simulator_of
 from rvsg.world.world import World
 
@@ -57,6 +57,8 @@ class Exploration(Record):
     violations: int
     runs: int
     """Runs with a value of the objective."""
+    arrived: int
+    """Of these runs, those that reach the goal: who never comes to a crossing violates nothing there."""
     interval: tuple[float, float]
     """95 % interval of the violation probability over all of the ranges (Clopper-Pearson)."""
     surface: Surface | None = None
@@ -342,6 +344,7 @@ def _explored(
         points=tuple(points),
         violations=violations,
         runs=len(judged),
+        arrived=sum(point.outcome == Outcome.REACHED.value for point in judged),
         interval=clopper_pearson(violations, len(judged)),
         surface=surface,
         sensitivities=sensitive,

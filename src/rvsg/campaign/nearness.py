@@ -18,13 +18,14 @@ from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec, ignore
 from rvsg.core.records import Record
 from rvsg.evaluation.sampled import sampled
-from rvsg.evaluation.verdict import load_requirement
+from rvsg.evaluation.verdict import arrivals_in_words, load_requirement
 from rvsg.scenario.builder import check_valid
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import HumanConfiguration, Scenario
 from rvsg.scenario.validity import check
 from rvsg.scenario.variation import shifted
 from rvsg.scenario.world_lookup import world_of
+from rvsg.simulation.run import Outcome
 from rvsg.simulation.simulators import Simulator, simulator_of
 from rvsg.world.world import World
 
@@ -44,10 +45,13 @@ class NearChange(Record):
     unit: str
     violations: int
     runs: int
+    arrived: int
     scenario: Scenario
 
     def __str__(self) -> str:
-        return f"{self.person} {self.size:.2f} {self.unit} {self.kind}: {self.violations} of {self.runs} runs violate"
+        came = arrivals_in_words(self.arrived, self.runs)
+        size = f"{self.person} {self.size:.2f} {self.unit} {self.kind}"
+        return f"{size}: {came}{self.violations} of {self.runs} runs violate"
 
 
 class Nearness(Record):
@@ -57,17 +61,23 @@ class Nearness(Record):
     violations: int
     """Of the scenario as it is."""
     runs: int
+    arrived: int
+    """Of these runs."""
     changes: tuple[NearChange, ...]
     most: float
     """Larger changes were not tried, m or s."""
 
     def __str__(self) -> str:
-        name = self.requirement.name
+        name, came = self.requirement.name, arrivals_in_words(self.arrived, self.runs)
         if 2 * self.violations >= self.runs:
-            return f"It violates {name} as it is, in {self.violations} of {self.runs} runs."
+            return f"{came}It violates {name} as it is, in {self.violations} of {self.runs} runs."
         if not self.changes:
-            return f"No change of one person by up to {self.most:g} m or s violates {name} in most runs."
-        return f"The smallest change that violates {name}: {self.changes[0]}."
+            return f"{came}No change of one person by up to {self.most:g} m or s violates {name} in most runs."
+        return f"{came}The smallest change that violates {name}: {self.changes[0]}."
+
+
+Tried = tuple[float, tuple[int, int], Scenario]
+"""Size of a change, how many runs violate and arrive with it, and the scenario."""
 
 
 @dataclass(frozen=True)
@@ -78,9 +88,11 @@ class _Search:
     seeds: range
     most: float
 
-    def violations(self, scenario: Scenario) -> int:
-        values = [measured.objective for measured in self.runner.measured(scenario, self.seeds)]
-        return sum(value is not None and self.requirement.violated_by(value) for value in values)
+    def counts(self, scenario: Scenario) -> tuple[int, int]:
+        """Return how many runs violate the requirement, and how many arrive."""
+        runs = self.runner.measured(scenario, self.seeds)
+        bad = sum(run.objective is not None and self.requirement.violated_by(run.objective) for run in runs)
+        return bad, sum(run.outcome == Outcome.REACHED.value for run in runs)
 
     def changes(self) -> list[NearChange]:
         """Return the smallest change of each kind and person, the smallest first."""
@@ -96,16 +108,16 @@ class _Search:
             for kind, unit, time, way in kinds:
                 direction = (way * dx / length, way * dy / length)
                 if (change := self._smallest(k, time, direction)) is not None:
-                    size, violations, scenario = change
+                    size, (violations, arrived), scenario = change
                     found.append(
                         NearChange(
                             person=human.name, kind=kind, size=size, unit=unit, violations=violations,
-                            runs=len(self.seeds), scenario=scenario,
+                            runs=len(self.seeds), arrived=arrived, scenario=scenario,
                         )
                     )  # fmt: skip
         return sorted(found, key=lambda each: each.size)
 
-    def _smallest(self, k: int, time: float, way: tuple[float, float]) -> tuple[float, int, Scenario] | None:
+    def _smallest(self, k: int, time: float, way: tuple[float, float]) -> Tried | None:
         low, best = 0.0, None
         for size in [*FIRST * 2.0 ** np.arange(math.floor(math.log2(self.most / FIRST)) + 1)]:
             best = self._violating(k, time, way, float(size))
@@ -118,9 +130,7 @@ class _Search:
             low, best = (low, better) if better is not None else (middle, best)
         return best
 
-    def _violating(
-        self, k: int, time: float, way: tuple[float, float], size: float
-    ) -> tuple[float, int, Scenario] | None:
+    def _violating(self, k: int, time: float, way: tuple[float, float], size: float) -> Tried | None:
         """Return the size, how often it violates and its scenario; None where it is not valid or most runs do not."""
         humans = self.scenario.people.humans
         human = shifted(humans[k], self.runner.world.grid, time * size, (way[0] * size, way[1] * size))
@@ -129,8 +139,8 @@ class _Search:
         scenario = self.scenario.replace(people=HumanConfiguration(humans=(*humans[:k], human, *humans[k + 1 :])))
         if check(scenario.people, scenario.mission, self.runner.world):
             return None
-        violations = self.violations(scenario)
-        return (size, violations, scenario) if 2 * violations >= len(self.seeds) else None
+        counts = self.counts(scenario)
+        return (size, counts, scenario) if 2 * counts[0] >= len(self.seeds) else None
 
 
 def nearest_violation(
@@ -164,6 +174,8 @@ def nearest_violation(
         Runner(made, place, measuring=Evaluator(asked, place), jobs=jobs, notify=on_message) as runner,
     ):
         search = _Search(scenario, asked, runner, range(seed, seed + repeats), most)
-        violations = search.violations(scenario)
+        violations, arrived = search.counts(scenario)
         changes = [] if 2 * violations >= repeats else search.changes()
-    return Nearness(requirement=asked, violations=violations, runs=repeats, changes=tuple(changes), most=most)
+    return Nearness(
+        requirement=asked, violations=violations, runs=repeats, arrived=arrived, changes=tuple(changes), most=most
+    )

@@ -152,6 +152,8 @@ class Verdict(Record):
     """Runs that did not arrive and whose value is therefore only a lower bound."""
     median: float | None = None
     """Median of the values; None if it lies beyond the time limit, or without values."""
+    missed: Annotated[int, Field(exclude_if=lambda count: count == 0)] = 0
+    """Runs with a value that did not arrive, where that leaves the value as it is; else they are `censored`."""
     procedure: Procedure | None = None
     """The procedure that judged; None in verdicts of RVSG 0.1, which used the default one."""
 
@@ -246,6 +248,11 @@ def difference_in_words(difference: float, interval: tuple[float, float], confid
     return f"difference {points}, two-sided {percent(confidence)} interval {low} to {high}"
 
 
+def arrivals_in_words(arrived: int, runs: int) -> str:
+    """Return how many runs arrive, to be said before how many violate; nothing where all arrive."""
+    return "" if arrived == runs else f"{arrived} of {counted(runs, 'run')} arrive{'s' * (1 in (arrived, runs))}; "
+
+
 def how_sure(verdict: Verdict) -> str:
     """Return how sure a verdict is: the share of violating runs with its interval, and what the tests rule out.
 
@@ -255,12 +262,13 @@ def how_sure(verdict: Verdict) -> str:
     without = ""
     if verdict.undefined:
         without = f"; {counted(verdict.undefined, 'run')} {'has' if verdict.undefined == 1 else 'have'} no value"
+    came = arrivals_in_words(verdict.runs - verdict.missed, verdict.runs)
     if verdict.status is Status.UNJUDGED:
         runs = counted(verdict.runs, "run")
-        return f"{runs} measured; the requirement has no limit, so none is judged{without}"
+        return f"{came}{runs} measured; the requirement has no limit, so none is judged{without}"
     verb = "violates" if 1 in (verdict.violations, verdict.runs) else "violate"
     share = f" ({said})" if (said := share_in_words(verdict)) else ""
-    count = f"{verdict.violations} of {counted(verdict.runs, 'run')} {verb} the requirement{share}{without}"
+    count = f"{came}{verdict.violations} of {counted(verdict.runs, 'run')} {verb} the requirement{share}{without}"
     return f"{count}. {_decision(verdict)}"
 
 
@@ -378,6 +386,7 @@ def judge(
     rows = [k for k, value in enumerate(objectives) if value is not None]
     known = tuple(float(value) for value in objectives if value is not None)
     metric_of = find_metric(requirement.metric)
+    missed = sum(arrived is not None and not arrived[k] for k in rows)
     late = [metric_of is not None and metric_of.censored and arrived is not None and not arrived[k] for k in rows]
     least, most = metric_of.bounds(time_limit_s) if metric_of is not None else (None, None)
     two_valued = metric_of is not None and metric_of.two_valued
@@ -405,6 +414,7 @@ def judge(
         error_rate=procedure.error_rate if judged else None,
         censored=sum(late),
         median=censored_median(known, late),
+        missed=missed - sum(late),
         procedure=procedure,
     )
     return verdict.replace(reason=how_sure(verdict))

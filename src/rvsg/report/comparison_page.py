@@ -16,7 +16,7 @@ from rvsg.campaign.exploration import Exploration
 from rvsg.campaign.suite import CaseChange, Change, Comparison, VariantPair, counts
 from rvsg.core.errors import InputError
 from rvsg.core.files import check_writable, write_whole
-from rvsg.evaluation.verdict import counted, percent
+from rvsg.evaluation.verdict import arrivals_in_words, counted, percent
 from rvsg.recording.fidelity import Fidelity
 from rvsg.report.charts import COLOURS, Scale, ticks
 from rvsg.report.page_contents import manner
@@ -316,6 +316,7 @@ def response_page(found: Exploration) -> str:
     degree = None if found.surface is None else found.surface.degree
     values = {
         "found": found,
+        "came": arrivals_in_words(found.arrived, found.runs),
         "picture": response_svg(found),
         "probability": f"{found.violations / found.runs:.0%}",
         "interval": f"{low:.0%} to {high:.0%}",

@@ -10,6 +10,7 @@ from rvsg.campaign.findings import Finding, rarest_motion, realism_in_words
 from rvsg.campaign.run_set import Judgement
 from rvsg.campaign.suite import CaseResult
 from rvsg.evaluation.verdict import (
+    arrivals_in_words,
     counted,
     difference_in_words,
     how_sure,
@@ -44,15 +45,13 @@ def describe_finding(finding: Finding, requirement: Requirement) -> Iterator[str
     yield f"  {how_sure(verdict)}. {why_ended(verdict)}".rstrip()
     if (compared := describe_difference(finding)) is not None:
         yield f"  {compared}"
-    contacts, arrived = finding.contacts, finding.arrived
+    contacts = finding.contacts
     if contacts.runs:
         longest, speed = number(contacts.longest_s, "s"), number(contacts.worst_speed_m_s, "m/s")
         touched = f"{contacts.runs} of {counted(contacts.of, 'run')} touch a person (longest {longest}, up to {speed})"
         yield f"  Contact: {touched}{'' if finding.violated else f', which {requirement.name} does not judge'}."
     elif finding.least_clearance_m is not None:
         yield f"  No run touches a person; the smallest gap is {metres(finding.least_clearance_m)}."
-    if arrived.runs < arrived.of:
-        yield f"  {arrived.of - arrived.runs} of {counted(arrived.of, 'run')} did not reach the goal."
     if finding.realism:
         yield f"  {finding.realism}"
     for each in finding.cause:
@@ -136,7 +135,8 @@ def describe_exploration(found: Exploration) -> str:
     """Return what was found as lines for a terminal."""
     low, high = found.interval
     lines = [
-        f"{found.requirement.name} is violated in {found.violations} of {found.runs} runs over the ranges "
+        f"{arrivals_in_words(found.arrived, found.runs)}{found.requirement.name} is violated in {found.violations} of "
+        f"{found.runs} runs over the ranges "
         f"({100 * low:.0f} to {100 * high:.0f} %)."
     ]
     if invalid := sum(bool(point.problems) for point in found.points):
