@@ -7,7 +7,7 @@ from tests.campaign.parts import Counted, MemoryLedger, Stops, WalkGenerator, pl
 
 from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.execution import Limits, account
-from rvsg.campaign.hybrid import HybridStrategy, MapElitesStrategy
+from rvsg.campaign.hybrid import HybridStrategy
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.core.errors import BudgetSpent, GenerationError
 from rvsg.generation.generator import Call, Proposal
@@ -17,7 +17,7 @@ from rvsg.scenario.brief import Brief
 from rvsg.scenario.rules import Finding
 from rvsg.world.world import World
 
-STRATEGIES = [StudyStrategy, HybridStrategy, MapElitesStrategy]
+STRATEGIES = [StudyStrategy, HybridStrategy]
 
 
 def the_plan() -> Plan:

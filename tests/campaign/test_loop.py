@@ -34,7 +34,7 @@ from rvsg.campaign.attempt import Attempt, AttemptSummary, Measurement, Plan
 from rvsg.campaign.confirmation import Confirmations
 from rvsg.campaign.execution import AttemptFinished, account
 from rvsg.campaign.feedback import StoredFeedback
-from rvsg.campaign.hybrid import HybridStrategy, MapElitesStrategy
+from rvsg.campaign.hybrid import HybridStrategy
 from rvsg.campaign.ledger import CachedLedger, Ledger
 from rvsg.campaign.loop import stream_campaign
 from rvsg.campaign.ranking import best_attempt, confirmations, ranking, rule
@@ -462,7 +462,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("few")
-@pytest.mark.parametrize("strategy", [StudyStrategy, HybridStrategy, MapElitesStrategy])
+@pytest.mark.parametrize("strategy", [StudyStrategy, HybridStrategy])
 def test_a_search_that_reads_its_attempts_from_the_store_makes_the_same_records(strategy: Any, tmp_path: Path) -> None:
     def made(ledger: Ledger) -> list[Attempt]:
         return searched(strategy, plan(scenarios=3), ledger, generator=HeuristicGenerator())

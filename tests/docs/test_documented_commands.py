@@ -80,8 +80,6 @@ NOT_RUN = {
     "rvsg run --strategy study --max-in-flight": "needs a cluster; tests/campaign starts one",
     "rvsg run --jobs 1 --stack ros2": ROS2,
     "rvsg ros2 params": ROS2,
-    "rvsg simulate examples/three_people.json --stack exec-stack:rvsg-ros2": ROS2,
-    "rvsg simulate scenario.json --stack exec-stack:rvsg-ros2": ROS2,
     "rvsg simulate scenario.json --simulator ros2-world": ROS2,
     "rvsg simulate runs/first/best_scenario.json --stack exec:./my_planner": COMPILER,
     "rvsg replay runs/first --trace --run run-": "the run's id stands for one of yours",
@@ -99,7 +97,6 @@ NOT_RUN = {
 ELSEWHERE = {
     "make ": "installs into .venv; .ci/run and the release checklist run them",
     ".venv/bin/pip install -c constraints.txt ": "tests/architecture/test_install_lines.py holds the one form",
-    "pip install --no-deps ./packages/rvsg-ros2": ROS2,
     "pip install --find-links dist ": "tests/plugins/test_distributions.py installs the wheels",
     "source .venv/bin/activate": "changes the shell alone",
     "pytest --rvsg-suite suite": "tests/app runs the plug-in of pytest",

@@ -74,7 +74,6 @@ CAMPAIGNS: dict[str, dict[str, Any]] = {
     },
     "unguided": {**_SMALL, "strategy": "unguided", "world": "office"},
     "random": {**_SMALL, "strategy": "random", "robot": "turtlebot3_waffle", "world": "hospital"},
-    "map-elites": {**_SMALL, "strategy": "map-elites", "scenarios": 4},
     "multi": {**_SMALL, "strategy": "multi", "also": ["R3"], "scenarios": 4},
     "kinematic": {**_SMALL, "strategy": "study", "simulator": "kinematic", "scenarios": 4, "max_in_flight": 3},
     "pure-pursuit": {**_SMALL, "stack": "nav2-rpp", "route": "route_5", "requirement": "R3"},

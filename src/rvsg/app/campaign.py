@@ -341,11 +341,6 @@ class Campaign(StoredCampaign):
         return self._known.generator.notes if self._known else ()
 
     @property
-    def fills_a_map(self) -> bool:
-        """Whether the strategy of the campaign looks for every kind of encounter, not only for the worst one."""
-        return strategy_class(self.config).fills_a_map
-
-    @property
     def spends_runs(self) -> bool:
         """Whether its strategy divides the runs of the search among configurations as it sees fit."""
         return strategy_class(self.config).spends_runs

@@ -168,11 +168,11 @@ class CampaignConfig(Record):
     strategy: Annotated[
         str,
         Setting(
-            "What to try next: study, hybrid, map-elites, multi, unguided, random, or a plug-in.",
+            "What to try next: study, hybrid, multi, unguided, random, or a plug-in.",
             SEARCH,
             more="`study` refines a scenario from what it measured, then writes one that differs; `hybrid` drafts with "
-            "the generator and tunes in the simulator; `map-elites` finds the worst of every kind of encounter; "
-            "`multi` weighs several requirements; `unguided` tells the generator no requirement, feedback or memory. "
+            "the generator and tunes in the simulator; `multi` weighs several requirements; "
+            "`unguided` tells the generator no requirement, feedback or memory. "
             "Without it, a vision language model works with `study`.",
             label="Strategy of the search",
             common=True,

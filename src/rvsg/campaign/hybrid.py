@@ -1,4 +1,4 @@
-"""Strategies with mutation: hybrid, map-elites and multi.
+"""Strategies with mutation: hybrid and multi.
 
 `hybrid`: the generator proposes what people do and where; an optimiser tunes when and how fast. The search has three
 parts. First the generator drafts scenarios, each of which gets one run. Then batches alternate: new configurations,
@@ -16,13 +16,12 @@ the proposals are made or the budget of the calls is spent, tuning goes on as ab
 Half of what is changed is not the best. It stands for a kind of failure (`Kinds`): place, what the person does, what
 the robot does. Kinds take turns, and of the possible changes one is run whose closest approach the forecast sees at a
 place or with a person that no failure has shown yet. Up to half of the races go to kinds that one run shows. As long as
-nothing violates the requirement, the worst with their kind of encounter stand in, as in `map-elites`.
+nothing violates the requirement, the worst with their kind of encounter stand in.
 """
 
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
 from collections import Counter
 from collections.abc import Mapping, Sequence, Set
 from typing import Any, ClassVar
@@ -346,79 +345,14 @@ class HybridStrategy(CandidateStrategy):
                 return
 
 
-class ArchiveStrategy(HybridStrategy):
-    """Drafts, changes what it keeps, then repeats what it keeps until the budget is spent.
-
-    Args:
-        repeated: Share of the runs that repeat what is kept.
-        options: Those of `hybrid`.
-    """
-
-    recorded: ClassVar[Mapping[str, Any]] = {}
-
-    def __init__(self, *args: Any, repeated: float, **options: Any) -> None:
-        super().__init__(*args, spread=False, **options)
-        self.repeated = repeated
-
-    @abstractmethod
-    def _kept(self) -> list[Candidate]:
-        """Return the configurations that are kept, the one to run again first at the front."""
-
-    def search(self) -> Batches:
-        """Draft; change what is kept; then repeat it until the budget is spent."""
-        yield from self._first_drafts()
-        reserve = round(self.repeated * self.plan.search_runs)
-        while self.left > reserve and self.candidates:
-            before, known = self.left, len(self.candidates)
-            yield from self._change(min(self.batch, self.left - reserve))
-            if self.left == before or len(self.candidates) == known:
-                break
-        while self.left > 0:
-            chosen = self._kept()[: min(self.batch, self.left)]
-            if not (yield from self._run_again([self._again(c, 1) for c in chosen], chosen)):
-                return
-
-
-class MapElitesStrategy(ArchiveStrategy):
-    """Fills a map of encounters with the configuration that is worst for the robot in each.
-
-    Args:
-        drafts: Share of the runs that go to first runs of new scenarios.
-        repeated: Share of the runs that repeat the worst configurations of the cells.
-        options: Those of `hybrid`.
-    """
-
-    name = "map-elites"
-    fills_a_map = True
-
-    def __init__(self, *args: Any, drafts: float = 0.3, repeated: float = 0.3, **options: Any) -> None:
-        super().__init__(*args, drafts=drafts, repeated=repeated, **options)
-
-    def _parents(self, rng: np.random.Generator, count: int) -> list[Candidate]:
-        """Return the configurations to change: the elites of cells, each cell as likely as the other."""
-        elites = list(self.elites().values())
-        return [elites[int(rng.integers(len(elites)))] for _ in range(count)] if elites else []
-
-    def _kept(self) -> list[Candidate]:
-        return sorted(self.elites().values(), key=lambda c: (len(c.last.seeds), -c.estimate, c.index))
-
-    def _measured(self, candidate: Candidate, attempt: Attempt) -> None:
-        super()._measured(candidate, attempt)
-        if attempt.index != candidate.index:
-            self._place(candidate, attempt)
-
-    def _place(self, candidate: Candidate, attempt: Attempt) -> None:
-        encounter = self.feedback_of.encounter(attempt) if candidate.runs else None
-        if encounter is not None:
-            self._cells[candidate.index] = encounter
-
-
 KEEN_ON_FRONT = 0.6
 """How often what is changed is on the first front; with as much of what is left on the next, and so on."""
 
 
-class MultiStrategy(ArchiveStrategy):
+class MultiStrategy(HybridStrategy):
     """Fills the Pareto front of the plan's requirement and those in `plan.also`.
+
+    It drafts, changes what is on the fronts, then repeats the first front until the budget is spent.
 
     Args:
         drafts: Share of the runs that go to first runs of new scenarios.
@@ -428,10 +362,26 @@ class MultiStrategy(ArchiveStrategy):
 
     name = "multi"
     needs_several = True
+    recorded: ClassVar[Mapping[str, Any]] = {}
 
     def __init__(self, *args: Any, drafts: float = 0.2, repeated: float = 0.4, **options: Any) -> None:
-        super().__init__(*args, drafts=drafts, repeated=repeated, **options)
+        super().__init__(*args, drafts=drafts, spread=False, **options)
+        self.repeated = repeated
         self._known: dict[int, tuple[Tried, ...] | None] = {}
+
+    def search(self) -> Batches:
+        """Draft; change what is on the fronts; then repeat the first one until the budget is spent."""
+        yield from self._first_drafts()
+        reserve = round(self.repeated * self.plan.search_runs)
+        while self.left > reserve and self.candidates:
+            before, known = self.left, len(self.candidates)
+            yield from self._change(min(self.batch, self.left - reserve))
+            if self.left == before or len(self.candidates) == known:
+                break
+        while self.left > 0:
+            chosen = self._first_front()[: min(self.batch, self.left)]
+            if not (yield from self._run_again([self._again(c, 1) for c in chosen], chosen)):
+                return
 
     def fronts(self) -> list[list[Candidate]]:
         """Return the candidates front by front: those that none beats, those that none of the others beats, ..."""
@@ -458,6 +408,6 @@ class MultiStrategy(ArchiveStrategy):
             chosen.append(front[int(rng.integers(len(front)))])
         return chosen
 
-    def _kept(self) -> list[Candidate]:
+    def _first_front(self) -> list[Candidate]:
         fronts = self.fronts()
         return sorted(fronts[0] if fronts else [], key=lambda c: (len(c.last.seeds), c.index))

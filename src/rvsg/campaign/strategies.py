@@ -58,8 +58,6 @@ class Strategy(Protocol):
     """Whether it plans in runs (`plan.search_runs`), not in configurations of `plan.repeats` runs each."""
     needs_several: ClassVar[bool] = False
     """Whether it needs further requirements, those in `plan.also`."""
-    fills_a_map: ClassVar[bool] = False
-    """Whether its result is the map of encounters, which is then shown first."""
     recorded: ClassVar[Mapping[str, Any]] = {}
     """Options that the record of a campaign keeps, so that it resumes in the form it began with."""
 

@@ -22,7 +22,6 @@ from rvsg.world.world import OCCUPIED, UNKNOWN, Route, World
 
 if TYPE_CHECKING:
     from rvsg.app.campaign import Campaign
-    from rvsg.campaign.feedback import MapCell
     from rvsg.campaign.ranking import Front
 
 STYLES: dict[Tone, str] = {"bad": "bold red", "warn": "yellow", "good": "green", "quiet": "dim"}
@@ -184,14 +183,12 @@ def how_far(plan: Plan, summary: Summary) -> str:
 
 
 def show_findings(campaign: Campaign) -> None:
-    """Print every finding in full, and the front and the map of the strategies that have one."""
+    """Print every finding in full, and the front of a strategy that has one."""
     for finding in campaign.findings:
         for line in describe_finding(finding, campaign.requirement):
             say(line)
     if (front := campaign.front) is not None:
         show_front(front)
-    if campaign.fills_a_map:
-        show_map(campaign.failure_map)
 
 
 def show_front(front: Front) -> None:
@@ -206,17 +203,4 @@ def show_front(front: Front) -> None:
     for point in front.points:
         cells = [f"{number(each.mean)} ({each.violations} of {each.runs})" for each in point.tried]
         table.add_row(str(point.attempt), *cells)
-    say(table)
-
-
-def show_map(cells: Sequence[MapCell]) -> None:
-    """Print the kinds of encounters in which the requirement was violated."""
-    broken = [cell for cell in cells if cell.violations]
-    table = Table(title=f"{len(broken)} of {counted(len(cells), 'kind')} of encounters violate", title_justify="left")
-    for name in ("way", "place", "who", "encounter", "mean", "violations", "attempt"):
-        table.add_column(name, justify="right" if name in ("mean", "violations", "attempt") else "left")
-    for cell in broken:
-        met = cell.encounter
-        shares = (number(cell.mean), f"{cell.violations} of {cell.runs}", str(cell.attempt))
-        table.add_row(met.stretch, met.place, met.who, met.kind, *shares)
     say(table)

@@ -38,6 +38,8 @@ KINDS = {
     "page": "rvsg.pages",
 }
 """Every kind of plug-in, with its entry point group."""
+REMOVED = {("strategy", "map-elites"): "It was removed in 0.3; hybrid looks for every kind of failure."}
+"""What to use instead of plug-ins that RVSG shipped once."""
 
 
 class Spec(Record):
@@ -73,7 +75,7 @@ def find(kind: str, name: str) -> Any:
     """
     registered = _registered(kind)
     if name not in registered:
-        raise UnknownName(kind, name, registered)
+        raise UnknownName(kind, name, registered, hint=REMOVED.get((kind, name), ""))
     same = sorted({origin(point) for point in _points(kind, tuple(sys.path)) if point.name == name})
     if len(same) > 1:
         raise InputError(
