@@ -5,7 +5,10 @@ scenarios with a `Campaign`. See docs/how-to/use-rvsg-from-python.md. The names 
 no simulator, database or client of a language model.
 """
 
-from __future__ import annotations
+import sys
+
+if sys.argv[:1] == ["-m"] and {"rvsg", "-mrvsg"} & {*sys.orig_argv} and not sys.flags.safe_path:
+    del sys.path[0]  # the current folder, where a file of a stranger may be called `json.py`
 
 import importlib
 from types import ModuleType

@@ -166,7 +166,7 @@ def test_workers_that_cannot_begin_to_work_are_one_message(
     simulator: KinematicSimulator, command: list[str] | None, start_s: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if command is not None:
-        monkeypatch.setattr("rvsg.campaign.worker_pool.command", lambda: command)
+        monkeypatch.setattr("rvsg.campaign.worker_pool.command", lambda _: command)
     monkeypatch.setattr("rvsg.campaign.worker_pool.START_S", start_s)
     processes = started(simulator)
     for seed in (0, 1):

@@ -21,11 +21,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numba import float64, int64
 from numpy.typing import NDArray
 
 from rvsg.campaign.candidates import Candidate
-from rvsg.core.kernels import inner, kernel
+from rvsg.core.kernels import float64, inner, int64, kernel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

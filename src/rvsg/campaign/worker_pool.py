@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import json
 import os
 import pickle
 import queue
@@ -23,7 +22,6 @@ import select
 import signal
 import struct
 import subprocess
-import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -32,17 +30,12 @@ from dataclasses import dataclass, field
 from typing import IO, Any
 
 from rvsg.campaign.attempt import Failure
+from rvsg.core.child_process import command
 from rvsg.core.errors import SimulationError
 
 READY = b"ready"
 ENDING = (signal.SIGINT, signal.SIGTERM)
 _LENGTH = struct.Struct("<Q")
-
-
-def command() -> list[str]:
-    """Return the command that starts a worker with this interpreter and this import path."""
-    code = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from rvsg.campaign.worker_pool import main; main()"
-    return [sys.executable, "-c", code, json.dumps(sys.path)]
 
 
 def write_frame(stream: IO[bytes], data: bytes) -> None:
@@ -347,7 +340,7 @@ class _Keeper(threading.Thread):
             if self.pool.over:
                 return None
             self.process = subprocess.Popen(  # noqa: S603 - our own interpreter
-                command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment
+                command(f"{__name__}:main"), stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment
             )
         return self.process
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import importlib
 import json
 import os
 import pickle
@@ -18,6 +19,7 @@ import sys
 import tempfile
 import threading
 import time
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache, partial
@@ -27,10 +29,30 @@ from typing import Any, TypeVar, cast, overload
 
 import llvmlite
 import llvmlite.binding
-import numba
 import numpy as np
 
+from rvsg.core.child_process import command
 from rvsg.core.files import write_whole
+
+
+@contextlib.contextmanager
+def _without_yaml() -> Iterator[None]:
+    """Within the block, hide the reader of YAML: numba would take its options from a file of the current folder."""
+    warnings.filterwarnings("ignore", message="A Numba config file is found")
+    loaded = sys.modules.get("yaml")
+    sys.modules["yaml"] = cast(ModuleType, None)  # an import of it fails
+    try:
+        yield
+    finally:
+        del sys.modules["yaml"]
+        if loaded is not None:
+            sys.modules["yaml"] = loaded
+
+
+with _without_yaml():
+    import numba
+
+boolean, complex128, float64, int64 = numba.boolean, numba.complex128, numba.float64, numba.int64
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -104,19 +126,20 @@ def compile_aside(work: Sequence[tuple[Any, tuple[Any, ...]]], *, nice: int = 0)
     if (os.cpu_count() or 1) < 2:
         return None
     named = [(function.py_func.__module__, function.py_func.__qualname__, kinds) for function, kinds in work]
-    code = (
-        "import importlib, os, pickle, sys\n"
-        f"getattr(os, 'nice', int)({nice})\n"
-        "for module, name, kinds in pickle.load(sys.stdin.buffer):\n"
-        "    getattr(importlib.import_module(module), name).compile(kinds)"
-    )
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
-    process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, env=environment)  # noqa: S603
+    process = subprocess.Popen(command(f"{__name__}:compile_asked", str(nice)), stdin=subprocess.PIPE)  # noqa: S603
     assert process.stdin is not None
     with contextlib.suppress(BrokenPipeError):  # it is dead already
         process.stdin.write(pickle.dumps(named))
         process.stdin.close()
     return process
+
+
+def compile_asked() -> None:
+    """Compile what `compile_aside` asks for on standard input."""
+    if hasattr(os, "nice"):
+        os.nice(int(sys.argv[1]))
+    for module, name, kinds in pickle.load(sys.stdin.buffer):  # noqa: S301 - from the parent
+        compile_for(getattr(importlib.import_module(module), name), kinds)
 
 
 @cache

@@ -13,8 +13,12 @@ import hashlib
 import struct
 from typing import Any, cast
 
-import numba
 import numpy as np
+
+from rvsg.core import kernels  # noqa: F401  (the one that imports numba)
+
+# isort: split
+import numba
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils

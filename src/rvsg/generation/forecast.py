@@ -18,10 +18,9 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import boolean, complex128, float64, int64
 from numpy.typing import NDArray
 
-from rvsg.core.kernels import inner, kernel, type_of
+from rvsg.core.kernels import boolean, complex128, float64, inner, int64, kernel, type_of
 from rvsg.generation.workplaces import Point, WalkingGraph, walking_graph
 from rvsg.scenario.brief import Feedback
 from rvsg.scenario.requirement import Aim

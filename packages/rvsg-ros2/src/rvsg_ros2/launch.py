@@ -1,7 +1,7 @@
 """The user's launch command, and the process that ends it with everything it started.
 
-`python -m rvsg_ros2.launch MARK COMMAND...` runs a command until standard input closes, that is, until the caller is
-gone. MARK is in the environment of all that belongs to it, in whichever process group.
+Its process has the arguments MARK COMMAND... and runs the command until standard input closes, that is, until the
+caller is gone. MARK is in the environment of all that belongs to it, in whichever process group.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import uuid
 from collections.abc import Mapping
 from pathlib import Path
 
+from rvsg.core.child_process import command as command_of
 from rvsg.core.errors import InputError
 
 VARIABLE = "RVSG_ROS2_MARK"
@@ -67,8 +68,9 @@ def end(child: subprocess.Popen[bytes], mark: str) -> None:
             time.sleep(0.05)
 
 
-def main(mark: str, command: list[str]) -> int:
+def main() -> int:
     """Run the command until it ends or standard input closes."""
+    mark, *command = sys.argv[1:]
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     environment = {**os.environ, VARIABLE: mark}
@@ -120,7 +122,7 @@ class Launched:
         self.log = self._folder / "launch.log"
         with self.log.open("wb") as output:
             self._keeper = subprocess.Popen(  # noqa: S603  (the user's own command)
-                [sys.executable, "-m", "rvsg_ros2.launch", self.mark, *words],
+                command_of("rvsg_ros2.launch:main", self.mark, *words),
                 stdin=subprocess.PIPE, stdout=output, stderr=subprocess.STDOUT, start_new_session=True,
                 env={**os.environ, **environment},
             )  # fmt: skip
@@ -167,7 +169,3 @@ def ros_environment(domain: int) -> dict[str, str]:
             code="ros2-middleware",
         )
     return {"ROS_DOMAIN_ID": str(domain), "RMW_IMPLEMENTATION": RMW}
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1], sys.argv[2:]))

@@ -1,4 +1,4 @@
-"""The process of a job: `python -m rvsg_studio.worker FOLDER`. It writes what happens as JSON lines."""
+"""The process of a job, whose folder is its argument. It writes what happens as JSON lines."""
 
 from __future__ import annotations
 
@@ -305,8 +305,9 @@ KINDS: dict[str, Callable[[Work], dict[str, Any]]] = {
 }
 
 
-def main(folder: Path) -> None:
+def main() -> None:
     """Do a job and write how it ended."""
+    folder = Path(sys.argv[1])
     with holding(folder), (folder / EVENTS).open("a", encoding="utf-8") as events:
         work = Work(folder, events)
         for number in (signal.SIGTERM, signal.SIGINT):
@@ -322,7 +323,3 @@ def main(folder: Path) -> None:
             reason = f"Error in RVSG itself: {type(unexpected).__name__}: {unexpected}. The log lies in {folder}."
             result = {"state": "failed", "reason": reason}
         write_whole(folder / RESULT, json.dumps(result))
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]))

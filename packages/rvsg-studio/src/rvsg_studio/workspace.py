@@ -22,7 +22,6 @@ import secrets
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -40,6 +39,7 @@ from pydantic import Field
 from rvsg.app.folder import LEDGER
 from rvsg.app.reconstruction import SUFFIXES
 from rvsg.app.view import SUFFIX, unpack_view
+from rvsg.core.child_process import command as command_of
 from rvsg.core.documents import read_document
 from rvsg.core.errors import InputError
 from rvsg.core.files import state_folder, write_whole
@@ -106,7 +106,7 @@ class Jobs:
         write_whole(folder / JOB, json.dumps(told | {"arguments": arguments}, indent=2))
         with (folder / LOG).open("wb") as log:
             self._children[job] = subprocess.Popen(  # noqa: S603
-                [sys.executable, "-m", "rvsg_studio.worker", str(folder)],
+                command_of("rvsg_studio.worker:main", str(folder)),
                 cwd=self.workspace,
                 stdin=subprocess.DEVNULL,
                 stdout=log,

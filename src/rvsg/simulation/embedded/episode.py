@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-from numba import float64, int64
 from numpy.typing import NDArray
 
 from rvsg.core.errors import SimulationError
-from rvsg.core.kernels import compile_aside, compile_for, inner, is_cached, kernel, type_of
+from rvsg.core.kernels import compile_aside, compile_for, float64, inner, int64, is_cached, kernel, type_of
 from rvsg.core.references import refer
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st

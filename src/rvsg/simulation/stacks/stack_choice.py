@@ -186,8 +186,8 @@ def _load_class(module: str, attribute: str, name: str) -> Any:
 
 
 def _load_module(module: str, name: str) -> ModuleType:
-    if "" not in sys.path:
-        sys.path.insert(0, "")  # as `python -m` does: a module beside you
+    if (here := str(Path.cwd())) not in sys.path:
+        sys.path.append(here)  # a module beside you; behind all others, so that no file there takes their place
     try:
         return importlib.import_module(module)
     except ImportError as error:
