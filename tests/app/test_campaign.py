@@ -90,6 +90,26 @@ def test_a_candidate_that_the_budget_did_not_reach_can_be_confirmed(violated: rv
         violated.confirm(left.index)
 
 
+def test_a_scenario_is_confirmed_once_under_whatever_number_and_a_folder_with_two_opens(tmp_path: Path) -> None:
+    (tmp_path / "r.yaml").write_text(f"always: {ALWAYS}\n", encoding="utf-8")
+    campaign = create(tmp_path / "one", requirement=f"{tmp_path / 'r.yaml'}#always", shrink_runs=0)
+    list(campaign.run(jobs=1))
+    confirmed = next(a for a in campaign.attempts() if a.purpose == "confirmation")
+    assert confirmed.confirms is not None
+    attempts = campaign.attempts()
+    again = attempts[confirmed.confirms].replace(index=len(attempts))
+    with SqliteLedger(campaign.folder / "ledger.sqlite") as ledger:
+        ledger.append(again, [])
+    assert again.index not in [a.index for a in campaign.candidates()]
+    with pytest.raises(InputError, check=coded("confirmed")):
+        campaign.confirm(again.index)
+    with SqliteLedger(campaign.folder / "ledger.sqlite") as ledger:  # as an earlier version did
+        ledger.append(confirmed.replace(index=again.index + 1, confirms=again.index), [])
+    rows = [row.confirmation for row in campaign.answer.failures]
+    assert rows.count(again.index + 1) == 1 and confirmed.index not in rows
+    assert campaign.report().is_file() and len(campaign.findings) == len(rows)
+
+
 def test_the_error_rates_can_be_set_and_are_stored(tmp_path: Path) -> None:
     create(tmp_path / "one", error_rate=0.2, often=0.4)
     opened = rvsg.Campaign.open(tmp_path / "one")

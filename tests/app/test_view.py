@@ -95,6 +95,12 @@ def test_no_file_of_a_view_leaves_its_folder(folder: Path, tmp_path: Path, name:
     assert [path.name for path in tmp_path.iterdir()] == ["x.rvsg"]
 
 
+def test_a_view_without_files_is_refused(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "x.rvsg").write_bytes(changed(folder, files={}))
+    with pytest.raises(FileError, match="files"):
+        unpack_view(tmp_path / "x.rvsg")
+
+
 def test_a_view_that_unpacks_to_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rvsg.app.view.LARGEST", 1000)
     (tmp_path / "x.rvsg").write_bytes(gzip.compress(b" " * 2000))

@@ -243,6 +243,11 @@ def test_a_plug_in_that_is_no_metric_is_named(wrong: object, installed: dict[str
         list(METRICS)
 
 
+def test_a_bound_that_is_no_number_is_refused_where_it_is_declared() -> None:
+    with pytest.raises(InputError, check=coded("metric-bound")):
+        Metric(**{**vars(documented()), "most": "speed"})
+
+
 def test_a_plug_in_cannot_take_the_id_of_another(installed: dict[str, Any]) -> None:
     installed["mine"] = Metric(**{**vars(documented()), "id": "dto"})
     with pytest.raises(InputError, check=coded("plug-in-name-taken")):

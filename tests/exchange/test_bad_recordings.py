@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.coded import coded
 from tests.exchange.judged import judged
 
 from rvsg.core.errors import FileError
@@ -238,6 +239,27 @@ def test_a_damaged_description_of_a_run_in_a_bag_is_one_message(
 
     with pytest.raises(FileError):
         judged(recorded(found, tmp_path, damaged), world=world)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda grid: setattr(grid.info, "width", grid.info.width + 3),
+        lambda grid: setattr(grid.info.origin.position, "x", math.nan),
+        lambda grid: (setattr(grid.info, "width", 0), setattr(grid, "data", grid.data[:0])),
+    ],
+)
+def test_a_map_that_is_not_as_it_says_is_one_message(
+    run: Run, world: World, tmp_path: Path, damage: Callable[[Any], None]
+) -> None:
+    write_bag(run, world, tmp_path / "run.mcap")
+    with open_bag(tmp_path / "run.mcap") as reader:
+        grids = (each for each in reader.messages() if each[0].topic == "/map")
+        connection, stamp, raw = next(grids)
+        grid = reader.deserialize(raw, connection.msgtype)
+    damage(grid)
+    with pytest.raises(FileError, check=coded("bag-map")):
+        judged(recorded([("/map", stamp / 1e9, grid)], tmp_path), world=world)
 
 
 def shown_as(kind: str, frame: str = "map") -> Change:

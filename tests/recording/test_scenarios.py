@@ -193,6 +193,9 @@ def test_tracks_without_a_map_get_an_open_floor_where_asked(world: World, tmp_pa
     low, high = found.robot[:, 1:3].min(axis=0), found.robot[:, 1:3].max(axis=0)
     assert robot_space(floor).is_free(*(low - 1.0)) and robot_space(floor).is_free(*(high + 1.0))
     assert not robot_space(floor).is_free(*(low - 4.0))
+    far = recording(world, walker((0, start.x, start.y), (15, start.x + 1e9, start.y)))
+    with pytest.raises(FileError, match="apart"):
+        world_of_recording(far, None, tmp_path / "far", open_floor=True)
 
 
 def test_people_in_walls_tell_a_wrong_world_whose_floor_the_robot_could_drive_on(world: World) -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import json
+import operator
 import re
 from pathlib import Path
 from typing import Any
@@ -15,7 +18,7 @@ from rvsg.cli import main
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError, InputError
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
-from rvsg.simulation.stacks.nav2_params import read_nav2_params
+from rvsg.simulation.stacks.nav2_params import leaves_of, read_nav2_params, read_nav2_text
 from rvsg.stacks import StackChoice
 
 COSTMAPS = """
@@ -246,6 +249,7 @@ PLANNERS = ("nav2_smac_planner::SmacPlanner2D", "nav2_theta_star_planner/ThetaSt
         ('"PathDist"', '"PathHugging"', "critics"),
         ("[0.4, 0.0, 1.2]", "[0.4, fast]", "max_velocity"),
         ("max_vel_x: 0.45", "max_vel_x: quick", "max_vel_x"),
+        ("filters: [keepout]", "filters: 3.5", "filters"),
         ("max_vel_x: 0.45", "max_vel_x: -1", None),
     ],
 )
@@ -285,6 +289,20 @@ def test_the_table_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFix
     assert any(text.startswith("not supported: ") and f"keepout.plugin (line {place})" in text for text in lines)
     assert main(["stacks", str(path), "--verbose"]) == 0
     assert len(capsys.readouterr().out.splitlines()) == len(lines) + len(told["keys"])
+
+
+def test_no_value_of_any_key_ends_in_an_error_of_python(tmp_path: Path) -> None:
+    tree = yaml.safe_load(HUMBLE + COSTMAPS)
+    tree["collision_monitor"] = {"ros__parameters": {"observation_sources": ["scan"], "polygons": ["stop"]}}
+    for key, _ in leaves_of(tree, ()):
+        *around, last = key
+        inner = functools.reduce(operator.getitem, around, tree)
+        whole = inner[last]
+        for value in (None, "text", 3.5, [1.0], {"a": 1}):
+            inner[last] = value
+            with contextlib.suppress(InputError):
+                read_nav2_text(yaml.safe_dump(tree), tmp_path / "nav2.yaml")
+        inner[last] = whole
 
 
 INFLATED = "{plugin: 'nav2_costmap_2d::InflationLayer', inflation_radius: 1.0e+6}"

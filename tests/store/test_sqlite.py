@@ -134,6 +134,7 @@ def other_record(packed: Callable[[bytes], bytes | str]) -> Callable[[Path], Non
         after("UPDATE runs SET arrays = substr(arrays, 1, length(arrays) - 1)"),
         after("UPDATE runs SET arrays = x'00'"),
         after("UPDATE runs SET header = '{}'"),
+        after("CREATE TRIGGER extra BEFORE INSERT ON runs BEGIN SELECT missing(1); END"),
     ],
 )
 def test_a_store_with_a_part_lost_or_altered_is_called_damaged(tmp_path: Path, damage: Callable[[Path], None]) -> None:

@@ -324,8 +324,8 @@ class Campaign(StoredCampaign):
                     f"Candidates: {listed}.",
                     code="no-candidate",
                 )
-            if any(a.confirms == candidate and a.purpose == "confirmation" for a in attempts):
-                raise InputError(f"Attempt {candidate} is confirmed already.")
+            if any(a.scenario_id == chosen.scenario_id and a.purpose == "confirmation" for a in attempts):
+                raise InputError(f"Attempt {candidate} is confirmed already: its scenario is.", code="confirmed")
             self.prepare(lambda text: observe(Message(campaign=plan.name, text=text)))
             budget = runs or self.record.judging.max_runs
             with wired.runner(ledger, ignore, jobs=jobs or jobs_of(self.config), executor=None) as runner:

@@ -31,7 +31,7 @@ from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.world_lookup import as_world, remember
 from rvsg.simulation.run import Run
 from rvsg.world.creation import save_created, world_from
-from rvsg.world.occupancy import write_map
+from rvsg.world.occupancy import MOST_CELLS, write_map
 from rvsg.world.world import OccupancyMap, World
 
 FLOOR_M, CELL_M = 3.0, 0.05
@@ -157,6 +157,9 @@ def _floor(recording: Recording) -> OccupancyMap:
     places = np.concatenate([recording.robot[:, 1:3], *(person.rows[:, 1:3] for person in recording.people)])
     low, high = places.min(axis=0) - FLOOR_M, places.max(axis=0) + FLOOR_M
     columns, rows = np.ceil((high - low) / CELL_M).astype(int)
+    if columns * rows > MOST_CELLS:
+        said = f"its places lie up to {max(high - low):.3g} m apart. Take out those that are wrong"
+        raise FileError(Path(recording.source), f"{said}; a floor has at most {MOST_CELLS} cells of {CELL_M:g} m.")
     cells = np.pad(np.zeros((rows, columns), np.uint8), 2, constant_values=100)
     x, y = (round(float(value) - 2 * CELL_M, 3) for value in low)
     return OccupancyMap(cells=cells, resolution=CELL_M, origin=Pose(x=x, y=y, yaw=0.0))

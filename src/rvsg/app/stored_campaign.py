@@ -137,9 +137,9 @@ class StoredCampaign:
     def candidates(self) -> list[Attempt]:
         """Return the configurations that violated in the search and are not confirmed yet, worst first."""
         attempts = self.attempts()
-        confirmed = {a.confirms for a in attempts if a.purpose == "confirmation"}
+        confirmed = {a.scenario_id for a in attempts if a.purpose == "confirmation"}
         violating = [a for a in candidates(attempts, self.requirement) if standing(a, self.requirement)[0] > 0.0]
-        return [a for a in violating if a.index not in confirmed]
+        return [a for a in violating if a.scenario_id not in confirmed]
 
     @property
     def findings(self) -> tuple[Finding, ...]:

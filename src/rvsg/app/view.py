@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Literal
 
 from markupsafe import Markup
+from pydantic import Field
 
 import rvsg
 from rvsg.app.campaign import Campaign
@@ -47,7 +48,7 @@ class View(Record):
     made_by: str = rvsg.__version__
     page: str
     """The report page. The viewer takes its content and its data, and no script."""
-    files: dict[str, str]
+    files: dict[str, str] = Field(min_length=1)
     """The content of each file as base64."""
 
 

@@ -116,11 +116,11 @@ class Confirmations:
         undecided = [attempt for attempt in self._begun() if _status(attempt) is Status.INCONCLUSIVE]
         undecided.sort(key=lambda a: badness(a.record.verdict), reverse=True)
         for number, summary in enumerate(undecided, 1):
-            latest = {a.confirms: a for a in confirmations(self.attempts)}
+            latest = {a.scenario_id: a for a in confirmations(self.attempts)}
             left = plan.confirmations - sum(a.runs for a in latest.values())
             part = left // (len(undecided) - number + 1)
             budget = min(summary.runs + left, max(most, summary.runs + part))
-            if summary.confirms not in by_index or latest[summary.confirms].index != summary.index:
+            if summary.confirms not in by_index or latest[summary.scenario_id].index != summary.index:
                 continue
             attempt, candidate = summary.record, by_index[summary.confirms].record
             if not self._reachable(_objectives(attempt), procedure.replace(max_runs=max(1, budget))):
@@ -249,13 +249,13 @@ class Confirmations:
 
     def _begun(self) -> list[AttemptSummary]:
         """Return the confirmations as they first ended: what is decided from them is the same after an interruption."""
-        first: dict[int | None, AttemptSummary] = {}
+        first: dict[str | None, AttemptSummary] = {}
         for attempt in self._all():
-            first.setdefault(attempt.confirms, attempt)
+            first.setdefault(attempt.scenario_id, attempt)
         return list(first.values())
 
     def _is_confirmed(self, candidate: AttemptSummary) -> bool:
-        return any(attempt.confirms == candidate.index for attempt in self._all())
+        return any(attempt.scenario_id == candidate.scenario_id for attempt in self._all())
 
     def _reachable(self, objectives: Sequence[float | None], procedure: Procedure) -> dict[Status, int]:
         """Return for each status that the rest of the budget can show how many runs it takes at least."""

@@ -114,11 +114,11 @@ def ranking(attempts: Iterable[AnyAttempt], requirement: Requirement) -> list[An
 
 
 def confirmations(attempts: Iterable[AnyAttempt]) -> list[AnyAttempt]:
-    """Return the confirmations, in order; of one that was continued, the attempt that holds all of its runs."""
-    latest: dict[int, AnyAttempt] = {}
+    """Return the confirmations, in order; of a scenario that was confirmed again or longer, the last one."""
+    latest: dict[str | int | None, AnyAttempt] = {}
     for attempt in attempts:
         if attempt.purpose == "confirmation":
-            latest[attempt.confirms if attempt.confirms is not None else -1 - attempt.index] = attempt
+            latest[attempt.index if attempt.confirms is None else attempt.scenario_id] = attempt
     return sorted(latest.values(), key=lambda a: a.index)
 
 

@@ -142,15 +142,12 @@ def answer_of(
         changes: What has changed since it ran.
     """
     requirement, by_index = plan.requirement, {attempt.index: attempt for attempt in attempts}
-    latest = {attempt.confirms: attempt for attempt in confirmations(attempts)}
     by_scenario = {attempt.scenario_id: attempt for attempt in confirmations(attempts)}
     findings = {finding.confirmation: finding for finding in found}
     rows = []
     listed = (*summary.ranking, *summary.further)
     for entry in sorted(listed, key=lambda entry: entry.place, reverse=True):
-        shown = by_index[entry.attempt]
-        if entry.state == "confirmed":
-            shown = latest.get(entry.attempt) or by_scenario[entry.scenario_id]
+        shown = by_scenario[entry.scenario_id] if entry.state == "confirmed" else by_index[entry.attempt]
         rows.append(row_of(entry, shown, requirement, world, run_of, findings.get(shown.index)))
     elsewhere = _elsewhere(rows, attempts, requirement)
     drove = drove_alone(plan, alone) if alone is not None else None

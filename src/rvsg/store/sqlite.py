@@ -193,6 +193,8 @@ class SqliteLedger(Ledger):
 
     def _check(self) -> None:
         """Read all of the file once, so that damage is reported before work is built on it."""
+        for (name,) in self._rows("SELECT name FROM sqlite_master WHERE type IN ('trigger', 'view')"):
+            raise self._damaged(f"it holds {name!r}, a trigger or view, and a store has none")
         ((result,),) = self._rows("PRAGMA quick_check(1)")
         if result != "ok":
             raise self._damaged(str(result).splitlines()[-1])

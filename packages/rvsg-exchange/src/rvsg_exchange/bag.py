@@ -16,7 +16,6 @@ from __future__ import annotations
 import json
 import math
 import re
-import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.errors import FileError, InputError, how_to_install
+from rvsg.core.files import write_whole
 from rvsg.simulation.archive import LATERAL, PER_HUMAN, PER_SAMPLE, header_of, series_of
 from rvsg.simulation.run import Run, Trajectory
 from rvsg.world.world import OCCUPIED, UNKNOWN, OccupancyMap, World
@@ -331,14 +331,12 @@ def write_bag(run: Run, world: World, path: Path, *, trace: Trace | None = None)
     if path.is_dir():
         raise FileError(path, "this is a folder; give the name of a file, such as run.mcap.")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=path.parent, prefix=".") as folder:
+        with tempfile.TemporaryDirectory() as folder:
             writer = Writer(Path(folder) / "bag", version=9, storage_plugin=StoragePlugin.MCAP)
             writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
             with writer:
                 _Bag(writer, types).write(run, world, trace)
-            made = next((Path(folder) / "bag").glob("*.mcap"))
-            shutil.move(made, path)
+            write_whole(path, next((Path(folder) / "bag").glob("*.mcap")).read_bytes())
     except OSError as error:
         raise FileError(path, f"the file cannot be written: {error.strerror or error}.") from None
 

@@ -277,7 +277,7 @@ class Contents:
             elif kind == IMU:
                 self.imu.add(t, math.hypot(message.linear_acceleration.x, message.linear_acceleration.y))
             elif kind == GRID:
-                self.occupancy = _occupancy(message)
+                self.occupancy = _occupancy(message, self.path)
             elif kind == GOAL:
                 self.goal_frame, self.goal_s = message.header.frame_id.lstrip("/"), t
                 self.goal = (message.pose.position.x, message.pose.position.y, _yaw(message.pose.orientation))
@@ -363,15 +363,18 @@ class Contents:
                 self.groups[agent.name] = None if agent.group_id < 0 else agent.group_id
 
 
-def _occupancy(message: Any) -> OccupancyMap:
+def _occupancy(message: Any, path: Path) -> OccupancyMap:
     """Return an occupancy grid as a map; Nav2's usual thresholds say what is free and what is occupied."""
-    info = message.info
-    values = np.asarray(message.data, np.int16).reshape(info.height, info.width)
+    info, at, values = message.info, message.info.origin.position, np.asarray(message.data, np.int16)
+    yaw = _yaw(info.origin.orientation)
+    if not 0 < values.size == info.height * info.width or not np.isfinite([at.x, at.y, yaw]).all():
+        said = f"{values.size} values for {info.width} x {info.height} cells at ({at.x:g}, {at.y:g})"
+        raise FileError(path, f"the map of the recording cannot be used: {said}. Record it again.", code="bag-map")
+    values = values.reshape(info.height, info.width)
     cells = np.full(values.shape, UNKNOWN, np.uint8)
     cells[(values >= 0) & (values <= 25)] = 0
     cells[values >= 65] = OCCUPIED
-    at = info.origin
-    origin = Pose(x=float(at.position.x), y=float(at.position.y), yaw=_yaw(at.orientation))
+    origin = Pose(x=float(at.x), y=float(at.y), yaw=yaw)
     return OccupancyMap(cells=cells, resolution=round(float(info.resolution), 6), origin=origin)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.errors import InputError, how_to_install
+from rvsg.core.files import write_whole
 from rvsg.report.run_facts import footprint_of
 from rvsg.simulation.exporter import Exportable, Exporter
 
@@ -36,7 +37,7 @@ class Rerun(Exporter):
         run, track = source.runs[0], source.runs[0].trajectory
         clock = [rr.TimeColumn("simulated", duration=track.t)]
         with rr.RecordingStream("rvsg", recording_id=run.id) as to:
-            to.save(path)
+            stream = rr.binary_stream(to)
             to.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
             if source.world is not None:
                 rings = [_flat([*thing.footprint, thing.footprint[0]]) for thing in source.world.objects]
@@ -60,6 +61,7 @@ class Rerun(Exporter):
                 disc = run.human_radius_m[k] * np.column_stack([np.cos(around), np.sin(around)])
                 pose = (track.human_x[:, k], track.human_y[:, k], track.human_yaw[:, k])
                 moving(f"people/{name}", _flat([(0.0, 0.0), *disc.tolist()]), pose, track.human_speed[:, k])
+            write_whole(path, stream.read() or b"")
         return ()
 
 

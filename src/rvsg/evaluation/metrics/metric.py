@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.errors import InputError
 from rvsg.evaluation.sampled import Sampled
 from rvsg.scenario.requirement import Aim
 from rvsg.simulation.run import Run
@@ -56,6 +57,13 @@ class Metric:
     """It has no value in a run without people."""
     censored: bool = False
     """The value of a run that does not arrive is only a lower bound: it would have been larger without the limit."""
+
+    def __post_init__(self) -> None:
+        """Refuse a bound that is none, at the place that declares it: InputError."""
+        for name, bound in (("least", self.least), ("most", self.most)):
+            if isinstance(bound, str) and (name, bound) != ("most", "time_limit"):
+                expected = 'a number, None or, for `most`, "time_limit"'
+                raise InputError(f"metric {self.id}: `{name}` is {bound!r}; expected {expected}.", code="metric-bound")
 
     @property
     def formula(self) -> str:

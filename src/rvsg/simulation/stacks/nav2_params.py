@@ -112,6 +112,13 @@ class Section:
             self._reader.wrong((*self.place, key), f"expected a number, got {value!r}")
         return value
 
+    def list(self, key: str) -> Any:
+        """Return a list, empty where it is not given; FileError names the key where it is none."""
+        value = self.get(key, [])
+        if not isinstance(value, list):
+            self._reader.wrong((*self.place, key), f"expected a list, got {value!r}")
+        return value
+
     def copy_to(self, into: dict[str, Any], **names: str) -> None:
         """Set options to the numbers of these names, where they are given."""
         for option, key in names.items():
@@ -270,7 +277,7 @@ class _Reader:
 
     def _critics(self, section: Section, known: Sequence[str], planner: str) -> Any:
         """Return the names of the critics, None where none are listed; refuse one that is not simulated."""
-        critics = section.get("critics")
+        critics = section.list("critics") if section.values.get("critics") is not None else None
         for name in critics or ():
             if name not in known:
                 near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.0)[0]
@@ -310,7 +317,7 @@ class _Reader:
             if name in known:
                 inner = section.inner(name)
                 found = {key: inner.get(key) for key in info.annotation.model_fields if key in inner.values}  # type: ignore[union-attr]
-                if int(inner.values.get("cost_power", 1)) != 1:
+                if inner.values.get("cost_power", 1) != 1:
                     self.refused[(*inner.place, "cost_power")] = "only the power 1 is simulated"
                 elif "cost_power" in inner.values:
                     self.used[(*inner.place, "cost_power")] = ""
@@ -342,7 +349,7 @@ class _Reader:
 
     def _layers(self, section: Section, prefix: str) -> None:
         maps = self.options["costmaps"]
-        for name in section.get("plugins", []):
+        for name in section.list("plugins"):
             layer = section.inner(str(name))
             kind = self.kind_of(layer, LAYERS, "costmap layer")
             layer.get("enabled")
@@ -353,11 +360,11 @@ class _Reader:
                 self.idle[(*section.place, "resolution")] = "a static layer takes the resolution of the map"
             elif kind in ("ObstacleLayer", "VoxelLayer"):
                 self._sources(layer, prefix)
-        listed = {str(name) for key in ("plugins", "filters") for name in section.values.get(key) or ()}
+        listed = {str(name) for key in ("plugins", "filters") for name in section.list(key)}
         for name, values in section.values.items():
             if isinstance(values, Mapping) and name not in listed:
                 self.idle[(*section.place, name)] = f"{name} is not among the plug-ins of the costmap"
-        for name in section.get("filters") or ():
+        for name in section.list("filters"):
             layer = section.inner(str(name))
             if layer.values.get("enabled") is False:
                 self.idle[layer.place] = "this filter is off"
@@ -472,7 +479,7 @@ class _Reader:
             self.options["behaviours"], spin_max_rad_s="max_rotational_vel", spin_min_rad_s="min_rotational_vel",
             spin_acceleration_rad_s2="rotational_acc_lim", look_ahead_s="simulate_ahead_time",
         )  # fmt: skip
-        for name in server.get("behavior_plugins", server.get("recovery_plugins", [])):
+        for name in server.list("behavior_plugins") or server.list("recovery_plugins"):
             plugin = server.inner(str(name))
             if kind := str(plugin.values.get("plugin", "")):
                 is_jazzy = "::" in kind
@@ -483,7 +490,7 @@ class _Reader:
             for key in plugin.values.keys() - {"plugin"}:
                 self.refused[(*plugin.place, str(key))] = "recoveries move as those of Humble do"
         tree = self.node("bt_navigator")
-        for name in tree.get("navigators", []):
+        for name in tree.list("navigators"):
             tree.inner(str(name)).get("plugin")
         for key in ("default_nav_to_pose_bt_xml", "default_nav_through_poses_bt_xml", "default_bt_xml_filename"):
             if tree.values.get(key):
@@ -509,14 +516,14 @@ class _Reader:
             self.refused[(*section.place, "feedback")] = "the smoother works in open loop"
         if section.get("scale_velocities", False):
             self.refused[(*section.place, "scale_velocities")] = "each velocity is limited by itself"
-        if any(section.values.get("deadband_velocity") or ()):
+        if section.values.get("deadband_velocity", [0.0, 0.0, 0.0]) != [0.0, 0.0, 0.0]:
             self.refused[(*section.place, "deadband_velocity")] = "there is no dead band"
 
     def _monitor(self) -> None:
         section = self.node("collision_monitor")
         polygons = []
-        sources = section.get("observation_sources", [])
-        for name in section.get("polygons", []):
+        sources = section.list("observation_sources")
+        for name in section.list("polygons"):
             polygon = section.inner(str(name))
             action, points = str(polygon.values.get("action_type")), points_of(polygon.values)
             if polygon.values.get("enabled", True) is False or action == "none":

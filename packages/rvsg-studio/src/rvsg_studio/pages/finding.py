@@ -131,7 +131,7 @@ def read(workspace: Workspace, folder: str, name: str, index: int) -> Shown:
         attempt=attempt,
         row=row,
         note=notes_of(workspace.path(folder)).findings.get(attempt.proposal.scenario.id, Note()),
-        confirmed=any(a.confirms == index and a.purpose == "confirmation" for a in attempts),
+        confirmed=any(a.scenario_id == attempt.scenario_id and a.purpose == "confirmation" for a in attempts),
         changes=answer.changes,
     )
 
