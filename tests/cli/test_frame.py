@@ -17,6 +17,28 @@ from rvsg.core.errors import BudgetSpent, InputError, Interrupted
 PROBE = {"probe": (Verb("rvsg.cli._probe", "A verb for this test"),)}
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        "run --robot a --robot b",
+        "evaluate --metric=dto --metric tnm x.jsonl",
+        "scenario propose --seed 3 --seed 4",
+        "export --to csv --to mcap --out x x.json",
+        "--allow-code-from a run --allow-code-from b",
+    ],
+)
+def test_an_option_of_one_value_is_given_once(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(command.split()) == 2
+    assert "Error [option-twice]" in capsys.readouterr().err
+
+
+def test_a_verb_of_an_absent_package_names_that_package(capsys: pytest.CaptureFixture[str]) -> None:
+    some = {name: each for name, each in verbs().items() if name != "import"}
+    some["import"] = (Verb("rvsg_exchange.verb:import_app", "Import"),)
+    assert command_line(some, ["import", "study", "x"]) == 2
+    assert "rvsg-study" in capsys.readouterr().err
+
+
 @pytest.fixture
 def probe(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """A verb module whose behaviour the argument chooses."""

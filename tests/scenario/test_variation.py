@@ -74,6 +74,10 @@ def test_migrating_takes_the_nearest_waypoints_and_refuses_what_is_too_far() -> 
     assert changes_that_matter(migrated.people, migrated.mission, world) == ()
     with pytest.raises(InputError, check=coded("waypoint-too-far")):
         migrate(scenario, world, reach_m=0.1)
+    old = scenario.mission.route
+    elsewhere = replace(world, routes=(old.replace(goal=old.start, start=old.goal),))
+    assert migrate(scenario, elsewhere)[1][-1].startswith(f"{old.name} stays as it was saved")
+    assert len(migrate(scenario, elsewhere, route=elsewhere.routes[0])[1]) == 1
 
 
 @pytest.fixture

@@ -167,6 +167,7 @@ LABELS: dict[tuple[str, ...], list[tuple[str, int]]] = {
     ("name: B5, rectangle: [3, 3, 5, 5]", 'name: " Desk", rectangle: [8, 3, 9, 5]'): [
         ("area-waypoint-name", 2), ("area-spaces", 3),
     ],
+    ("name: A, rectangle: [0, 5, 2, 7], kind: Keep-out",): [("area-keepout", 2)],
     ("name: Bow, outline: [[0, 5], [2, 7], [2, 5], [0, 7]]",): [("document", 2)],
     ("name: A, rectangle: [0, 5, 2, 7], waypoints: [Z99]", "name: Far, rectangle: [90, 90, 95, 95]"): [
         ("unknown-waypoint", 2), ("area-outside", 3),
@@ -196,7 +197,8 @@ ROUTES: dict[tuple[str, ...], list[tuple[str, int]]] = {
     ],
 }  # fmt: skip
 SUSPICIOUS = {
-    "area-alike", "area-twice", "area-waypoint-name", "area-spaces", "pose-tight", "route-goes-nowhere", "route-hurried"
+    "area-alike", "area-twice", "area-waypoint-name", "area-spaces", "pose-tight", "route-goes-nowhere",
+    "route-hurried", "area-keepout",
 }  # fmt: skip
 
 
@@ -374,3 +376,8 @@ def test_a_room_without_a_label_is_told_where_it_is(tmp_path: Path) -> None:
     (folder / "labels.yaml").write_text(yaml.safe_dump({"areas": [each for each in listed if each["name"] in names]}))
     told = [r for r in check_world(folder) if r.problem.code == "room-unlabelled"]
     assert len(told) == 1 and not told[0].serious and f"{shape.area:.0f} m2" in told[0].problem.message
+    at, half = shape.representative_point(), 0.05  # one label in it is enough, however small it is
+    small = {"name": "Small", "rectangle": [at.x - half, at.y - half, at.x + half, at.y + half]}
+    listed = [*yaml.safe_load((folder / "labels.yaml").read_text())["areas"], small]
+    (folder / "labels.yaml").write_text(yaml.safe_dump({"areas": listed}))
+    assert "room-unlabelled" not in {r.problem.code for r in check_world(folder)}

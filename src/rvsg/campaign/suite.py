@@ -201,8 +201,9 @@ class SuiteResult(Record):
         runs = [violated for case in self.cases for violated in case.violations]
         if runs and all(violated is None for violated in runs):
             raise NothingJudged(
-                f"{self.suite}: nothing was judged: no requirement has a value in any of {counted(len(runs), 'run')} "
-                f"of {counted(len(self.cases), 'case')}. Mend the stack under test; see `rvsg simulate`."
+                f"{self.suite}, {self.version}: nothing was judged: no requirement has a value in any of "
+                f"{counted(len(runs), 'run')} of {counted(len(self.cases), 'case')}. "
+                "Mend the stack under test; see `rvsg simulate`."
             )
 
 

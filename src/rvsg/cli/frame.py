@@ -8,6 +8,7 @@ import os
 import shlex
 import sys
 import traceback
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib.metadata import entry_points
@@ -40,7 +41,7 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)
 """Errors for a name that no file system can hold."""
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
-BESIDE = {"export": "exchange", "import": "exchange", "ros2": "ros2", "studio": "studio"}
+BESIDE = {"export": "exchange", "import": "exchange", "import study": "study", "ros2": "ros2", "studio": "studio"}
 """Verbs of other distributions, with the extra that installs them."""
 
 
@@ -110,6 +111,8 @@ def _without_trusted(arguments: Sequence[str]) -> tuple[list[str], Path | None]:
             value = next(rest, "") if each == option else each.partition("=")[2]
             if not value:
                 raise InputError(f"{option}: name the file or folder whose code may run.", code="code-source-missing")
+            if found is not None:
+                raise _twice(option)
             found = Path(value)
         else:
             given.append(each)
@@ -148,9 +151,27 @@ def full_command(name: str, found: tuple[Verb, ...], *, everything: bool = False
     return command
 
 
+class OneValue(TyperCommand):
+    """Refuses an option that is given twice, unless it is a flag or takes a list: none wins in silence."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Count the options before their values are read."""
+        order: list[Any] = self.make_parser(ctx).parse_args(list(args))[2]
+        for param, times in Counter(order).items():
+            if times > 1 and param.param_type_name == "option" and not (param.multiple or param.is_flag):
+                raise _twice(param.opts[0])
+        return super().parse_args(ctx, args)
+
+
+def _twice(option: str) -> InputError:
+    return InputError(f"{option} is given twice, and takes one value. Give it once.", code="option-twice")
+
+
 def _load(module: str) -> typer.Typer:
     path, _, attribute = module.partition(":")
     app: typer.Typer = getattr(importlib.import_module(path), attribute or "app")
+    for each in app.registered_commands:
+        each.cls = OneValue
     return app
 
 
@@ -201,9 +222,11 @@ class Frame(TyperGroup):
         """Return the verb that is named, with its options; an earlier name of a verb is refused with its new one."""
         if args[0] in self.moved:
             raise InputError(f"`rvsg {args[0]}` is now `rvsg {self.moved[args[0]]}`.", code="verb-moved")
-        if args[0] in BESIDE and args[0] not in self.verbs:
+        word = " ".join(args[:2]) if " ".join(args[:2]) in BESIDE else args[0]
+        modules = [each.module for each in self.verbs.get(args[0], ())]
+        if word in BESIDE and not any(word == args[0] or f"rvsg_{BESIDE[word]}." in each for each in modules):
             raise InputError(
-                f"`rvsg {args[0]}` needs a package that is not installed: {how_to_install(BESIDE[args[0]])}.",
+                f"`rvsg {word}` needs a package that is not installed: {how_to_install(BESIDE[word])}.",
                 code="verb-not-installed",
             )
         name, found, rest = super().resolve_command(ctx, args)

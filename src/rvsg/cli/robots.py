@@ -158,6 +158,8 @@ def _compare(
         console.print_json(found.model_dump(mode="json"))
     else:
         print(ranking_markdown(found), end="")
+    for variant in found.variants:
+        variant.check_judged()
 
 
 def _print_params(path: Path, *, verbose: bool, as_json: bool) -> None:

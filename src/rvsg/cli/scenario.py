@@ -69,6 +69,7 @@ def migrate(
     world: Annotated[str, typer.Option(help="The world to adapt it to: a shipped world or a world folder.")],
     route: Annotated[str | None, typer.Option(help="Use this route of the world instead of the saved one.")] = None,
     reach: Annotated[float, typer.Option(min=0.0, help="How far a waypoint may move, metres.")] = 1.0,
+    repair: Annotated[bool, typer.Option("--repair", help="Repair ways that are barred in the world.")] = False,
     out: Annotated[
         Path, typer.Option(metavar="FILE", help="Write the new scenario here; - is standard output.")
     ] = Path("-"),
@@ -81,7 +82,7 @@ def migrate(
     from rvsg.scenario.builder import migrate_scenario, scenario_json
 
     check_writable(out)
-    migrated, changes = migrate_scenario(scenario, world, route=route, reach_m=reach)
+    migrated, changes = migrate_scenario(scenario, world, route=route, reach_m=reach, with_repair=repair)
     for change in changes:
         say(change)
     if not changes:

@@ -395,6 +395,8 @@ def _show_created(created: Created, remarks: tuple[Remark, ...], folder: Path) -
     if named != str(folder):
         say(f"Note: a shipped world has the same name. Write {named} to use this one.")
     _show_remarks(remarks)
+    if world.actors:
+        say(f"Scenarios may put these into the world: {', '.join(world.actors)} (actors in world.yaml; [] for none).")
     draw = as_started(shlex.join(["rvsg", "world", "draw", named]))
     say(f"Next: edit labels.yaml and routes.yaml (they are proposals), then: {draw}")
 

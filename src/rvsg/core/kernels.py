@@ -61,6 +61,8 @@ FORMAT = 4
 MANIFEST = "manifest.json"
 LATER_LARGER = 1.45
 """The share of functions to the power of this is the share of the time, as measured: callers come last."""
+BUSY = 0.6
+"""Below this share of a core, compilation is said to be slow because of other processes."""
 _PACKAGE = __name__.split(".", maxsplit=1)[0]
 
 
@@ -183,6 +185,7 @@ def seal_cache() -> None:
 def compilation_reported(functions: int, report: Callable[[str], None], *, period_s: float = 0.5) -> Iterator[None]:
     """Report at each quarter how many of about so many functions the cache has received, and the time left."""
     before, started, done = len(_data_files(cache_folder())), time.monotonic(), threading.Event()
+    processor = time.process_time()
 
     def watch() -> None:
         quarter = 1
@@ -190,7 +193,11 @@ def compilation_reported(functions: int, report: Callable[[str], None], *, perio
             share = (len(_data_files(cache_folder())) - before) / functions
             if quarter <= 4 * share < 4:
                 left = (time.monotonic() - started) * (share**-LATER_LARGER - 1)
-                report(f"compiled {share * functions:.0f} of about {functions} functions, about {left:.0f} s left")
+                ours = (time.process_time() - processor) / (time.monotonic() - started)
+                busy = f"; the machine is busy, this process gets {ours:.0%} of a core" if ours < BUSY else ""
+                report(
+                    f"compiled {share * functions:.0f} of about {functions} functions, about {left:.0f} s left{busy}"
+                )
                 quarter = int(4 * share) + 1
 
     watching = threading.Thread(target=watch, daemon=True)

@@ -145,7 +145,8 @@ def ranking_rows(found: Comparison) -> list[tuple[str, ...]]:
     """Return the table of the variants."""
     return [
         (
-            str(rank), variant.version, variant.stack_version, f"{variant.violated} of {variant.judged}",
+            str(rank) if variant.judged else "not judged", variant.version, variant.stack_version,
+            f"{variant.violated} of {variant.judged}",
             f"{percent(variant.share)} ({percent(variant.interval[0])} to {percent(variant.interval[1])})",
             str(variant.contacts), f"{variant.arrived} of {variant.runs}", str(variant.failed),
         )

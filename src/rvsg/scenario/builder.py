@@ -19,6 +19,7 @@ from rvsg.core.inputs import parse_json, read_text
 from rvsg.core.plugins import Spec
 from rvsg.robots.robot import Robot, load_robot
 from rvsg.scenario import validity
+from rvsg.scenario.repair import repair
 from rvsg.scenario.rules import Finding
 from rvsg.scenario.scenario import (
     ROBOT,
@@ -326,9 +327,14 @@ def save_scenario(scenario: Scenario, path: str | Path) -> None:
 
 
 def migrate_scenario(
-    path: str | Path, world: str | Path, *, route: str | None = None, reach_m: float = REACH_M
+    path: str | Path,
+    world: str | Path,
+    *,
+    route: str | None = None,
+    reach_m: float = REACH_M,
+    with_repair: bool = False,
 ) -> tuple[Scenario, tuple[str, ...]]:
-    """Read a scenario, adapt it to a world and check it there; return it with the changes.
+    """Read a scenario, adapt it to a world, repair its ways where asked, and check it; return it with the changes.
 
     Raises:
         InputError: A waypoint has no successor within `reach_m`.
@@ -337,7 +343,12 @@ def migrate_scenario(
     saved, _ = read_scenario(Path(path))
     place = load_world(world)
     scenario, changes = migrate(saved, place, reach_m=reach_m, route=place.route(route) if route else None)
-    check_valid(scenario, place)
+    if with_repair:
+        people, repairs = repair(scenario.people, scenario.mission, place)
+        scenario, changes = scenario.replace(people=people), (*changes, *map(str, repairs))
+    check_route(scenario.mission.route, place)
+    offer = "" if with_repair else "; --repair repairs ways that are barred"
+    _check(scenario.people, scenario.mission, place, f"The scenario is not valid in {place.name}{offer}:")
     return scenario, changes
 
 

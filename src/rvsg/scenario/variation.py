@@ -438,6 +438,10 @@ def migrate(
     people = scenario.people
     humans = [human.model_copy(update={"tasks": tuple(map(renamed, human.tasks))}) for human in people.humans]
     old = scenario.mission
+    same = next((each for each in world.routes if each.name == old.route.name), None)
+    if route is None and (same is None or (same.start, same.goal) != (old.route.start, old.route.goal)):
+        why = "differs now" if same is not None else "is not there"
+        changes.append(f"{old.route.name} stays as it was saved; in {world.name} it {why}. To change it, give --route.")
     mission = Mission.of(
         world, route or old.route, robot=old.robot, moved=old.moved, doors=old.doors, driven=old.driven
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -111,7 +112,8 @@ def listed_names(names: Sequence[str]) -> str:
 
 FAR_M = 3.0
 BARE = 0.05
-"""A room is unlabelled where no area covers a larger share of it."""
+"""A room is unlabelled where no area covers a larger share of it, or lies in it by more than half."""
+FORBIDDING = ("keepout", "nogo", "forbidden", "restricted", "prohibited")
 
 
 def check_areas(s: Subject) -> None:
@@ -129,6 +131,10 @@ def check_areas(s: Subject) -> None:
         if alike != name:
             message = f'"{name}" is easily taken for "{alike}"; give it another name'
             s.say(s.labels, "area-alike", message, *key, fix=_renaming(s, name, name.strip()))
+        if re.sub(r"[^a-z]", "", area.kind.casefold()) in FORBIDDING:
+            message = f'the kind "{area.kind}" of "{name}" keeps nobody out; a kind only says what people see there. '
+            message += "A robot keeps out by a keepout filter of its Nav2 file, people by a solid object"
+            s.say(s.labels, "area-keepout", message, *key)
         if name != name.strip():
             message = f'the name "{name}" begins or ends with a space'
             s.say(s.labels, "area-spaces", message, *key, fix=_renaming(s, name, name.strip()))
@@ -159,7 +165,7 @@ def check_areas(s: Subject) -> None:
     for room in areas_of_rooms(s.human, main_floor(s.human)) if s.world.areas else ():
         shape = Polygon(room.outline)
         if room.kind != "corridor" and all(
-            shape.intersection(each).area < BARE * shape.area for each in s.shapes.values()
+            shape.intersection(each).area < min(BARE * shape.area, each.area / 2) for each in s.shapes.values()
         ):
             at = shape.representative_point()
             message = f"the {room.kind} of {shape.area:.0f} m2 at ({at.x:.1f}, {at.y:.1f}) holds no labelled area"

@@ -353,8 +353,6 @@ def _with_proposals(world: World, stem: str, notes: list[str], trial: Trial | No
                 reached[index] = area.model_copy(update={"name": f"{word} {count[word]}"})
     texts = (world.name, world.title, stem, " ".join(f"{area.name} {area.kind}" for area in reached))
     world = replace(world, areas=tuple(reached), actors=usual_actors(texts))
-    if world.actors:
-        notes.append(f"generators may use {', '.join(world.actors)}, as usual here: see actors in world.yaml.")
     if world.grid.spacing_m > 1.0:  # wider than the metre that suits people's paths
         notes.append(f"the map is large, so the grid is {world.grid.spacing_m:g} m wide; --spacing makes it finer.")
     world = replace(world, routes=propose_routes(world, trial=trial, robot=robot, notes=notes))

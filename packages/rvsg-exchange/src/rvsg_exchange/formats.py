@@ -61,7 +61,7 @@ def _render(template: str, *, xml: bool = False, **values: Any) -> str:
 
 
 def scenario_osc(scenario: Scenario, world: World) -> str:
-    """Return a scenario as OpenSCENARIO DSL, poses in the map frame; a comment names the file of its people."""
+    """Return a scenario as OpenSCENARIO DSL, poses in the map frame; comments list its people."""
     dx, dy = world.map_offset
 
     def pose(at: Pose) -> str:
