@@ -161,7 +161,7 @@ def test_a_campaign_of_0_2_keeps_the_people_it_began_with(tmp_path: Path) -> Non
     [
         ({}, None),
         ({"stack": "nav2-dwb"}, None),
-        ({"stack_options": {"dwb": {"sim_time_s": 2.0}}}, {"dwb": {"sim_time_s": 2.0}}),
+        ({"stack_options": {"sim_time": 2.0}}, {"sim_time": 2.0}),
         ({"stack": "params.yaml"}, {"padding_m": 0.02, "behaviours": {"waits_for_costmaps": True}}),
     ],
     ids=["default", "by name", "with options", "a parameter file"],

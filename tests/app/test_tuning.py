@@ -155,7 +155,7 @@ def test_a_range_may_not_be_empty() -> None:
 
 
 def test_only_changed_lines_of_a_parameter_file_change() -> None:
-    values = {"dwb.max_speed_m_s": 0.35, "dwb.obstacle_scale": 0.1, "dwb.sim_time_s": 2.0,
+    values = {"max_vel_x": 0.35, "BaseObstacle.scale": 0.1, "sim_time": 2.0,
               "collision_monitor.0.time_before_collision": 2.5}  # fmt: skip
     after = with_values_in_file(NAV2, Path("nav2.yaml"), values)
     old, new = NAV2.splitlines(), after.splitlines()

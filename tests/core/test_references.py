@@ -4,15 +4,30 @@ from __future__ import annotations
 
 import gc
 import sys
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numba
 import numpy as np
 import pytest
 from numba.core.errors import NumbaError
+from pydantic import Field
 
 from rvsg.core.kernels import compile_for, inner, kernel, type_of
+from rvsg.core.records import Record
 from rvsg.core.references import refer
+
+
+class Inner(Record):
+    share: float = 0.25
+    limit: Annotated[float, Field(gt=0)] | None = None
+    count: int | None = None
+    name: str = "inner"
+    corners: tuple[float, ...] | None = None
+
+
+class Outer(Record):
+    inner: Inner = Inner()
+    on: bool = True
 
 
 class Part(NamedTuple):
@@ -56,6 +71,11 @@ def read(whole: Any) -> float:
 
 
 @kernel
+def read_record(outer: Any) -> float:
+    return outer.inner.share + outer.inner.limit if outer.on else -1.0
+
+
+@kernel
 def refused(part: Any) -> float:
     return doubled_unmarked(part)[0]
 
@@ -91,8 +111,19 @@ def test_other_types_of_numbers_are_another_type_of_reference() -> None:
     assert type_of(refer(Part(np.ones(2), False, 8, 1.5))) in kinds
 
 
+def test_kernels_read_the_numbers_and_records_of_a_record_whatever_else_it_holds() -> None:
+    kinds = {type_of(refer(Inner(limit=limit, corners=corners))) for limit in (None, 2.0) for corners in (None, (1.0,))}
+    assert len(kinds) == 1 and list(kinds.pop().fields) == ["share", "limit", "count"]
+    assert list(type_of(refer(Outer())).fields) == ["inner", "on"]
+
+
 @pytest.mark.slow
 class TestKernels:
+    @pytest.mark.parametrize(("limit", "total"), [(None, 0.25), (2.0, 2.25)])
+    def test_a_kernel_reads_a_record_in_a_record(self, limit: float | None, total: float) -> None:
+        assert read_record(refer(Outer(inner=Inner(limit=limit)))) == total
+        assert read_record(refer(Outer(on=False))) == -1.0
+
     def test_a_kernel_reads_every_kind_of_field_and_changes_the_callers_arrays(self) -> None:
         _, held, whole = parts()
         assert read(refer(whole, part=held)) == 0.5 * (1.0 + 2.0 + 3.0) + 7 + 2.0 + 3 + 2.0

@@ -12,7 +12,7 @@ from rvsg.core.records import Pose
 from rvsg.core.references import refer
 from rvsg.robots.robot import load_robot
 from rvsg.scenario.scenario import Behaviour, HumanAgent, PersonKind, Trolley, outline_of, reaction_of
-from rvsg.simulation.embedded.costmap import inflation_kernel
+from rvsg.simulation.costmap import inflation_kernel
 from rvsg.simulation.embedded.people.behaviour import tick as tick_by_reference
 from rvsg.simulation.embedded.people.crowd import Crowd, PeopleOptions, initial
 from rvsg.simulation.embedded.robot_parameters import padded_footprint, stack_of

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from tests.simulation.parts import MECANUM, STACK, TIAGO
 
+from rvsg.core.angles import wrap
 from rvsg.core.references import refer
 from rvsg.robots.robot import Robot, load_robot
 from rvsg.simulation.embedded import base
@@ -66,7 +67,7 @@ def test_the_base_turns_by_its_yaw_gain_and_drives_a_circle() -> None:
 
 @pytest.mark.parametrize("angle", [-math.pi, math.pi, 3 * math.pi, -7.0, 0.0, 1e3])
 def test_angles_are_wrapped_into_minus_pi_to_pi(angle: float) -> None:
-    wrapped = base.wrap(angle)
+    wrapped = wrap(angle)
     assert -math.pi < wrapped <= math.pi
     assert math.cos(wrapped) == pytest.approx(math.cos(angle))
 

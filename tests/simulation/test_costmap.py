@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.simulation.parts import FOOTPRINT, INFLATION, RANGES
 
-from rvsg.simulation.embedded.costmap import (
+from rvsg.simulation.costmap import (
     FREE,
     LETHAL,
     UNKNOWN,

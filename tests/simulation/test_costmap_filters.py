@@ -14,13 +14,14 @@ from rvsg.core.errors import FileError, InputError
 from rvsg.scenario.builder import scenario
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.world_lookup import load_world
-from rvsg.simulation.embedded.costmap_filters import keepout_costs, on_map, runs_of, speed_shares
+from rvsg.simulation.embedded.costmap_filters import keepout_costs, on_map, speed_shares
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.simulation.embedded.trace import trace_run
 from rvsg.simulation.run import Run
 from rvsg.simulation.stacks.nav2_params import read_nav2_params
 from rvsg.simulation.stacks.parameter_file import SKELETONS
 from rvsg.simulation.stacks.stack_choice import StackChoice
+from rvsg.world.occupancy import runs_of
 from rvsg.world.world import World
 
 PARAMS = """\

@@ -13,8 +13,8 @@ from tests.simulation.parts import INFLATION, MECANUM, STACK, TIAGO
 import rvsg
 from rvsg.core.references import refer
 from rvsg.robots.robot import Robot, load_robot
+from rvsg.simulation.costmap import inflate_marks
 from rvsg.simulation.embedded import dwb
-from rvsg.simulation.embedded.costmap import inflate_marks
 from rvsg.simulation.embedded.robot_parameters import stack_of
 from rvsg.simulation.embedded.rollouts import fill_window, roll_out_ends, rollouts, sample_table
 from rvsg.simulation.embedded.trace import CRITICS, trace_run
@@ -246,7 +246,7 @@ class TestDynamicWindow:
         self, robot: Robot, now: tuple[float, float, float], axes: list[tuple[float, float, float, int]]
     ) -> None:
         stack = stack_of(robot)
-        assert not stack.dwb_whole_range
+        assert not stack.whole_range
         samples = sample_table(stack)
         count = fill_window(samples, *now, 1.0, refer(stack))
         ahead, aside, turn = (

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tests.simulation.parts import route
 
-from rvsg.simulation.embedded.costmap import outline_hits
+from rvsg.simulation.costmap import outline_hits
 from rvsg.simulation.embedded.simulator import empty_room, simulate_agents
 from rvsg.simulation.stacks import mppi as k
 from rvsg.simulation.stacks import mppi_critics

@@ -250,7 +250,7 @@ PLANNERS = ("nav2_smac_planner::SmacPlanner2D", "nav2_theta_star_planner/ThetaSt
         ("[0.4, 0.0, 1.2]", "[0.4, fast]", "max_velocity"),
         ("max_vel_x: 0.45", "max_vel_x: quick", "max_vel_x"),
         ("filters: [keepout]", "filters: 3.5", "filters"),
-        ("max_vel_x: 0.45", "max_vel_x: -1", None),
+        ("max_vel_x: 0.45", "max_vel_x: -1", "max_vel_x"),
     ],
 )
 def test_a_plug_in_or_a_value_that_is_not_simulated_is_refused(

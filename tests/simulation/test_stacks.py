@@ -253,10 +253,10 @@ def test_a_lethal_cell_ahead_within_reach_leaves_no_command() -> None:
 
 
 def test_options_change_the_robot_and_wrong_ones_are_one_error() -> None:
-    stack = StackChoice.of("nav2-dwb", {"smoother": {"max_speed_m_s": 0.3}, "dwb": {"sim_time_s": 2.0}})
+    stack = StackChoice.of("nav2-dwb", {"smoother": {"max_speed_m_s": 0.3}, "sim_time": 2.0})
     robot = stack.driver.adapt(TIAGO)
     assert robot.navigation.smoother.max_speed_m_s == 0.3 and robot.navigation.dwb.sim_time_s == 2.0
-    assert stack.record.options == {"smoother": {"max_speed_m_s": 0.3}, "dwb": {"sim_time_s": 2.0}}
+    assert stack.record.options == {"smoother": {"max_speed_m_s": 0.3}, "sim_time": 2.0}
     assert "stack" in EmbeddedSimulator(stack=stack.record.model_dump()).options
     for name, options in (
         ("nav2-rpp", {"lookahead": 1}),

@@ -41,11 +41,8 @@ from rvsg.robots.robot import Robot
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import HumanConfiguration, Scenario
 from rvsg.scenario.world_lookup import folder_of
-from rvsg.simulation.stacks.parameter_file import (
-    place_of,
-    with_filters_in_file,
-    with_values_in_file,
-)
+from rvsg.simulation.stacks.nav2_params import read_nav2_text
+from rvsg.simulation.stacks.parameter_file import with_filters_in_file, with_values_in_file
 from rvsg.simulation.stacks.stack_choice import StackChoice
 from rvsg.world.occupancy import write_mask
 
@@ -193,16 +190,16 @@ class ProposalChecks:
 
     def _changes(self, setting: Candidate) -> Iterator[ValueChange]:
         """Yield each changed value with the proposal without it."""
-        text = None if self.zones else self.tuner.source(self.stack)[0]
+        text, path = (None, Path()) if self.zones else self.tuner.source(self.stack)
+        places = {} if text is None else read_nav2_text(text, path).places
         for name, value in self._changed(setting.values).items():
-            place = place_of(name, yaml.safe_load(text), self.stack.options) if text is not None else None
             known = self.search.parameters.get(name)
             yield ValueChange(
                 name=name,
                 before=self.present.get(name),
                 after=value,
                 unit=known.unit if known else "",
-                key=".".join(part for part in place or () if part != "ros__parameters"),
+                key=".".join(part for part in places.get(name, ()) if part != "ros__parameters"),
                 without=self.search.try_out({**setting.values, name: self.present[name]}).score if known else None,
             )
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.records import Record
-from rvsg.simulation.embedded.costmap_filters import runs_of
 from rvsg.simulation.stacks.parameters import Parameter
+from rvsg.world.occupancy import runs_of
 
 MOST = 3
 REACH_M = 2.0

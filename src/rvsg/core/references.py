@@ -11,7 +11,10 @@ from __future__ import annotations
 
 import hashlib
 import struct
-from typing import Any, cast
+from collections.abc import Iterable
+from functools import cache
+from types import NoneType, UnionType
+from typing import Annotated, Any, Union, cast, get_args, get_origin
 
 import numpy as np
 
@@ -33,14 +36,16 @@ from numba.extending import (
     unbox,
 )
 
+from rvsg.core.records import Record
+
 _WORD = ir.IntType(64)
 
 
 class ReferenceType(types.Type):
-    """Numba's type of a reference: the class of the named tuple, its fields and their types."""
+    """Numba's type of a reference: the class of the named tuple or record, its fields and their types."""
 
-    def __init__(self, cls: type, kinds: tuple[Any, ...]) -> None:
-        self.fields = dict(zip(cast(Any, cls)._fields, kinds, strict=True))
+    def __init__(self, cls: type, names: Iterable[str], kinds: tuple[Any, ...]) -> None:
+        self.fields = dict(zip(names, kinds, strict=True))
         text = f"{cls.__module__}.{cls.__qualname__}{list(self.fields.items())}"
         super().__init__(f"{cls.__name__}Ref{hashlib.sha256(text.encode()).hexdigest()[:16]}")
 
@@ -68,18 +73,41 @@ _KNOWN: dict[tuple[Any, ...], tuple[ReferenceType, struct.Struct]] = {}
 
 
 def refer(values: Any, **others: Any) -> Any:
-    """Return a named tuple by reference, sharing its arrays; `others` are the references that are fields of it."""
-    given = values._replace(**others) if others else values
+    """Return a named tuple or a record by reference, sharing its arrays.
+
+    Args:
+        values: records that are fields of it become references, too. Of a record, kernels read the numbers; None is 0.
+        others: the references that are other fields of it.
+    """
+    fields: dict[str, Any]
+    if isinstance(values, Record):
+        fields = {name: 0.0 if (value := getattr(values, name)) is None else value for name in _read_of(type(values))}
+    else:
+        fields = values._asdict() | others
+    fields = {name: refer(value) if isinstance(value, Record) else value for name, value in fields.items()}
     words: list[Any] = []
     form: list[Any] = [type(values)]
-    _add_words(given, words, form)
+    _add_words(tuple(fields.values()), words, form)
     key = tuple(form)
     if key not in _KNOWN:
-        kinds = tuple(types.unliteral(cast(Any, numba.typeof)(value)) for value in given)
+        kinds = tuple(types.unliteral(cast(Any, numba.typeof)(value)) for value in fields.values())
         signs = "".join("d" if isinstance(word, float | np.floating) else "q" for word in words)
-        _KNOWN[key] = ReferenceType(type(values), kinds), struct.Struct(signs)
+        _KNOWN[key] = ReferenceType(type(values), fields, kinds), struct.Struct(signs)
     kind, packed = _KNOWN[key]
-    return Reference(kind, packed.pack(*words), (values, others))
+    return Reference(kind, packed.pack(*words), (values, fields))
+
+
+@cache
+def _read_of(kind: type[Record]) -> tuple[str, ...]:
+    """Return the fields of a record that kernels read: its numbers, also those that may be None, and its records."""
+
+    def is_read(annotation: Any) -> bool:
+        if get_origin(annotation) in (Union, UnionType):
+            return all(is_read(each) for each in get_args(annotation) if each is not NoneType)
+        plain = get_args(annotation)[0] if get_origin(annotation) is Annotated else annotation
+        return isinstance(plain, type) and issubclass(plain, int | float | Record)
+
+    return tuple(name for name, info in kind.model_fields.items() if is_read(info.annotation))
 
 
 def _add_words(value: Any, words: list[Any], form: list[Any]) -> None:

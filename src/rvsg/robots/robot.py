@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, Self, TypeVar
 
 from pydantic import Field, model_validator
 
@@ -64,6 +64,9 @@ class Dwb(Record):
     oscillation_reset_rad: NotNegative = 0.2
     check_footprint: bool = False
     """Check the whole footprint along a trajectory (Nav2's ObstacleFootprint), not only its centre (BaseObstacle)."""
+
+
+LimitedRecord = TypeVar("LimitedRecord", Smoother, Dwb)
 
 
 class Costmaps(Record):
@@ -301,10 +304,25 @@ class Robot(Record):
         return 0.5 * max(right - left, high - low)
 
     @property
+    def smoother(self) -> Smoother:
+        """The velocity smoother, with the robot's limits where it has none of its own."""
+        return self._limited(self.navigation.smoother)
+
+    @property
+    def dwb(self) -> Dwb:
+        """DWB, with the robot's limits where it has none of its own."""
+        dwb = self._limited(self.navigation.dwb)
+        return dwb.replace(max_lateral_m_s=min(dwb.max_lateral_m_s, self.limits.lateral_m_s))
+
+    def _limited(self, own: LimitedRecord) -> LimitedRecord:
+        """Return a record whose limits that are None are the robot's: `max_speed_m_s` is `speed_m_s`."""
+        missing = [name for name, value in own if value is None]
+        return own.replace(**{name: getattr(self.limits, name.removeprefix("max_")) for name in missing})
+
+    @property
     def driving_speed_m_s(self) -> float:
         """Forward speed on a free way: what the limits, the planner and the velocity smoother allow."""
-        asked = (self.navigation.smoother.max_speed_m_s, self.navigation.dwb.max_speed_m_s)
-        return min([self.limits.speed_m_s, *(speed for speed in asked if speed is not None)])
+        return min(self.limits.speed_m_s, self.smoother.max_speed_m_s or 0.0, self.dwb.max_speed_m_s or 0.0)
 
     @property
     def width_m(self) -> float:

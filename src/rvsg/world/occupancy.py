@@ -101,6 +101,14 @@ def read_mask(path: Path) -> tuple[NDArray[np.int16], float, Pose]:
     return classify(shade, opaque, header)[::-1], header.resolution, header.origin
 
 
+def runs_of(mask: NDArray[np.int16]) -> list[tuple[int, int]]:
+    """Return runs of equal cells: each value of a mask (rows, columns) and how often it follows itself."""
+    flat = mask.ravel()
+    begins = np.flatnonzero(np.diff(flat, prepend=flat[0] - 1))
+    lengths = np.diff(begins, append=flat.size)
+    return [(int(flat[begin]), int(length)) for begin, length in zip(begins, lengths, strict=True)]
+
+
 def classify(shade: NDArray[np.float64], opaque: NDArray[np.bool_], header: Any) -> NDArray[np.int16]:
     """Return the value of every cell as nav2_map_server publishes it: 0 to 100, -1 unknown; the image's top row first.
 

@@ -24,7 +24,7 @@ MONITOR = (
     {"name": "Ahead", "action_type": "approach", "time_before_collision": 1.5},
 )
 STACKS = {
-    "nav2-dwb": {"dwb": {"path_distance_scale": 20.0}, "behaviours": {"planner_tolerance_m": 0.3}},
+    "nav2-dwb": {"PathDist": {"scale": 20.0}, "behaviours": {"planner_tolerance_m": 0.3}},
     "nav2-rpp": {"lookahead_dist": 0.8, "smoother": {"acceleration_m_s2": 1.5}, "collision_monitor": MONITOR},
     "nav2-mppi": {"batch_size": 500, "CostCritic": {"cost_weight": 2.0}},
 }
@@ -46,9 +46,13 @@ def test_what_is_written_reads_back_as_the_same_stack(name: str, stack: str, rel
     read = driver(str(file))
     assert type(read) is type(written)
     one, other = (stack_of(each.adapt(robot)) for each in (written, read))
+    told = {"smoothed", "gives_up_without_plan"}  # what only the release says
+    assert [key for key, value in one.behaviours if value != getattr(other.behaviours, key)] == (
+        [] if release == "jazzy" else sorted(told, reverse=True)
+    )
     different = [key for key in one._fields if not np.array_equal(getattr(one, key), getattr(other, key))]
-    assert set(different) == (set() if release == "jazzy" else {"recoveries_direct", "gives_up_without_plan"})
-    own = type(written.settings).model_fields.keys() - Nav2Settings.model_fields.keys() - {"dwb"}
+    assert different == ([] if release == "jazzy" else ["behaviours"])
+    own = {} if stack == "nav2-dwb" else type(written.settings).model_fields.keys() - Nav2Settings.model_fields.keys()
     assert [key for key in own if getattr(written.settings, key) != getattr(read.settings, key)] == []
 
 

@@ -37,7 +37,7 @@ def test_the_stack_is_registered_and_says_its_options() -> None:
         ({"restart": True}, ("",)),  # of options that do not go together
         ({"params": "nav2.yaml"}, ("",)),
         ({"launch": "ros2 launch x", "speed": 4}, ("",)),
-        ({"values": {"dwb": {"sim_time_s": 2.0}}}, ("",)),
+        ({"values": {"sim_time": 2.0}}, ("",)),
         ({"domain": 233}, ("domain",)),
         ({"cmd_vel": "two words"}, ("cmd_vel",)),
     ],
@@ -91,7 +91,7 @@ def test_values_of_the_parameter_file_can_be_tuned_and_reach_the_launched_system
     launch = "sh -c 'grep -w sim_time: {params}; exit 3'"
     stack = Ros2Stack(launch=launch, params=str(path))
     declared = {each.name: each for each in stack.tunable_parameters(robot)}
-    assert declared["values.dwb.sim_time_s"].present == 1.7
+    assert declared["values.sim_time"].present == 1.7
     assert {name.partition(".")[0] for name in declared} == {"values"} and Ros2Stack().tunable_parameters(robot) == ()
     for each in declared.values():
         value = each.value(each.at(0.6))
@@ -100,7 +100,7 @@ def test_values_of_the_parameter_file_can_be_tuned_and_reach_the_launched_system
         assert sum(old != new for old, new in zip(*files, strict=True)) == 1
     with pytest.raises(FileError, check=coded("no-place")):
         Ros2Stack(launch=launch, params=str(path), values={"behaviours": {"wait_s": 1.0}})
-    told = drive(options={"launch": launch, "params": str(path), "values": {"dwb": {"sim_time_s": 2.5}}})
+    told = drive(options={"launch": launch, "params": str(path), "values": {"sim_time": 2.5}})
     assert "sim_time: 2.5" in told["error"]
     assert path.read_text() == stack.parameter_file()[1]
 

@@ -26,10 +26,11 @@ from jinja2 import Environment, PackageLoader
 from rvsg.core.documents import parse_yaml, read_yaml
 from rvsg.core.errors import FileError, InputError
 from rvsg.robots.robot import DEFAULT_ROBOT, MonitorPolygon, Robot, load_robot
-from rvsg.simulation.embedded.robot_parameters import planned_range, speeds
 from rvsg.simulation.stacks.mppi import Mppi
-from rvsg.simulation.stacks.nav2_keys import MONITORED, PLANNING
+from rvsg.simulation.stacks.nav2_keys import CRITICS, DWB, NEGATIVE, OPTIONS, SAME_AS
+from rvsg.simulation.stacks.nav2_params import POLYGON, read_nav2_text
 from rvsg.simulation.stacks.nav2_stack import Configured, Nav2Dwb, Nav2Settings
+from rvsg.simulation.stacks.parameters import value_at
 from rvsg.simulation.stacks.protocol import NavigationStack
 from rvsg.simulation.stacks.pure_pursuit import PurePursuit
 from rvsg.simulation.stacks.stack_choice import StackChoice, StackLike
@@ -47,42 +48,42 @@ def nav2_text(robot: Robot, driver: NavigationStack, release: Release) -> str:
         InputError: the stack has no controller of Nav2.
     """
     name = driver.name or type(driver).__name__
-    controller = _controller(driver, name)
-    robot, options = driver.adapt(robot), Ros2Options()
-    if robot.navigation.costmaps.local_size_m % 1:
-        size = robot.navigation.costmaps.local_size_m
+    robot, options, old = driver.adapt(robot), Ros2Options(), release == "humble"
+    controller = _controller(driver, robot, name)
+    size = robot.navigation.costmaps.local_size_m
+    if size % 1:
         raise InputError(f"costmaps.local_size_m is {size:g}; Nav2 takes whole metres.", code="nav2-whole-metres")
-    old = release == "humble"
     lidars = [(each.name, scan_topic(options, robot.lidars, k)) for k, each in enumerate(robot.lidars)]
-    limits, smoother = robot.limits, robot.navigation.smoother
-    up = smoother.acceleration_m_s2 or limits.acceleration_m_s2
-    down = smoother.deceleration_m_s2 or limits.deceleration_m_s2
-    yaw = smoother.yaw_acceleration_rad_s2 or limits.yaw_acceleration_rad_s2
-    side = limits.lateral_m_s
-    forward, reverse, turn = speeds(robot)
     loader = PackageLoader("rvsg_ros2", ".")
     environment = Environment(loader=loader, finalize=_yaml, trim_blocks=True, lstrip_blocks=True)  # noqa: S701 (YAML)
     text = environment.get_template("nav2_params.yaml.j2").render(
         robot=robot,
         o=options,
-        navigation=robot.navigation,
+        maps=robot.navigation.costmaps,
+        smoother=robot.smoother,
+        side=robot.limits.lateral_m_s,
         old=old,
         separator=Verbatim("/" if old else "::"),
         controller=controller,
-        dwb=robot.navigation.dwb,
-        planned=planned_range(robot),
-        planning=PLANNING,
         lidars=lidars,
         polygons={each.name: _polygon(each, old) for each in robot.navigation.collision_monitor},
         corners=_corners,
         verbatim=Verbatim,
-        max_velocity=[forward, side, turn],
-        min_velocity=[-reverse, -side, -turn],
-        max_accel=[up, up if side else 0.0, yaw],
-        max_decel=[-down, -down if side else 0.0, -yaw],
     )
+    values = yaml.safe_load(text)
+    numbers = robot.navigation.replace(smoother=robot.smoother).model_dump()
+    places = read_nav2_text(text, Path("nav2_params.yaml")).places
+    for option in (option for kind in OPTIONS.values() for option in kind.values()):
+        *path, last = places[option]
+        section = values
+        for part in path:
+            section = section[part]
+        value = value_at(numbers, option)
+        section[int(last) if isinstance(section, list) else last] = -value if path[-1] in NEGATIVE else value
+    local = values["local_costmap"]["local_costmap"]["ros__parameters"]
+    local["width"] = local["height"]  # Nav2 takes no 3.0
     head = f"# Nav2 ({release.capitalize()}) for the robot {robot.name}, as RVSG's {name} drives it.\n"
-    return head + yaml.safe_dump(yaml.safe_load(text), sort_keys=False, width=120)
+    return head + yaml.safe_dump(values, sort_keys=False, width=120)
 
 
 class Verbatim(str):
@@ -96,8 +97,8 @@ def _yaml(value: Any) -> str:
     return yaml.safe_dump(value, default_flow_style=True, width=math.inf, sort_keys=False).removesuffix("...\n").strip()
 
 
-def _controller(driver: NavigationStack, name: str) -> dict[str, Any]:
-    """Return the section of the controller, without what the robot adds to it."""
+def _controller(driver: NavigationStack, robot: Robot, name: str) -> dict[str, Any]:
+    """Return the section of the controller."""
     if isinstance(driver, Configured):
         dumped = driver.settings.model_dump(mode="json")  # the names of a controller's own options are Nav2's
         own = {key: value for key, value in dumped.items() if key not in Nav2Settings.model_fields}
@@ -110,16 +111,36 @@ def _controller(driver: NavigationStack, name: str) -> dict[str, Any]:
         plugin = "nav2_mppi_controller::MPPIController"
         return {"plugin": plugin, "motion_model": "DiffDrive", **own, "visualize": False, "critics": critics}
     if isinstance(driver, Nav2Dwb):
-        return {}  # the template has it
+        return _dwb(robot)
     raise InputError(
         f"The stack {name} has no controller of Nav2. Those that have one: nav2-dwb, nav2-rpp, nav2-mppi.",
         code="stack-not-nav2",
     )
 
 
+def _dwb(robot: Robot) -> dict[str, Any]:
+    """Return the section of DWB, with what only the running Nav2 reads."""
+    dwb = robot.dwb
+    values: dict[str, Any] = {name: getattr(dwb, field) for name, field in DWB.items()}
+    values |= {name: values[other] for name, other in SAME_AS.items()}
+    if not dwb.max_lateral_m_s:
+        values |= {"acc_lim_y": 0.0, "decel_lim_y": 0.0, "vy_samples": 1}
+    values = {name: -value if name.startswith("decel") else value for name, value in values.items()}
+    obstacle = "ObstacleFootprint" if dwb.check_footprint else "BaseObstacle"
+    values[f"{obstacle}.scale"] = values.pop("BaseObstacle.scale")
+    return {
+        "plugin": "dwb_core::DWBLocalPlanner", "debug_trajectory_details": False, "min_vel_y": -dwb.max_lateral_m_s,
+        "min_speed_xy": 0.0, "max_speed_xy": dwb.max_speed_m_s, "min_speed_theta": 0.0, "transform_tolerance": 0.2,
+        "xy_goal_tolerance": robot.navigation.behaviours.goal_tolerance_m,
+        "forward_prune_distance": dwb.prune_distance_m, "short_circuit_trajectory_evaluation": True, "stateful": True,
+        "critics": [obstacle if name == "BaseObstacle" else name for name in CRITICS if name != "ObstacleFootprint"],
+        **values, "RotateToGoal.lookahead_time": -1.0,
+    }  # fmt: skip
+
+
 def _polygon(polygon: MonitorPolygon, old: bool) -> dict[str, Any]:
     found: dict[str, Any] = {"type": "polygon", "action_type": polygon.action_type, "enabled": True}
-    found |= polygon.model_dump(include=set(MONITORED) - {"min_points"})
+    found |= polygon.model_dump(include=POLYGON - {"min_points"})
     if polygon.points is None:
         found["footprint_topic"] = "/local_costmap/published_footprint"
     else:

@@ -30,7 +30,7 @@ class Ros2Options(Record):
     params: str | None = None
     """Nav2 parameter file for `launch`; with `speed` its wall-clock rates are scaled."""
     values: dict[str, Any] = Field(default_factory=dict)
-    """Values that replace those of `params`, by the options of the built-in stack, e.g. `{dwb: {sim_time_s: 2.0}}`."""
+    """Values that replace those of `params`, by the options of the built-in stack, e.g. `{sim_time: 2.0}`."""
     speed: Annotated[float, Field(ge=0.1, le=20)] = 1.0
     """Simulated over wall time. Nav2 before Lyrical runs its loops on wall time: see `rvsg ros2 params`."""
     restart: bool = False
@@ -117,7 +117,7 @@ class Ros2Options(Record):
 
 
 def _paths(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield nested values with their paths, e.g. `dwb.sim_time_s`."""
+    """Yield nested values with their paths, e.g. `PathAlign.scale`."""
     for key, value in values.items():
         if isinstance(value, Mapping):
             yield from _paths(value, f"{before}{key}.")

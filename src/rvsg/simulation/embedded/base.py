@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.angles import wrap
 from rvsg.core.kernels import inner, kernel
 from rvsg.simulation.embedded.robot_parameters import Stack
 
@@ -33,13 +34,6 @@ def new_body() -> Floats:
     body[STOPPED_T] = -NO_CAP
     body[RATIO] = 1.0
     return body
-
-
-@kernel
-def wrap(angle: float) -> float:
-    """The angle in (-π, π]."""
-    turned = angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
-    return turned if turned > -math.pi else turned + 2.0 * math.pi
 
 
 @inner
@@ -69,16 +63,18 @@ def smooth(body: Floats, t_s: float, stack: Stack) -> None:
     v = body[COMMAND_V]
     w = body[COMMAND_W]
     side = body[COMMAND_SIDE]
-    if t_s - body[COMMAND_T] > stack.command_timeout:
+    if t_s - body[COMMAND_T] > stack.smoother.timeout_s:
         v = 0.0
         w = 0.0
         side = 0.0
-    body[SMOOTH_V] = smoothed(v, body[SMOOTH_V], stack.min_v, stack.max_v, stack.step_v, stack.step_down_v)
-    body[SMOOTH_W] = smoothed(w, body[SMOOTH_W], -stack.max_w, stack.max_w, stack.step_w, stack.step_w)
-    if stack.base_side > 0.0:
-        body[SMOOTH_SIDE] = smoothed(
-            side, body[SMOOTH_SIDE], -stack.base_side, stack.base_side, stack.step_v, stack.step_down_v
-        )
+    smoother, lateral = stack.smoother, stack.limits.lateral_m_s
+    up = smoother.acceleration_m_s2 / smoother.frequency_hz
+    down = smoother.deceleration_m_s2 / smoother.frequency_hz
+    turn, change = smoother.max_yaw_rate_rad_s, smoother.yaw_acceleration_rad_s2 / smoother.frequency_hz
+    body[SMOOTH_V] = smoothed(v, body[SMOOTH_V], -smoother.max_reverse_m_s, smoother.max_speed_m_s, up, down)
+    body[SMOOTH_W] = smoothed(w, body[SMOOTH_W], -turn, turn, change, change)
+    if lateral > 0.0:
+        body[SMOOTH_SIDE] = smoothed(side, body[SMOOTH_SIDE], -lateral, lateral, up, down)
 
 
 @inner
@@ -98,15 +94,16 @@ def delayed(waiting: Floats, k: int, v: float, side: float, w: float) -> tuple[f
 def speed_up(now: float, acceleration: float, wanted: float, stack: Stack) -> tuple[float, float]:
     """Return a speed after a step towards `wanted`, within the base's limits of acceleration and jerk, and its rate."""
     braking = abs(wanted) < abs(now) or wanted * now < 0.0
-    limit = stack.base_dec if braking else stack.base_acc
+    limit = stack.limits.deceleration_m_s2 if braking else stack.limits.acceleration_m_s2
     rate = (wanted - now) / STEP_S
-    if stack.base_jerk > 0.0:
+    jerk = stack.limits.jerk_m_s3
+    if jerk > 0.0:
         # The acceleration must be back at 0 when the speed is reached.
-        step = stack.base_jerk * STEP_S
-        limit = min(limit, math.sqrt(0.25 * step * step + 2.0 * stack.base_jerk * abs(wanted - now)) - 0.5 * step)
+        step = jerk * STEP_S
+        limit = min(limit, math.sqrt(0.25 * step * step + 2.0 * jerk * abs(wanted - now)) - 0.5 * step)
     rate = min(limit, max(-limit, rate))
-    if stack.base_jerk > 0.0:
-        change = stack.base_jerk * STEP_S
+    if jerk > 0.0:
+        change = jerk * STEP_S
         rate = min(acceleration + change, max(acceleration - change, rate))
         if abs(rate) * STEP_S > abs(wanted - now) and rate * (wanted - now) > 0.0:
             rate = (wanted - now) / STEP_S
@@ -118,15 +115,15 @@ def steer(body: Floats, v: float, wanted_v: float, wanted_w: float, stack: Stack
     """Turn the steered wheel towards what (wanted_v, wanted_w) asks for; return the yaw rate at speed v."""
     wanted = body[STEERING]
     if abs(wanted_v) > 1e-6:
-        wanted = math.atan(wanted_w * stack.wheelbase / wanted_v)
+        wanted = math.atan(wanted_w * stack.drive.wheelbase_m / wanted_v)
     elif wanted_w == 0.0:
         wanted = 0.0
-    wanted = min(stack.max_steering, max(-stack.max_steering, wanted))
-    if stack.steering_rate > 0.0:
-        step = stack.steering_rate * STEP_S
+    wanted = min(stack.drive.max_steering_rad, max(-stack.drive.max_steering_rad, wanted))
+    if stack.drive.steering_rate_rad_s > 0.0:
+        step = stack.drive.steering_rate_rad_s * STEP_S
         wanted = min(body[STEERING] + step, max(body[STEERING] - step, wanted))
     body[STEERING] = wanted
-    return float(v * math.tan(wanted) / stack.wheelbase)
+    return float(v * math.tan(wanted) / stack.drive.wheelbase_m)
 
 
 @inner
@@ -138,23 +135,23 @@ def follow_command(
     A zone of the scanners that limits the speed ahead or behind limits the lateral one, too.
     """
     v = min(body[CAP_AHEAD], max(-body[CAP_BEHIND], v))
-    cap = min(stack.base_side, body[CAP_AHEAD], body[CAP_BEHIND])
+    cap = min(stack.limits.lateral_m_s, body[CAP_AHEAD], body[CAP_BEHIND])
     side = min(cap, max(-cap, side))
     if t_s < body[STOPPED_T]:
         v = 0.0
         side = 0.0
         w = 0.0
-    if not stack.enforced:
+    if not stack.limits.enforced:
         return v, side, w
     wanted = v
-    v = min(stack.base_v, max(-stack.base_reverse, v))
+    v = min(stack.limits.speed_m_s, max(-stack.limits.reverse_m_s, v))
     v, body[ACCELERATION] = speed_up(body[V], body[ACCELERATION], v, stack)
-    if stack.wheelbase > 0.0:
+    if stack.drive.wheelbase_m > 0.0:
         return v, 0.0, steer(body, v, wanted, w, stack)
-    if stack.base_side > 0.0:
+    if stack.limits.lateral_m_s > 0.0:
         side, body[SIDE_ACCELERATION] = speed_up(body[SIDE], body[SIDE_ACCELERATION], side, stack)
-    w = min(stack.base_w, max(-stack.base_w, w))
-    step = stack.base_acc_w * STEP_S
+    w = min(stack.limits.yaw_rate_rad_s, max(-stack.limits.yaw_rate_rad_s, w))
+    step = stack.limits.yaw_acceleration_rad_s2 * STEP_S
     return v, side, min(body[W] + step, max(body[W] - step, w))
 
 

@@ -8,10 +8,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.angles import wrap
 from rvsg.core.kernels import inner
+from rvsg.simulation.costmap import LETHAL, footprint_spans
 from rvsg.simulation.embedded import base, dwb
 from rvsg.simulation.embedded import state as st
-from rvsg.simulation.embedded.costmap import LETHAL, footprint_spans
 from rvsg.simulation.embedded.localisation import MAP_YAW, to_map, to_world
 from rvsg.simulation.embedded.navfn import plan
 from rvsg.simulation.embedded.rollouts import SAMPLE_SIDE, SAMPLE_V, SAMPLE_W, fill_window
@@ -145,7 +146,7 @@ def plan_route(scene: Scene, state: State, t: float) -> bool:
     count = plan(
         state.path[0], 0, x, y, state.goals[g, 0], state.goals[g, 1], state.global_master, state.costs, scene.reach,
         state.rest, state.potential, state.waiting, state.buffers, state.cells, scene.origin_x, scene.origin_y,
-        scene.resolution, state.stack.plan_tolerance,
+        scene.resolution, state.stack.behaviours.planner_tolerance_m,
     )  # fmt: skip
     if count == 0:
         return False
@@ -202,11 +203,11 @@ def has_progress(state: State, t: float) -> bool:
     """Progress checker: more than 0.5 m from the stored pose within 10 s."""
     times = state.times
     square = (state.body[base.X] - times[st.PROGRESS_X]) ** 2 + (state.body[base.Y] - times[st.PROGRESS_Y]) ** 2
-    if square > state.stack.progress_m**2:
+    if square > state.stack.behaviours.progress_m**2:
         times[st.PROGRESS_X] = state.body[base.X]
         times[st.PROGRESS_Y] = state.body[base.Y]
         times[st.PROGRESS_T] = t
-    return t - times[st.PROGRESS_T] <= state.stack.progress_s
+    return t - times[st.PROGRESS_T] <= state.stack.behaviours.progress_s
 
 
 @inner
@@ -216,12 +217,12 @@ def at_goal(state: State) -> bool:
     dx = state.path[1, end, 0] - state.body[base.X]
     dy = state.path[1, end, 1] - state.body[base.Y]
     square = dx * dx + dy * dy
-    if square <= state.stack.xy_tolerance**2:
+    if square <= state.stack.behaviours.goal_tolerance_m**2:
         state.nav[dwb.XY_REACHED] = 1
     if state.nav[dwb.XY_REACHED] == 0:
         return False
     yaw = goal_yaw(state)
-    return abs(base.wrap(state.body[base.YAW] - yaw)) <= state.stack.yaw_tolerance
+    return abs(wrap(state.body[base.YAW] - yaw)) <= state.stack.behaviours.goal_tolerance_rad
 
 
 @inner
@@ -238,7 +239,7 @@ def choose_dwb(state: State, answer: Floats) -> None:
     w = measured(body[base.W])
     side = measured(body[base.SIDE])
     samples = state.samples
-    if not state.stack.dwb_whole_range:
+    if not state.stack.whole_range:
         samples = samples[: fill_window(samples, v, side, w, state.times[dwb.SHARE], state.stack)]
     best = dwb.choose(
         state.nav, state.times, state.scratch, state.memo, samples, state.local[st.MASTER],
@@ -262,7 +263,7 @@ def follow(state: State, t: float, answer: Floats) -> None:
     """Carry out the local planner's answer; where it has had none for too long, following the path has failed."""
     if answer[0] == 0.0:
         command(state, 0.0, 0.0, 0.0, False, t)
-        if t - state.times[st.VALID_T] > state.stack.patience:
+        if t - state.times[st.VALID_T] > state.stack.behaviours.failure_tolerance_s:
             stop_following(state, t)
             return
     else:
@@ -282,8 +283,8 @@ def recover(state: State, t: float) -> None:
     nav[st.RECOVERIES] += 1
     nav[st.FAILED_ACTIONS] = 0
     command(state, 0.0, 0.0, 0.0, False, t)
-    if nav[st.RECOVERIES] > state.stack.recoveries:
-        nav[st.RECOVERIES] = state.stack.recoveries
+    if nav[st.RECOVERIES] > state.stack.behaviours.recoveries:
+        nav[st.RECOVERIES] = state.stack.behaviours.recoveries
         nav[st.MODE] = st.DONE
         nav[st.RESULT] = st.ABORTED
         return
@@ -295,7 +296,7 @@ def begin_action(state: State, t: float) -> None:
     """Begin the recovery whose turn it is."""
     nav = state.nav
     action = nav[st.NEXT_ACTION]
-    if action == 1 and state.stack.wheelbase > 0.0:
+    if action == 1 and state.stack.drive.wheelbase_m > 0.0:
         action = 2  # no spin for a robot that cannot turn on the spot
     nav[st.NEXT_ACTION] = (action + 1) % ACTIONS
     _note(state, RECOVERED, t, float(action), 0.0)
@@ -350,7 +351,7 @@ def is_blocked(state: State, v: float, w: float) -> bool:
     y = state.body[base.Y]
     yaw = state.body[base.YAW]
     ahead = 0.0
-    while ahead <= state.stack.look_ahead_s:
+    while ahead <= state.stack.behaviours.look_ahead_s:
         if footprint_hits(state, x + v * ahead * math.cos(yaw), y + v * ahead * math.sin(yaw), yaw + w * ahead):
             return True
         ahead += ACTION_PERIOD_S
@@ -369,25 +370,26 @@ def act(state: State, settings: Settings, t: float) -> None:
     go_on_recovery(state, t)
     elapsed = t - times[st.ACTION_T]
     if nav[st.MODE] == st.WAIT:
-        if elapsed >= state.stack.wait_s * settings.clock:
+        if elapsed >= state.stack.behaviours.wait_s * settings.clock:
             end_action(state, t)
         return
     v = 0.0
     w = 0.0
     if nav[st.MODE] == st.SPIN:
-        times[st.ACTION_DONE] += abs(base.wrap(body[base.YAW] - times[st.ACTION_YAW]))
+        times[st.ACTION_DONE] += abs(wrap(body[base.YAW] - times[st.ACTION_YAW]))
         times[st.ACTION_YAW] = body[base.YAW]
-        left = state.stack.spin_rad - times[st.ACTION_DONE]
+        left = state.stack.behaviours.spin_rad - times[st.ACTION_DONE]
         if left < 1e-6:
             end_action(state, t)
             return
-        w = min(state.stack.max_spin, max(state.stack.min_spin, math.sqrt(2.0 * state.stack.spin_acc * left)))
+        stopping = math.sqrt(2.0 * state.stack.behaviours.spin_acceleration_rad_s2 * left)
+        w = min(state.stack.behaviours.spin_max_rad_s, max(state.stack.behaviours.spin_min_rad_s, stopping))
     else:
         done = math.sqrt((body[base.X] - times[st.ACTION_X]) ** 2 + (body[base.Y] - times[st.ACTION_Y]) ** 2)
-        if done >= state.stack.back_up_m:
+        if done >= state.stack.behaviours.back_up_m:
             end_action(state, t)
             return
-        v = -state.stack.back_up_v
+        v = -state.stack.behaviours.back_up_m_s
     if elapsed > ACTION_TIME_S or is_blocked(state, v, w):
         command(state, 0.0, 0.0, 0.0, False, t)
         nav[st.FAILED_ACTIONS] += 1
@@ -397,7 +399,7 @@ def act(state: State, settings: Settings, t: float) -> None:
         else:
             begin_action(state, t)
         return
-    command(state, v, 0.0, w, state.stack.recoveries_direct, t)
+    command(state, v, 0.0, w, not state.stack.behaviours.smoothed, t)
 
 
 @inner
@@ -435,17 +437,17 @@ def navigate(scene: Scene, state: State, settings: Settings, t: float) -> bool:
                     command(state, 0.0, 0.0, 0.0, False, t)
                     nav[st.MODE] = st.DONE
                     nav[st.RESULT] = st.ABORTED
-            elif state.stack.waits_for_maps:
+            elif state.stack.behaviours.waits_for_costmaps:
                 begin_following(state, t)  # the controller gets its goal with the plan
             return False
         if plan_route(scene, state, t):
             nav[st.PLAN_RETRIED] = 0
-        elif nav[st.NEED_PLAN] == 0 and state.stack.gives_up_without_plan:
+        elif nav[st.NEED_PLAN] == 0 and state.stack.behaviours.gives_up_without_plan:
             nav[st.NEED_PLAN] = AGAIN
             nav[st.PLAN_RETRIED] = 1
             nav[st.CLEAR_GLOBAL] = 1
             return False
-        elif nav[st.PLAN_RETRIED] == 0 and not (state.stack.waits_for_maps and nav[st.NEED_PLAN] == 0):
+        elif nav[st.PLAN_RETRIED] == 0 and not (state.stack.behaviours.waits_for_costmaps and nav[st.NEED_PLAN] == 0):
             # On the way Nav2 empties the plan, and the controller refuses an empty one twice before the global map is
             # current again: the recovery begins.
             nav[st.PLAN_RETRIED] = 1
@@ -457,7 +459,7 @@ def navigate(scene: Scene, state: State, settings: Settings, t: float) -> bool:
             return False
     if t < state.times[st.CONTROL_T] - 1e-9 or nav[st.CLEAR_LOCAL] != 0:
         return False
-    state.times[st.CONTROL_T] += state.stack.control_period * settings.clock
+    state.times[st.CONTROL_T] += 1.0 / state.stack.behaviours.controller_hz * settings.clock
     if has_progress(state, t):
         return True
     stop_following(state, t)

@@ -9,18 +9,10 @@ from numpy.typing import NDArray
 
 from rvsg.core.errors import InputError
 from rvsg.robots.robot import CostmapFilter, Robot
-from rvsg.simulation.embedded.costmap import LETHAL, UNKNOWN
+from rvsg.simulation.costmap import LETHAL, UNKNOWN
 from rvsg.world.world import OccupancyMap
 
 Which = Literal["local", "global"]
-
-
-def runs_of(mask: NDArray[np.int16]) -> list[tuple[int, int]]:
-    """Return the `cells` of a filter: each value of a mask (rows, columns) and how often it follows itself."""
-    flat = mask.ravel()
-    begins = np.flatnonzero(np.diff(flat, prepend=flat[0] - 1))
-    lengths = np.diff(begins, append=flat.size)
-    return [(int(flat[begin]), int(length)) for begin, length in zip(begins, lengths, strict=True)]
 
 
 def on_map(each: CostmapFilter, occupancy: OccupancyMap) -> NDArray[np.int16]:

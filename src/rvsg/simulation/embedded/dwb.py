@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.angles import wrap
 from rvsg.core.kernels import inner, kernel
-from rvsg.simulation.embedded.base import wrap
-from rvsg.simulation.embedded.costmap import INSCRIBED
+from rvsg.simulation.costmap import INSCRIBED
 from rvsg.simulation.embedded.robot_parameters import Stack
 from rvsg.simulation.embedded.rollouts import (
     SAMPLE_DT,
@@ -203,13 +203,13 @@ def remember_turn(
     the ban began.
     """
     banned = False
-    if abs(v) <= p.dwb_oscillation_v and w != 0.0:
+    if abs(v) <= p.dwb.oscillation_speed_m_s and w != 0.0:
         sign = 1 if w > 0.0 else -1
         if state[LAST_SIGN] != 0 and sign != state[LAST_SIGN]:
             state[BAN_RIGHT if sign > 0 else BAN_LEFT] = 1
             banned = True
         state[LAST_SIGN] = sign
-    if abs(v) <= p.dwb_oscillation_v and side != 0.0:
+    if abs(v) <= p.dwb.oscillation_speed_m_s and side != 0.0:
         sign = 1 if side > 0.0 else -1
         if state[LAST_ASIDE] != 0 and sign != state[LAST_ASIDE]:
             state[BAN_ASIDE_RIGHT if sign > 0 else BAN_ASIDE_LEFT] = 1
@@ -221,7 +221,7 @@ def remember_turn(
         reals[BAN_YAW] = yaw
     if state[BAN_LEFT] != 0 or state[BAN_RIGHT] != 0 or state[BAN_ASIDE_LEFT] != 0 or state[BAN_ASIDE_RIGHT] != 0:
         square = (x - reals[BAN_X]) ** 2 + (y - reals[BAN_Y]) ** 2
-        if square > p.dwb_oscillation_m**2 or abs(yaw - reals[BAN_YAW]) > p.dwb_oscillation_rad:
+        if square > p.dwb.oscillation_reset_m**2 or abs(yaw - reals[BAN_YAW]) > p.dwb.oscillation_reset_rad:
             forget_turns(state)
 
 
@@ -283,23 +283,26 @@ def choose(
     The sample that was best last time comes first, and a sample is dropped as soon as it cannot be the best any more:
     most before the distances from the path are looked for. `trace` works out the totals of all.
     """
-    if not prune(state, path, x, y, p.dwb_window, p.dwb_prune):
+    window, per_cell = 0.5 * p.maps.local_size_m, 0.5 * p.resolution  # distances are counted in cells
+    goal_align, goal_distance = p.dwb.goal_align_scale * per_cell, p.dwb.goal_distance_scale * per_cell
+    path_align, path_distance_scale = p.dwb.path_align_scale * per_cell, p.dwb.path_distance_scale * per_cell
+    if not prune(state, path, x, y, window, p.dwb.prune_distance_m):
         return -1
     begin = state[PLAN_BEGIN]
-    end = window_end(state, path, x, y, p.dwb_window)
+    end = window_end(state, path, x, y, window)
     goal_x = path[state[PLAN_END] - 1, 0]
     goal_y = path[state[PLAN_END] - 1, 1]
     to_goal = math.sqrt((goal_x - x) ** 2 + (goal_y - y) ** 2)
-    if to_goal <= p.xy_tolerance:
+    if to_goal <= p.behaviours.goal_tolerance_m:
         state[IN_WINDOW] = 1
     square = measured_v * measured_v + measured_side * measured_side
-    if state[IN_WINDOW] == 1 and abs(measured_v) <= p.dwb_stopped and abs(measured_side) <= p.dwb_stopped:
+    if state[IN_WINDOW] == 1 and abs(measured_v) <= p.dwb.stopped_m_s and abs(measured_side) <= p.dwb.stopped_m_s:
         state[ROTATING] = 1
     last_x = path[end - 1, 0]
     last_y = path[end - 1, 1]
     bearing = math.atan2(goal_y - y, goal_x - x)
-    forward_x = last_x + p.dwb_forward_point * math.cos(bearing)
-    forward_y = last_y + p.dwb_forward_point * math.sin(bearing)
+    forward_x = last_x + p.dwb.forward_point_m * math.cos(bearing)
+    forward_y = last_y + p.dwb.forward_point_m * math.sin(bearing)
     align_column, align_row = take_sources(
         maps, state, path, begin, end, forward_x, forward_y, origin_column, origin_row, p.resolution
     )
@@ -332,8 +335,8 @@ def choose(
         end_column, end_row, ahead_column, ahead_row = cells_of(ends[s], column, row, cos, sin, columns, rows)
         if end_column < 0:
             continue
-        align = p.dwb_goal_align * (abs(ahead_column - align_column) + abs(ahead_row - align_row))
-        goal = p.dwb_goal_dist * (abs(end_column - goal_column) + abs(end_row - goal_row))
+        align = goal_align * (abs(ahead_column - align_column) + abs(ahead_row - align_row))
+        goal = goal_distance * (abs(end_column - goal_column) + abs(end_row - goal_row))
         if align + goal > least + ROUNDING:
             continue
         cost = master[end_row, end_column]
@@ -342,19 +345,19 @@ def choose(
         rotate = 0.0
         if state[IN_WINDOW] != 0:
             rotate = rotate_to_goal(
-                state, samples[s, SAMPLE_V], side, abs(wrap(yaw + ends[s, 2] - goal_yaw)), square, p.dwb_slowing
+                state, samples[s, SAMPLE_V], side, abs(wrap(yaw + ends[s, 2] - goal_yaw)), square, p.dwb.slowing_factor
             )
             if rotate < 0.0:
                 continue
-        total = p.dwb_rotate * rotate + p.dwb_obstacle * cost
+        total = p.dwb.rotate_to_goal_scale * rotate + p.dwb.obstacle_scale * cost
         total += align
         if total + goal > least + ROUNDING:
             continue
-        if to_goal > p.dwb_forward_point:
-            total += p.dwb_path_align * path_distance(maps, state, ahead_column, ahead_row)
+        if to_goal > p.dwb.forward_point_m:
+            total += path_align * path_distance(maps, state, ahead_column, ahead_row)
             if total + goal > least + ROUNDING:
                 continue
-        total += p.dwb_path_dist * path_distance(maps, state, end_column, end_row)
+        total += path_distance_scale * path_distance(maps, state, end_column, end_row)
         total += goal
         if total > least or (total == least and s > best):
             continue

@@ -111,14 +111,14 @@ def update_maps(scene: Scene, state: State, settings: Settings, t: float) -> Non
 
     A cleared layer of Nav2 is not current before its next regular update (`ObstacleLayer::reset`).
     """
-    waits = state.stack.waits_for_maps
+    waits = state.stack.behaviours.waits_for_costmaps
     do_local = state.nav[st.CLEAR_LOCAL] != 0 and not waits
     do_global = state.nav[st.CLEAR_GLOBAL] != 0 and not waits
     if t >= state.times[st.LOCAL_T] - 1e-9:
-        state.times[st.LOCAL_T] += state.stack.local_period * settings.clock
+        state.times[st.LOCAL_T] += 1.0 / state.stack.maps.local_update_hz * settings.clock
         do_local = True
     if t >= state.times[st.GLOBAL_T] - 1e-9:
-        state.times[st.GLOBAL_T] += state.stack.global_period * settings.clock
+        state.times[st.GLOBAL_T] += 1.0 / state.stack.maps.global_update_hz * settings.clock
         do_global = True
     if do_local:
         update_local(scene, state, settings)
@@ -316,7 +316,7 @@ def go_on(
             if running and state.nav[st.MODE] == st.DONE:
                 loop[END] = min(loop[END], t + settings.result_delay_s * settings.clock)
             if t >= state.times[st.SMOOTH_T] - 1e-9:
-                state.times[st.SMOOTH_T] += state.stack.smoother_period * settings.clock
+                state.times[st.SMOOTH_T] += 1.0 / state.stack.smoother.frequency_hz * settings.clock
                 base.smooth(body, t, state.stack)
                 if state.stack.monitor.shape[0] > 0:
                     scale_command(state)

@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.kernels import inner, kernel
+from rvsg.simulation.costmap import FAR
 from rvsg.simulation.embedded.base import into_frame
 from rvsg.simulation.embedded.robot_parameters import LIDAR_VIEW, LIDAR_X, LIDAR_Y, LIDAR_YAW
 
 Floats = NDArray[np.float64]
 
 
-FAR = 1e9
-"""A return beyond the reach of a cast scan: all of them do the same to the costmaps."""
 NO_RETURN = -1.0
 LEG_RADIUS_M = 0.07
 LEG_APART_M = 0.09

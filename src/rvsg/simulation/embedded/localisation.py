@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from rvsg.core.angles import wrap
 from rvsg.core.kernels import inner
 from rvsg.robots.robot import Lidar
-from rvsg.simulation.embedded.base import wrap
 from rvsg.simulation.embedded.lidar import full_scan
 from rvsg.world.world import OccupancyMap
 

@@ -15,6 +15,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from rvsg.core.angles import wrap
 from rvsg.scenario.scenario import WHEELCHAIR, Behaviour, HumanAgent
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.people.crowd import PERIOD_S, Crowd
@@ -230,7 +231,7 @@ class Touches:
             return
         bearing = 0.0
         if body is not None:
-            bearing = float(base.wrap(math.atan2(place[1] - body[base.Y], place[0] - body[base.X]) - body[base.YAW]))
+            bearing = float(wrap(math.atan2(place[1] - body[base.Y], place[0] - body[base.X]) - body[base.YAW]))
         name, part = self._names[i]
         found.append(
             RobotContact(
@@ -340,7 +341,7 @@ class MovingBodies:
         dx, dy = float(crowd.x[i]) - x, float(crowd.y[i]) - y
         most, way = TURN_RAD_S * PERIOD_S, math.hypot(dx, dy)
         wanted = math.atan2(dy, dx) if way > MOVES_M else float(crowd.yaw[i])
-        aside = float(base.wrap(wanted - yaw))
+        aside = float(wrap(wanted - yaw))
         turn = max(-most, min(most, aside))
         others = self._others(i)
         past = self._blocked_s[i] > PATIENCE_S
@@ -348,7 +349,7 @@ class MovingBodies:
         # Nobody pushes a trolley sideways: who turns walks on as it comes round.
         ahead = max(LEAST_AHEAD, math.cos(aside))
         for go, swing in ((ahead, 1.0), *STEPS):
-            pose = (x + go * dx, y + go * dy, float(base.wrap(yaw + swing * turn)))
+            pose = (x + go * dx, y + go * dy, float(wrap(yaw + swing * turn)))
             shape = placed(self._outlines[i], *pose)
             if not any(_deeper(shape, self.placed[i], other) for other in blockers):
                 break

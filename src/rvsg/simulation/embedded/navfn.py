@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.kernels import inner, kernel
-from rvsg.simulation.embedded.costmap import INSCRIBED, UNKNOWN
+from rvsg.simulation.costmap import INSCRIBED, UNKNOWN
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]

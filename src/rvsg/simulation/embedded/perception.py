@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.kernels import inner
-from rvsg.simulation.embedded import base
-from rvsg.simulation.embedded import state as st
-from rvsg.simulation.embedded.costmap import (
+from rvsg.simulation.costmap import (
+    FAR,
     FREE,
     UNKNOWN,
     VOXEL_SHORTENING_CELLS,
@@ -20,8 +19,10 @@ from rvsg.simulation.embedded.costmap import (
     observe,
     shift,
 )
+from rvsg.simulation.embedded import base
+from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.dwb import SHARE
-from rvsg.simulation.embedded.lidar import FAR, NO_RETURN, first_ray, scan
+from rvsg.simulation.embedded.lidar import NO_RETURN, first_ray, scan
 from rvsg.simulation.embedded.localisation import MAP_YAW, to_map
 from rvsg.simulation.embedded.navfn import convert
 from rvsg.simulation.embedded.robot_parameters import (
@@ -105,8 +106,8 @@ def update_local(scene: Scene, state: State, settings: Settings) -> None:
         observe(
             layer, ranges, state.directions[side],
             x / state.stack.resolution - left, y / state.stack.resolution - low, bearing,
-            state.stack.resolution, VOXEL_SHORTENING_CELLS, state.stack.obstacle_range,
-            state.stack.clearing_range, state.stack.lidars[side, LIDAR_MIN],
+            state.stack.resolution, VOXEL_SHORTENING_CELLS, state.stack.maps.obstacle_range_m,
+            state.stack.maps.clearing_range_m, state.stack.lidars[side, LIDAR_MIN],
         )  # fmt: skip
         clear_footprint(
             layer, state.spans, state.body[base.X] / state.stack.resolution - left,
@@ -170,7 +171,7 @@ def update_global(scene: Scene, state: State, settings: Settings) -> None:
         observe(
             layer, ranges, state.directions[side],
             (x - scene.origin_x) / scene.resolution, (y - scene.origin_y) / scene.resolution, bearing + turn,
-            scene.resolution, 0.0, state.stack.obstacle_range, state.stack.clearing_range,
+            scene.resolution, 0.0, state.stack.maps.obstacle_range_m, state.stack.maps.clearing_range_m,
             state.stack.lidars[side, LIDAR_MIN],
         )  # fmt: skip
         clear_footprint(
@@ -179,9 +180,8 @@ def update_global(scene: Scene, state: State, settings: Settings) -> None:
     rows, columns = state.global_master.shape
     # Rays change cells up to their clearing range from a lidar; the rest covers the lidar's place on the robot and what
     # the robot moved since.
-    half = (
-        max(rows, columns) if everywhere else int((state.stack.clearing_range + state.stack.margin) / scene.resolution)
-    )
+    reach = state.stack.maps.clearing_range_m + state.stack.margin
+    half = max(rows, columns) if everywhere else int(reach / scene.resolution)
     top, left, bottom, right = merge_global(
         state.global_master, scene.static, scene.inflated, state.layers, scene.global_costs,
         int(row), int(column), half,

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
+from rvsg.core.angles import wrap
 from rvsg.core.documents import invalid_options
 from rvsg.core.errors import UnknownName
 from rvsg.core.records import Record
 from rvsg.core.seeds import stream
 from rvsg.scenario.scenario import BODY_RADIUS_M, HUNAVSIM_RADIUS_M
-from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.localisation import Localisation, known_offset, particle_filter
 from rvsg.simulation.embedded.people.crowd import (
     KEEP_RIGHT_M,
@@ -238,7 +238,7 @@ def new_localisation(
         around.beam_scores,
         world.occupancy,
         around.robot.lidars[0],
-        (route.start.x, route.start.y, float(base.wrap(route.start.yaw))),
+        (route.start.x, route.start.y, float(wrap(route.start.yaw))),
         around.robot.lidars[0].noise_m * options.noise.lidar,
         stream(seed if options.noise.localisation > 0.0 else 0, "localisation"),
         differential=around.robot.drive.kind != "omnidirectional",

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.kernels import inner, kernel
-from rvsg.simulation.embedded.costmap import INSCRIBED, outline_hits
+from rvsg.simulation.costmap import INSCRIBED, outline_hits
 from rvsg.simulation.embedded.robot_parameters import Stack
 
 Floats = NDArray[np.float64]
@@ -27,18 +27,19 @@ def sample_table(p: Stack) -> Floats:
     Forward speeds from the lowest to the highest; yaw rates between both limits, and 0 between the innermost two;
     not both zero. With a dynamic window smaller than that there is space for as many samples as it can hold.
     """
-    if not p.dwb_whole_range:
-        sides = p.dwb_side_samples + 1 if p.dwb_max_side > 0.0 else 1
-        return np.zeros((p.dwb_v_samples * sides * (p.dwb_w_samples + 1), 5))
-    low, high, most, time_s = p.dwb_min_v, p.dwb_max_v, p.dwb_max_w, p.dwb_sim_time
-    rates = [-most + 2.0 * most * k / (p.dwb_w_samples - 1) for k in range(p.dwb_w_samples)]
+    if not p.whole_range:
+        sides = p.dwb.lateral_samples + 1 if p.dwb.max_lateral_m_s > 0.0 else 1
+        return np.zeros((p.dwb.speed_samples * sides * (p.dwb.yaw_rate_samples + 1), 5))
+    low, high, most, time_s = p.dwb.min_speed_m_s, p.dwb.max_speed_m_s, p.dwb.max_yaw_rate_rad_s, p.dwb.sim_time_s
+    rates = [-most + 2.0 * most * k / (p.dwb.yaw_rate_samples - 1) for k in range(p.dwb.yaw_rate_samples)]
     if 0.0 not in rates:
-        rates.insert(p.dwb_w_samples // 2, 0.0)
-    speeds = low + (high - low) * np.arange(p.dwb_v_samples) / (p.dwb_v_samples - 1)
-    v, w = np.repeat(speeds, len(rates)), np.tile(rates, p.dwb_v_samples)
+        rates.insert(p.dwb.yaw_rate_samples // 2, 0.0)
+    speeds = low + (high - low) * np.arange(p.dwb.speed_samples) / (p.dwb.speed_samples - 1)
+    v, w = np.repeat(speeds, len(rates)), np.tile(rates, p.dwb.speed_samples)
     moves = (v != 0.0) | (w != 0.0)
     v, w = v[moves], w[moves]
-    longest = np.maximum(np.abs(v) * time_s / p.dwb_linear, np.abs(w) * time_s / p.dwb_angular)
+    linear, angular = p.dwb.linear_granularity_m, p.dwb.angular_granularity_rad
+    longest = np.maximum(np.abs(v) * time_s / linear, np.abs(w) * time_s / angular)
     steps = np.maximum(1.0, np.ceil(longest))
     return np.column_stack([v, w, steps, time_s / steps, np.zeros(len(v))])
 
@@ -61,16 +62,16 @@ def fill_window(samples: Floats, v0: float, side0: float, w0: float, share: floa
     A speed filter leaves a share of every highest speed.
     """
     share = min(1.0, share)
-    fastest, most, turn = p.dwb_max_v * share, p.dwb_max_side * share, p.dwb_max_w * share
-    v = min(fastest, max(p.dwb_min_v, v0))
-    low = towards(p.dwb_min_v, v, p.dwb_acc_v * p.dwb_sim_time, p.dwb_dec_v * p.dwb_sim_time)
-    high = towards(fastest, v, p.dwb_acc_v * p.dwb_sim_time, p.dwb_dec_v * p.dwb_sim_time)
-    speeds = p.dwb_v_samples if high - low > 1e-5 else 1
-    change = p.dwb_acc_v * p.dwb_sim_time
+    fastest, most, turn = p.dwb.max_speed_m_s * share, p.dwb.max_lateral_m_s * share, p.dwb.max_yaw_rate_rad_s * share
+    v = min(fastest, max(p.dwb.min_speed_m_s, v0))
+    change, braking = p.dwb.acceleration_m_s2 * p.dwb.sim_time_s, p.dwb.deceleration_m_s2 * p.dwb.sim_time_s
+    low = towards(p.dwb.min_speed_m_s, v, change, braking)
+    high = towards(fastest, v, change, braking)
+    speeds = p.dwb.speed_samples if high - low > 1e-5 else 1
     aside = min(most, max(-most, side0))
     right = towards(-most, aside, change, change)
     left = towards(most, aside, change, change)
-    sides = p.dwb_side_samples if left - right > 1e-5 else 1
+    sides = p.dwb.lateral_samples if left - right > 1e-5 else 1
     count = 0
     for i in range(speeds):
         speed = low + (high - low) * i / max(1, speeds - 1)
@@ -88,13 +89,13 @@ def fill_window(samples: Floats, v0: float, side0: float, w0: float, share: floa
 @inner
 def add_rates(samples: Floats, count: int, v: float, side: float, w0: float, limit: float, p: Stack) -> int:
     """Append a sample for every yaw rate within the limit and reach of w0; return the number of samples."""
-    change = p.dwb_acc_w * p.dwb_sim_time
-    if p.wheelbase > 0.0:
+    change = p.dwb.yaw_acceleration_rad_s2 * p.dwb.sim_time_s
+    if p.drive.wheelbase_m > 0.0:
         limit = min(limit, abs(v) * p.curvature)
     w = min(limit, max(-limit, w0))
     right = towards(-limit, w, change, change)
     left = towards(limit, w, change, change)
-    rates = p.dwb_w_samples if left - right > 1e-5 else 1
+    rates = p.dwb.yaw_rate_samples if left - right > 1e-5 else 1
     before = right
     for j in range(rates):
         rate = right + (left - right) * j / max(1, rates - 1)
@@ -111,11 +112,12 @@ def add_sample(samples: Floats, count: int, v: float, side: float, w: float, p: 
     if v == 0.0 and side == 0.0 and w == 0.0:
         return count
     way = abs(v) if side == 0.0 else math.sqrt(v * v + side * side)
-    steps = max(1, math.ceil(max(way * p.dwb_sim_time / p.dwb_linear, abs(w) * p.dwb_sim_time / p.dwb_angular)))
+    along, turned = way * p.dwb.sim_time_s, abs(w) * p.dwb.sim_time_s
+    steps = max(1, math.ceil(max(along / p.dwb.linear_granularity_m, turned / p.dwb.angular_granularity_rad)))
     samples[count, SAMPLE_V] = v
     samples[count, SAMPLE_W] = w
     samples[count, SAMPLE_STEPS] = steps
-    samples[count, SAMPLE_DT] = p.dwb_sim_time / steps
+    samples[count, SAMPLE_DT] = p.dwb.sim_time_s / steps
     samples[count, SAMPLE_SIDE] = side
     return count + 1
 
@@ -166,7 +168,7 @@ def roll_out_headings(headings: Floats, w0: float, w1: float, steps: int, dt: fl
         headings[i, 0] = math.cos(yaw)
         headings[i, 1] = math.sin(yaw)
         headings[i, 2] = yaw
-        w = towards(w1, w, p.dwb_acc_w * dt, p.dwb_acc_w * dt)
+        w = towards(w1, w, p.dwb.yaw_acceleration_rad_s2 * dt, p.dwb.yaw_acceleration_rad_s2 * dt)
         yaw += w * dt
     headings[steps, 0] = math.cos(yaw)
     headings[steps, 1] = math.sin(yaw)
@@ -200,20 +202,20 @@ def roll_out_ends(ends: Floats, v0: float, side0: float, w0: float, samples: Flo
         x = 0.0
         y = 0.0
         for i in range(steps):
-            v = towards(samples[s, SAMPLE_V], v, p.dwb_acc_v * dt, p.dwb_dec_v * dt)
+            v = towards(samples[s, SAMPLE_V], v, p.dwb.acceleration_m_s2 * dt, p.dwb.deceleration_m_s2 * dt)
             x += v * heading[i, 0] * dt
             y += v * heading[i, 1] * dt
         if side0 != 0.0 or samples[s, SAMPLE_SIDE] != 0.0:
-            side = side0
+            side, change = side0, p.dwb.acceleration_m_s2 * dt
             for i in range(steps):
-                side = towards(samples[s, SAMPLE_SIDE], side, p.dwb_acc_v * dt, p.dwb_acc_v * dt)
+                side = towards(samples[s, SAMPLE_SIDE], side, change, change)
                 x -= side * heading[i, 1] * dt
                 y += side * heading[i, 0] * dt
         ends[s, 0] = x
         ends[s, 1] = y
         ends[s, 2] = heading[steps, 2]
-        ends[s, 3] = x + p.dwb_forward_point * heading[steps, 0]
-        ends[s, 4] = y + p.dwb_forward_point * heading[steps, 1]
+        ends[s, 3] = x + p.dwb.forward_point_m * heading[steps, 0]
+        ends[s, 4] = y + p.dwb.forward_point_m * heading[steps, 1]
 
 
 @kernel
@@ -260,15 +262,15 @@ def is_free(
     for i in range(steps + 1):
         if not (0.0 <= x < columns and 0.0 <= y < rows) or master[int(y), int(x)] >= INSCRIBED:
             return False
-        if p.dwb_footprint and outline_hits(master, p.footprint, x, y, yaw, p.resolution):
+        if p.dwb.check_footprint and outline_hits(master, p.footprint, x, y, yaw, p.resolution):
             return False
         if i < steps:
-            v = towards(v1, v, p.dwb_acc_v * dt, p.dwb_dec_v * dt)
-            w = towards(w1, w, p.dwb_acc_w * dt, p.dwb_acc_w * dt)
+            v = towards(v1, v, p.dwb.acceleration_m_s2 * dt, p.dwb.deceleration_m_s2 * dt)
+            w = towards(w1, w, p.dwb.yaw_acceleration_rad_s2 * dt, p.dwb.yaw_acceleration_rad_s2 * dt)
             x += v * math.cos(yaw) * dt / p.resolution
             y += v * math.sin(yaw) * dt / p.resolution
             if sideways:
-                side = towards(side1, side, p.dwb_acc_v * dt, p.dwb_acc_v * dt)
+                side = towards(side1, side, p.dwb.acceleration_m_s2 * dt, p.dwb.acceleration_m_s2 * dt)
                 x -= side * math.sin(yaw) * dt / p.resolution
                 y += side * math.cos(yaw) * dt / p.resolution
             yaw += w * dt

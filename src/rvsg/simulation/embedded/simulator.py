@@ -15,6 +15,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from rvsg.core.angles import wrap
 from rvsg.core.errors import InputError, SimulationError
 from rvsg.core.kernels import cache_folder, compilation_reported, is_cached, seal_cache
 from rvsg.core.records import Pose
@@ -22,10 +23,10 @@ from rvsg.core.seeds import stream
 from rvsg.robots.polygons import rectangle
 from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
 from rvsg.scenario.scenario import HumanAgent, Scenario, Track, decode
+from rvsg.simulation.costmap import LETHAL
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.behaviour_tree import navigation_events
-from rvsg.simulation.embedded.costmap import LETHAL
 from rvsg.simulation.embedded.driving import Driving, called_every
 from rvsg.simulation.embedded.episode import Episode, Outside, go_on, new_recording
 from rvsg.simulation.embedded.localisation import Localisation
@@ -263,7 +264,7 @@ def simulate_agents(
     rest = around.rest_of_way(scene, goals)
     state = new_state(scene, goals, len(agents), robot, walls, own, rollouts(robot), rest)
     details: dict[str, object] = {}
-    state.body[base.X : base.YAW + 1] = (route.start.x, route.start.y, base.wrap(route.start.yaw))
+    state.body[base.X : base.YAW + 1] = (route.start.x, route.start.y, wrap(route.start.yaw))
     if blocked:
         for rows, humans in ((record.track, record.track_humans), (record.log, record.log_humans)):
             rows[0, 1:4] = (route.start.x, route.start.y, route.start.yaw)

@@ -12,9 +12,9 @@ from scipy import ndimage
 
 from rvsg.core.errors import InputError
 from rvsg.robots.robot import Robot
+from rvsg.simulation.costmap import FREE, INSCRIBED, LETHAL, UNKNOWN, inflate_static, inflation_kernel
 from rvsg.simulation.embedded import dwb
 from rvsg.simulation.embedded.base import new_body
-from rvsg.simulation.embedded.costmap import FREE, INSCRIBED, LETHAL, UNKNOWN, inflate_static, inflation_kernel
 from rvsg.simulation.embedded.costmap_filters import keepout_costs, speed_shares
 from rvsg.simulation.embedded.lidar import ray_directions
 from rvsg.simulation.embedded.localisation import Localisation, beam_scores

@@ -25,10 +25,10 @@ from rvsg.scenario.builder import check_valid
 from rvsg.scenario.scenario import ROBOT, Scenario
 from rvsg.scenario.world_lookup import world_of
 from rvsg.simulation.archive import PackedRun, rounded
+from rvsg.simulation.costmap import INSCRIBED
 from rvsg.simulation.embedded import base, dwb
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.behaviour_tree import ODOMETRY_DEADBAND
-from rvsg.simulation.embedded.costmap import INSCRIBED
 from rvsg.simulation.embedded.dwb import PLAN_END, SHARE, STAMP
 from rvsg.simulation.embedded.episode import Episode, Outside
 from rvsg.simulation.embedded.lidar import first_ray, full_scan
@@ -140,7 +140,9 @@ BANS = [dwb.BAN_LEFT, dwb.BAN_RIGHT, dwb.BAN_ASIDE_LEFT, dwb.BAN_ASIDE_RIGHT]
 
 def scales(p: Stack) -> tuple[float, ...]:
     """Return the factor of each of `CRITICS`, as DWB publishes it."""
-    return (p.dwb_rotate, p.dwb_obstacle, p.dwb_goal_align, p.dwb_path_align, p.dwb_path_dist, p.dwb_goal_dist)
+    own, per_cell = p.dwb, 0.5 * p.resolution
+    distances = (own.goal_align_scale, own.path_align_scale, own.path_distance_scale, own.goal_distance_scale)
+    return (own.rotate_to_goal_scale, own.obstacle_scale, *(scale * per_cell for scale in distances))
 
 
 def raw_scores(
@@ -167,7 +169,7 @@ def raw_scores(
         _cells(column, row, cos, sin, ends[:, k], ends[:, k + 1], master.shape) for k in (0, 3)
     )
     goal_x, goal_y = path[nav[dwb.PLAN_END] - 1]
-    far = math.sqrt((goal_x - x) ** 2 + (goal_y - y) ** 2) > p.dwb_forward_point
+    far = math.sqrt((goal_x - x) ** 2 + (goal_y - y) ** 2) > p.dwb.forward_point_m
     v, w, side = samples[:, SAMPLE_V], samples[:, SAMPLE_W], samples[:, SAMPLE_SIDE]
     error = yaw + ends[:, 2] - float(state.goals[-1, 2] - state.own.frame[MAP_YAW])  # as the robot believes it
     off = np.abs(error - 2.0 * math.pi * np.floor((error + math.pi) / (2.0 * math.pi)))
@@ -175,7 +177,7 @@ def raw_scores(
     if nav[dwb.IN_WINDOW] and nav[dwb.ROTATING]:
         rotate, forbidden = off, (v > 0.0) | (side != 0.0)
     elif nav[dwb.IN_WINDOW]:
-        rotate = p.dwb_slowing * v * v + p.dwb_slowing * side * side + off
+        rotate = p.dwb.slowing_factor * v * v + p.dwb.slowing_factor * side * side + off
         forbidden = v * v + side * side >= measured[0] * measured[0] + measured[2] * measured[2]
     for ban, way in zip(bans, (w, -w, side, -side), strict=True):
         forbidden |= bool(ban) & (way > 0.0)
@@ -197,11 +199,11 @@ def _align_cell(
 ) -> Ints:
     """Return the cell that GoalAlign measures from: ahead of the last pose of the plan within reach."""
     begin, last = int(nav[dwb.PLAN_BEGIN]), int(nav[dwb.PLAN_END])
-    far = ((path[begin:last] - (x, y)) ** 2).sum(axis=1) > p.dwb_window * p.dwb_window
+    far = ((path[begin:last] - (x, y)) ** 2).sum(axis=1) > (0.5 * p.maps.local_size_m) ** 2
     end = begin + int(far.argmax()) if far.any() else last
     points = path[begin:end].copy()
     bearing = math.atan2(path[last - 1, 1] - y, path[last - 1, 0] - x)
-    points[-1] += p.dwb_forward_point * math.cos(bearing), p.dwb_forward_point * math.sin(bearing)
+    points[-1] += p.dwb.forward_point_m * math.cos(bearing), p.dwb.forward_point_m * math.sin(bearing)
     cells = np.floor(points / p.resolution - window).astype(np.int64)
     inside = np.all((cells >= 0) & (cells < shape[::-1]), axis=1).reshape(-1)
     first = int(inside.argmax())
@@ -407,7 +409,7 @@ class _Recorder:
             return
         self._stamp = stamp
         body, samples = state.body, state.samples
-        count = len(samples) if state.stack.dwb_whole_range else int(np.count_nonzero(samples[:, SAMPLE_STEPS]))
+        count = len(samples) if state.stack.whole_range else int(np.count_nonzero(samples[:, SAMPLE_STEPS]))
         measured = body[[base.V, base.W, base.SIDE]]
         measured[np.abs(measured) <= ODOMETRY_DEADBAND] = 0.0
         slots = np.flatnonzero((state.memo.keys == [*measured, state.times[SHARE]]).all(axis=1))
@@ -421,12 +423,12 @@ class _Recorder:
         raw, score = raw_scores(state, samples[:count], ends, measured, bans, pose)
         best = _first_free(state, samples, score, measured, pose)
         commanded = body[[base.COMMAND_V, base.COMMAND_W, base.COMMAND_SIDE]]
-        if not state.stack.dwb_whole_range:
+        if not state.stack.whole_range:
             samples[:, SAMPLE_STEPS] = 0.0  # the planner writes its samples anew each time, and fewer or more of them
         self._evaluation = Evaluation(
             t=round(t, 3),
             pose=pose,
-            velocity=samples[:count, parts[: 3 if state.stack.base_side > 0.0 else 2]].copy(),
+            velocity=samples[:count, parts[: 3 if state.stack.limits.lateral_m_s > 0.0 else 2]].copy(),
             end=np.column_stack([pose[0] + cos * ahead - sin * left, pose[1] + sin * ahead + cos * left]),
             score=score,
             best=best if (samples[best, parts] == commanded).all() else -1,
@@ -455,7 +457,7 @@ def _first_free(
 
 def _velocity(state: State, *parts: int) -> tuple[float, ...]:
     """Return parts of the base's state, the last one only where the base moves sideways."""
-    return tuple(float(state.body[part]) for part in (parts if state.stack.base_side > 0.0 else parts[:-1]))
+    return tuple(float(state.body[part]) for part in (parts if state.stack.limits.lateral_m_s > 0.0 else parts[:-1]))
 
 
 def _cast(episode: Episode, side: int) -> Floats:

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.angles import wrap
 from rvsg.core.kernels import inner, kernel
 from rvsg.core.records import Pose
 from rvsg.core.references import refer
@@ -326,11 +327,11 @@ def touch_walls(walls: Walls, t: float, body: Floats, x: float, y: float, yaw: f
         if body[base.SIDE] != 0.0:
             aside = math.cos(yaw) * (body[base.Y] - y) - math.sin(yaw) * (body[base.X] - x)
             body[base.SIDE] = aside / base.STEP_S
-        body[base.W] = base.wrap(body[base.YAW] - yaw) / base.STEP_S
+        body[base.W] = wrap(body[base.YAW] - yaw) / base.STEP_S
         body[base.ACCELERATION] = 0.0
         body[base.SIDE_ACCELERATION] = 0.0
         return change
-    turn = base.wrap(body[base.YAW] - yaw)
+    turn = wrap(body[base.YAW] - yaw)
     moved = 0.0
     turned = 1.0
     if overlap(walls, x, y, yaw + turn) > allowed:
@@ -351,7 +352,7 @@ def touch_walls(walls: Walls, t: float, body: Floats, x: float, y: float, yaw: f
             blocked = middle
     body[base.X] = x + moved * dx
     body[base.Y] = y + moved * dy
-    body[base.YAW] = base.wrap(yaw + turned * turn)
+    body[base.YAW] = wrap(yaw + turned * turn)
     change = (moved - 1.0) * body[base.V]
     body[base.V] *= moved
     body[base.SIDE] *= moved
@@ -367,16 +368,13 @@ def _slide(walls: Walls, body: Floats, x: float, y: float, yaw: float, step: flo
     slid_x, slid_y, slid_yaw = push_out(walls, body[base.X], body[base.Y], body[base.YAW])
     if math.sqrt((slid_x - x) ** 2 + (slid_y - y) ** 2) > step + FARTHEST_M:
         return False
-    if (
-        abs(base.wrap(slid_yaw - yaw)) * walls.radius
-        > step + walls.radius * abs(body[base.W]) * base.STEP_S + FARTHEST_M
-    ):
+    if abs(wrap(slid_yaw - yaw)) * walls.radius > step + walls.radius * abs(body[base.W]) * base.STEP_S + FARTHEST_M:
         return False
     if overlap(walls, slid_x, slid_y, slid_yaw) > allowed:
         return False
     body[base.X] = slid_x
     body[base.Y] = slid_y
-    body[base.YAW] = base.wrap(slid_yaw)
+    body[base.YAW] = wrap(slid_yaw)
     return True
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from functools import partial
-from operator import attrgetter
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -24,8 +23,6 @@ from rvsg.robots.polygons import distance, padded, reach
 from rvsg.robots.robot import Robot
 from rvsg.simulation.stacks.mppi_critics import (
     BLOCK,
-    OPTIONS,
-    WEIGHTS,
     Bytes,
     F,
     Floats,
@@ -107,7 +104,7 @@ def roll_out(m: Work, begin: int, end: int, yaw0: float, v0: float, w0: float, p
     ahead[:] = F(yaw0)
     m.v[0, begin:end] = F(v0)
     m.w[0, begin:end] = F(w0)
-    n, dt = end - begin, p.dt
+    n, dt = end - begin, p.options.model_dt
     xs, ys, yaws, vs, ws = m.x, m.y, m.yaw, m.v, m.w
     noise_v, noise_w, control = m.noise_v, m.noise_w, m.control
     x, y, yaw, v, w = still, still, ahead, vs[0, begin:end], ws[0, begin:end]
@@ -119,8 +116,8 @@ def roll_out(m: Work, begin: int, end: int, yaw0: float, v0: float, w0: float, p
         add_product(next_yaw, yaw, w, dt)
         turn(cos, sin, w, dt)
         reach = dt if k < xs.shape[0] - 1 else np.inf  # Nav2 limits only controls that move a trajectory
-        limited(next_v, v, noise_v[k, begin:end], control[0, k], reach * p.a_min, reach * p.a_max)
-        limited(next_w, w, noise_w[k, begin:end], control[1, k], -reach * p.aw_max, reach * p.aw_max)
+        limited(next_v, v, noise_v[k, begin:end], control[0, k], reach * p.options.ax_min, reach * p.options.ax_max)
+        limited(next_w, w, noise_w[k, begin:end], control[1, k], -reach * p.options.az_max, reach * p.options.az_max)
         x, y, yaw, v, w = next_x, next_y, next_yaw, next_v, next_w
 
 
@@ -130,7 +127,7 @@ def keep(m: Work, begin: int, end: int, p: Any) -> None:
     last, n = m.x.shape[0] - 1, end - begin
     rows = m.kept_x.shape[0]
     for j in range(rows):
-        k = last if j == rows - 1 else j * p.align_step
+        k = last if j == rows - 1 else j * p.options.PathAlignCritic.trajectory_point_step
         m.kept_x[j, begin:end] = m.x[k, :n]
         m.kept_y[j, begin:end] = m.y[k, :n]
     m.kept_yaw[begin:end] = m.yaw[last, :n]
@@ -160,7 +157,7 @@ def average(m: Work, p: Any) -> None:
     weights = m.scratch[0]
     total = 0.0
     for b in range(samples):
-        weights[b] = F(math.exp(-(m.costs[b] - least) / p.temperature))
+        weights[b] = F(math.exp(-(m.costs[b] - least) / p.options.temperature))
         total += weights[b]
     control, v, w = m.control, m.v, m.w
     for k in range(steps):
@@ -191,12 +188,14 @@ def smooth_sequence(m: Work, offset: int) -> None:
 @kernel(arrays=True)
 def constrain(m: Work, p: Any) -> None:
     """Keep the control sequence within the limits of speed and acceleration."""
-    v = min(p.v_max, max(p.v_min, m.control[0, 0]))
-    w = min(p.w_max, max(-p.w_max, m.control[1, 0]))
+    o = p.options
+    dt, turn = o.model_dt, o.wz_max
+    v = min(o.vx_max, max(o.vx_min, m.control[0, 0]))
+    w = min(turn, max(-turn, m.control[1, 0]))
     m.control[0, 0], m.control[1, 0] = v, w
     for k in range(1, m.control.shape[1]):
-        v = min(v + p.dt * p.a_max, max(v + p.dt * p.a_min, min(p.v_max, max(p.v_min, m.control[0, k]))))
-        w = min(w + p.dt * p.aw_max, max(w - p.dt * p.aw_max, min(p.w_max, max(-p.w_max, m.control[1, k]))))
+        v = min(v + dt * o.ax_max, max(v + dt * o.ax_min, min(o.vx_max, max(o.vx_min, m.control[0, k]))))
+        w = min(w + dt * o.az_max, max(w - dt * o.az_max, min(turn, max(-turn, m.control[1, k]))))
         m.control[0, k], m.control[1, k] = v, w
 
 
@@ -231,12 +230,12 @@ def optimise(
     w0: float, goal_yaw: float, iterations: int, p: Any,
 ) -> tuple[bool, float, float]:  # fmt: skip
     """Return whether there is a valid command, and forward speed and yaw rate."""
-    path = local_path(plan, cells, ox, oy, side, x, y, p.prune_m)
+    path = local_path(plan, cells, ox, oy, side, x, y, p.options.prune_distance)
     last = plan.shape[0] - 1
     gx, gy = plan[last, 0] - x, plan[last, 1] - y
     to_goal = math.hypot(gx, gy)
     free = free_points(path, cells, ox - x, oy - y, side)
-    scores = cell_scores(cells, to_goal < p.near_goal_m, p)
+    scores = cell_scores(cells, to_goal < p.options.CostCritic.near_goal_distance, p)
     ground = Ground(scores, clearances(cells), rim(p.footprint, side), (x - ox) / side, (y - oy) / side, 1.0 / side)
     samples = m.costs.size
     offset = 1 if p.shift else 0
@@ -378,7 +377,8 @@ class MppiSettings(Nav2Settings):
     TwirlingCritic: Twirling = Twirling()
 
 
-LIMITED = ("v_max", "v_min", "w_max")
+CRITICS = tuple(name for name in MppiSettings.model_fields if name.endswith("Critic"))
+LIMITED = ("vx_max", "vx_min", "wz_max")
 """What a speed filter scales; the constraint critic keeps its limits, as in Nav2."""
 
 
@@ -449,8 +449,9 @@ class Mppi(Configured):
         self._until = seen.t + 1.5 * self._period_s
         if seen.speed_share != self._share:
             self._share = seen.speed_share
-            limits = {name: self._share * value for name, value in self._full._asdict().items() if name in LIMITED}
-            self._numbers = refer(self._full._replace(**limits))
+            options = self._full.options
+            limits = {name: self._share * getattr(options, name) for name in LIMITED}
+            self._numbers = refer(self._full._replace(options=options.model_copy(update=limits)))
         for _ in range(self.settings.retry_attempt_limit + 1):
             before = self._sent if self.settings.open_loop else seen.velocity
             valid, v, w = optimise(
@@ -471,10 +472,10 @@ class Mppi(Configured):
     def _of(self, footprint: Floats, possible: float, period_s: float) -> Any:
         """Return the options with what the robot adds to them."""
         s = self.settings
-        critics = {name: getattr(s, critic) for name, critic in WEIGHTS.items()}
+        critics = {name: getattr(s, name) for name in CRITICS}
+        off = {name: each.model_copy(update={"cost_weight": 0.0}) for name, each in critics.items() if not each.enabled}
         return Numbers(
-            **{name: attrgetter(option)(s) for name, option in OPTIONS.items()},
-            **{name: critic.cost_weight if critic.enabled else 0.0 for name, critic in critics.items()},
+            options=s.model_copy(update=off),
             constraint_max=math.hypot(s.vx_max, s.vy_max),
             constraint_min=-math.hypot(s.vx_min, s.vy_max),
             shift=abs(period_s - s.model_dt) < 1e-6,

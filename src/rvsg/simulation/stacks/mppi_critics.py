@@ -6,14 +6,13 @@ Arrays are (time steps, samples) in single precision, as in Nav2, so that the lo
 from __future__ import annotations
 
 import math
-from collections import namedtuple
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.angles import wrap
 from rvsg.core.kernels import kernel
-from rvsg.simulation.embedded.base import wrap
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -22,32 +21,18 @@ BLOCK = 128
 """Samples that are rolled out and scored together, so that their states stay in the processor's cache."""
 
 
-OPTIONS = {
-    "dt": "model_dt", "temperature": "temperature", "gamma": "gamma", "v_std": "vx_std", "w_std": "wz_std",
-    "v_max": "vx_max", "v_min": "vx_min", "w_max": "wz_max", "a_max": "ax_max", "a_min": "ax_min", "aw_max": "az_max",
-    "prune_m": "prune_distance",
-    "critical": "CostCritic.critical_cost", "near_collision": "CostCritic.near_collision_cost",
-    "collision": "CostCritic.collision_cost", "near_goal_m": "CostCritic.near_goal_distance",
-    "cost_step": "CostCritic.trajectory_point_step", "outline": "CostCritic.consider_footprint",
-    "goal_m": "GoalCritic.threshold_to_consider", "goal_angle_m": "GoalAngleCritic.threshold_to_consider",
-    "align_m": "PathAlignCritic.threshold_to_consider", "align_occupied": "PathAlignCritic.max_path_occupancy_ratio",
-    "align_offset": "PathAlignCritic.offset_from_furthest", "align_step": "PathAlignCritic.trajectory_point_step",
-    "follow_m": "PathFollowCritic.threshold_to_consider", "follow_offset": "PathFollowCritic.offset_from_furthest",
-    "angle_m": "PathAngleCritic.threshold_to_consider", "angle_offset": "PathAngleCritic.offset_from_furthest",
-    "angle_max": "PathAngleCritic.max_angle_to_furthest", "forward_m": "PreferForwardCritic.threshold_to_consider",
-}  # fmt: skip
-"""The options that the kernels read, by their names in the kernels."""
-WEIGHTS = {
-    "constraint": "ConstraintCritic", "cost": "CostCritic", "goal": "GoalCritic", "goal_angle": "GoalAngleCritic",
-    "align": "PathAlignCritic", "follow": "PathFollowCritic", "angle": "PathAngleCritic",
-    "forward": "PreferForwardCritic", "twirl": "TwirlingCritic",
-}  # fmt: skip
-"""The critics whose weights the kernels read; 0 where one is not enabled."""
-Numbers = cast(
-    Any,
-    namedtuple("Numbers", [*OPTIONS, *WEIGHTS, "constraint_max", "constraint_min", "shift", "possible", "footprint"]),
-)
-"""The options and the robot as the kernels read them; SI units. `possible`: cost from which the outline is checked."""
+class Numbers(NamedTuple):
+    """The options and the robot as the kernels read them; SI units."""
+
+    options: Any
+    """Those of `nav2-mppi`; the weight of a critic that is not enabled is 0."""
+    constraint_max: float
+    constraint_min: float
+    shift: bool
+    """Whether the control sequence moves on by a step in each period."""
+    possible: float
+    """Cost from which the outline is checked."""
+    footprint: Floats
 
 
 class Work(NamedTuple):
@@ -83,17 +68,18 @@ def start_again(m: Work, rng: np.random.Generator, p: Any) -> None:
     """
     m.control[:] = 0.0
     m.history[:] = 0.0
-    for noise, deviation in ((m.noise_v, p.v_std), (m.noise_w, p.w_std)):
+    for noise, deviation in ((m.noise_v, p.options.vx_std), (m.noise_w, p.options.wz_std)):
         noise[:] = deviation * rng.standard_normal(noise.shape, np.float32)
 
 
 def new_work(steps: int, samples: int, p: Any) -> Work:
     """Return the arrays of a run, without noise."""
+    rows = (steps - 1) // p.options.PathAlignCritic.trajectory_point_step + 2
     shapes = {
         **dict.fromkeys(("noise_v", "noise_w"), (steps, samples)),
         **dict.fromkeys(("v", "w"), (steps + 1, samples)),
         **dict.fromkeys(("x", "y", "yaw"), (steps, BLOCK)),
-        **dict.fromkeys(("kept_x", "kept_y"), ((steps - 1) // p.align_step + 2, samples)),
+        **dict.fromkeys(("kept_x", "kept_y"), (rows, samples)),
         **dict.fromkeys(("kept_yaw", "costs"), (samples,)),
         "scratch": (4, samples),
     }
@@ -132,15 +118,17 @@ def add_effort(costs: Singles, v: Singles, middle: float, gamma: float) -> None:
 @kernel(arrays=True)
 def score_speeds(m: Work, begin: int, end: int, to_goal: float, p: Any) -> None:
     """ConstraintCritic, PreferForwardCritic, TwirlingCritic, and the distance of the samples from the sequence."""
-    steps = m.x.shape[0]
-    forward = p.forward * p.dt if to_goal >= p.forward_m else 0.0
+    steps, o = m.x.shape[0], p.options
+    prefer = o.PreferForwardCritic
+    forward = prefer.cost_weight * o.model_dt if to_goal >= prefer.threshold_to_consider else 0.0
+    constraint, twirl = o.ConstraintCritic.cost_weight * o.model_dt, o.TwirlingCritic.cost_weight / steps
     costs, vs, ws, control = m.costs[begin:end], m.v, m.w, m.control
     v, w = vs[0, begin:end], ws[0, begin:end]
     for k in range(steps):
-        add_beyond(costs, v, w, p.constraint_min, p.constraint_max, p.constraint * p.dt, forward, p.twirl / steps)
+        add_beyond(costs, v, w, p.constraint_min, p.constraint_max, constraint, forward, twirl)
         v, w = vs[k + 1, begin:end], ws[k + 1, begin:end]
-        add_effort(costs, v, control[0, k], p.gamma / (p.v_std * p.v_std))
-        add_effort(costs, w, control[1, k], p.gamma / (p.w_std * p.w_std))
+        add_effort(costs, v, control[0, k], o.gamma / (o.vx_std * o.vx_std))
+        add_effort(costs, w, control[1, k], o.gamma / (o.wz_std * o.wz_std))
 
 
 @kernel(arrays=True)
@@ -154,12 +142,12 @@ def cell_scores(cells: Bytes, near_goal: bool, p: Any) -> Singles:
     for row in range(rows):
         for column in range(columns):
             cost = cells[row, column]
-            if cost >= LETHAL or (cost == INSCRIBED and not p.outline):
+            if cost >= LETHAL or (cost == INSCRIBED and not p.options.CostCritic.consider_footprint):
                 continue
             score = F(0.0) if near_goal else F(cost)
-            if cost >= p.near_collision:
-                score = F(p.critical)
-            if p.outline and cost >= max(p.possible, 1.0):
+            if cost >= p.options.CostCritic.near_collision_cost:
+                score = F(p.options.CostCritic.critical_cost)
+            if p.options.CostCritic.consider_footprint and cost >= max(p.possible, 1.0):
                 score = COLLIDES - F(1.0) - score
             scores[(row + 1) * (columns + 2) + column + 1] = score
     return scores
@@ -276,7 +264,7 @@ def score_costmap(m: Work, begin: int, end: int, ground: Ground, p: Any) -> int:
     """CostCritic; return how many trajectories collide."""
     steps = m.x.shape[0]
     rows, columns = ground.away.shape
-    strided = (steps - 1) // p.cost_step + 1
+    strided = (steps - 1) // p.options.CostCritic.trajectory_point_step + 1
     total, hit, found = m.scratch[0, begin:end], m.scratch[1, begin:end], m.scratch[2, begin:end]
     total[:] = F(0.0)
     hit[:] = F(0.0)
@@ -284,7 +272,7 @@ def score_costmap(m: Work, begin: int, end: int, ground: Ground, p: Any) -> int:
     xs, ys, yaws, n = m.x, m.y, m.yaw, end - begin
     scores, away, points = ground.scores, ground.away, ground.rim
     for j in range(strided):
-        k = j * p.cost_step
+        k = j * p.options.CostCritic.trajectory_point_step
         x, y = xs[k, :n], ys[k, :n]
         look_up(found, x, y, scores, fx, fy, scale, columns - 2, rows - 2)
         if not add_scores(total, found):
@@ -297,11 +285,11 @@ def score_costmap(m: Work, begin: int, end: int, ground: Ground, p: Any) -> int:
                 hit[b] = F(1.0)
             else:
                 total[b] += COLLIDES - F(1.0) - found[b]
-    weight = F(p.cost / 254.0 / strided)
+    weight = F(p.options.CostCritic.cost_weight / 254.0 / strided)
     colliding = 0
     for b in range(total.size):
         if hit[b] != 0.0:
-            total[b] = F(p.collision)
+            total[b] = F(p.options.CostCritic.collision_cost)
             colliding += 1
         m.costs[begin + b] += weight * total[b]
     return colliding
@@ -310,12 +298,13 @@ def score_costmap(m: Work, begin: int, end: int, ground: Ground, p: Any) -> int:
 @kernel(arrays=True)
 def score_goal(m: Work, begin: int, end: int, gx: float, gy: float, goal_yaw: float, to_goal: float, p: Any) -> None:
     """GoalCritic and GoalAngleCritic: mean distance from the goal and from its yaw."""
-    steps = m.x.shape[0]
-    if to_goal < p.goal_m:
+    steps, goal, angle = m.x.shape[0], p.options.GoalCritic, p.options.GoalAngleCritic
+    if to_goal < goal.threshold_to_consider:
+        costs, weight_m = m.costs[begin:end], goal.cost_weight / steps
         for k in range(steps):
-            add_distance(m.costs[begin:end], m.x[k, : end - begin], m.y[k, : end - begin], gx, gy, p.goal / steps)
-    if to_goal < p.goal_angle_m:
-        weight = F(p.goal_angle / steps)
+            add_distance(costs, m.x[k, : end - begin], m.y[k, : end - begin], gx, gy, weight_m)
+    if to_goal < angle.threshold_to_consider:
+        weight = F(angle.cost_weight / steps)
         for k in range(steps):
             for b in range(begin, end):
                 m.costs[b] += weight * F(abs(wrap(goal_yaw - m.yaw[k, b - begin])))
@@ -388,7 +377,7 @@ def score_alignment(m: Work, path: Floats, free: NDArray[np.bool_], count: int, 
     for k in range(count):
         if not free[k]:
             occupied += 1
-        if occupied > 2 and occupied / count > p.align_occupied:
+        if occupied > 2 and occupied / count > p.options.PathAlignCritic.max_path_occupancy_ratio:
             return
     nearest, middles = nearest_along(path, count)
     px, py = path[:count, 0].astype(np.float32), path[:count, 1].astype(np.float32)
@@ -408,7 +397,7 @@ def score_alignment(m: Work, path: Floats, free: NDArray[np.bool_], count: int, 
                 dx, dy = px[near] - x[b], py[near] - y[b]
                 total[b] += np.sqrt(dx * dx + dy * dy)
                 seen[b] += F(1.0)
-    weight = F(p.align)
+    weight = F(p.options.PathAlignCritic.cost_weight)
     for b in range(samples):
         if seen[b] > 0.0:
             m.costs[b] += weight * total[b] / seen[b]
@@ -417,20 +406,20 @@ def score_alignment(m: Work, path: Floats, free: NDArray[np.bool_], count: int, 
 @kernel(arrays=True)
 def score_path(m: Work, path: Floats, free: NDArray[np.bool_], yaw0: float, to_goal: float, p: Any) -> None:
     """PathAlignCritic, PathFollowCritic and PathAngleCritic."""
-    samples = m.costs.size
-    end = path.shape[0] - 1
+    samples, end, o = m.costs.size, path.shape[0] - 1, p.options
+    align, follow, angle = o.PathAlignCritic, o.PathFollowCritic, o.PathAngleCritic
     furthest = furthest_point(m, path)
-    if p.align > 0.0 and to_goal >= p.align_m and furthest >= p.align_offset:
+    if align.cost_weight > 0.0 and to_goal >= align.threshold_to_consider and furthest >= align.offset_from_furthest:
         score_alignment(m, path, free, furthest, p)
-    if p.follow > 0.0 and to_goal >= p.follow_m and end > 0:
-        at = min(furthest + p.follow_offset, end)
+    if follow.cost_weight > 0.0 and to_goal >= follow.threshold_to_consider and end > 0:
+        at = min(furthest + follow.offset_from_furthest, end)
         while at < end - 1 and not free[at]:
             at += 1
-        add_distance(m.costs, m.kept_x[-1], m.kept_y[-1], path[at, 0], path[at, 1], p.follow)
-    if p.angle > 0.0 and to_goal >= p.angle_m:
-        at = min(furthest + p.angle_offset, end)
+        add_distance(m.costs, m.kept_x[-1], m.kept_y[-1], path[at, 0], path[at, 1], follow.cost_weight)
+    if angle.cost_weight > 0.0 and to_goal >= angle.threshold_to_consider:
+        at = min(furthest + angle.offset_from_furthest, end)
         tx, ty = path[at, 0], path[at, 1]
-        if abs(wrap(math.atan2(ty, tx) - yaw0)) >= p.angle_max:
+        if abs(wrap(math.atan2(ty, tx) - yaw0)) >= angle.max_angle_to_furthest:
             for b in range(samples):
                 towards = math.atan2(ty - m.kept_y[-1, b], tx - m.kept_x[-1, b])
-                m.costs[b] += F(p.angle * abs(wrap(towards - m.kept_yaw[b])))
+                m.costs[b] += F(angle.cost_weight * abs(wrap(towards - m.kept_yaw[b])))

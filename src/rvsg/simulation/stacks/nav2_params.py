@@ -11,37 +11,45 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Never
 
-from rvsg.core.documents import Document, DocumentError, parse_yaml
+from pydantic import BaseModel, ValidationError
+
+from rvsg.core.documents import Document, DocumentError, parse_yaml, problems_of
 from rvsg.core.errors import FileError
 from rvsg.core.inputs import read_text
-from rvsg.simulation.embedded.costmap_filters import runs_of
-from rvsg.simulation.embedded.robot_parameters import ACTIONS
+from rvsg.robots.robot import MonitorPolygon
 from rvsg.simulation.stacks.mppi import MppiSettings
 from rvsg.simulation.stacks.nav2_keys import (
+    ACTIONS,
     AS_SIMULATED,
     CHECKERS,
     CONTROLLERS,
     CRITICS,
-    DWB,
+    FIXED,
     IDLE,
     LAYERS,
-    MONITORED,
+    OPTIONS,
     OUTSIDE,
-    PLANNING,
-    POSITIVE,
-    SCALES,
+    SAME_AS,
     SERVERS,
     SIDEWAYS,
     SIDEWAYS_NOTE,
     SPEED_FILTERS,
-    VECTORS,
 )
+from rvsg.simulation.stacks.nav2_stack import DwbSettings, Nav2Settings
 from rvsg.simulation.stacks.pure_pursuit import PurePursuitSettings
-from rvsg.world.occupancy import read_mask
+from rvsg.world.occupancy import read_mask, runs_of
 
 Key = tuple[str, ...]
 State = Literal["honoured", "no effect", "not supported"]
 STATES: tuple[State, ...] = ("honoured", "no effect", "not supported")
+SETTINGS: dict[str, type[Nav2Settings]] = {
+    "nav2-dwb": DwbSettings,
+    "nav2-rpp": PurePursuitSettings,
+    "nav2-mppi": MppiSettings,
+}
+MPPI_CRITICS = [name for name in MppiSettings.model_fields if name.endswith("Critic")]
+POLYGON = MonitorPolygon.model_fields.keys() - {"name", "action_type", "points"}
+"""Fields of a polygon that are numbers, under Nav2's names."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +72,8 @@ class Nav2File:
     stack: str
     options: dict[str, Any]
     entries: list[Entry] = field(default_factory=list)
+    places: dict[str, Key] = field(default_factory=dict)
+    """The keys under which the file sets an option, or would set it, by the path of the option."""
 
     def counts(self) -> dict[str, int]:
         """Return how many keys are in each state."""
@@ -119,11 +129,24 @@ class Section:
             self._reader.wrong((*self.place, key), f"expected a list, got {value!r}")
         return value
 
-    def copy_to(self, into: dict[str, Any], **names: str) -> None:
-        """Set options to the numbers of these names, where they are given."""
-        for option, key in names.items():
-            if (value := self.number(key)) is not None:
-                into[option] = value
+    def take(self, kind: str) -> None:
+        """Set the options that the table has for a kind of section to the numbers of this one."""
+        for name, option in OPTIONS[kind].items():
+            key, _, index = name.partition(".")
+            value = self.vector(key)[int(index)] if index else self.number(key)
+            section, _, inner = option.partition(".")
+            self._reader.places[option] = (*self.place, *name.split("."))
+            if value is not None:
+                self._reader.options[section][inner] = abs(value) if index else value
+
+    def vector(self, key: str) -> Any:
+        """Return three numbers, or three times None where there are none; FileError names the key."""
+        value = self.get(key, [None, None, None])
+        if not isinstance(value, list) or len(value) != 3 or not all(isinstance(v, int | float | None) for v in value):
+            self._reader.wrong((*self.place, key), f"expected three numbers [x, y, yaw], got {value!r}")
+        if value[1]:
+            self.get(key, note="forward and turning; sideways, the robot's limits.lateral_m_s holds")
+        return value
 
     def inner(self, key: str) -> Section:
         """Return a plug-in's section."""
@@ -186,11 +209,13 @@ class _Reader:
         self.path, self.document, self.source = document.path, document.value, document
         self.used: dict[Key, str] = {}
         self.refused: dict[Key, str] = {}
+        self.places: dict[str, Key] = {}
         self.idle: dict[Key, str] = {}
         """Sections that change nothing, and why."""
         self.filters: dict[str, dict[str, Any]] = {}
         """Costmap filters, by the topic of their filter info."""
         self.options: dict[str, Any] = {"smoother": {}, "costmaps": {}, "behaviours": {}}
+        """Of the stack, as far as the file gives them."""
 
     def wrong(self, key: Key, message: str, code: str = "document") -> Never:
         """Raise what is wrong with a key."""
@@ -241,98 +266,92 @@ class _Reader:
         self._smoother()
         self._monitor()
         options = {key: value for key, value in self.options.items() if value not in ({}, ())}
-        return Nav2File(self.path, stack, options, list(self._entries()))
+        return Nav2File(self.path, stack, options, list(self._entries()), self.places)
 
     def _controller(self, server: Section) -> str:
-        name = self.first_of(server, "controller_plugins", default="FollowPath")
-        section = server.inner(name)
-        kind = self.kind_of(section, CONTROLLERS, "controller")
-        server.copy_to(
-            self.options["behaviours"], controller_hz="controller_frequency", failure_tolerance_s="failure_tolerance"
-        )
-        {"nav2-dwb": self._dwb, "nav2-rpp": self._rpp, "nav2-mppi": self._mppi}[CONTROLLERS[kind]](section)
+        server.take("controller_server")
+        section = server.inner(self.first_of(server, "controller_plugins", default="FollowPath"))
+        stack = CONTROLLERS[self.kind_of(section, CONTROLLERS, "controller")]
+        without = {"nav2-dwb": self._dwb, "nav2-rpp": self._rpp, "nav2-mppi": self._mppi}[stack](section)
+        values = self._fields(section, SETTINGS[stack], without)
         handler = server.inner(self.first_of(server, "path_handler_plugins", default="PathHandler"))
-        if CONTROLLERS[kind] == "nav2-mppi" and handler.values:
-            handler.copy_to(self.options, prune_distance="prune_distance")
-        return CONTROLLERS[kind]
+        if stack == "nav2-mppi" and handler.number("prune_distance") is not None:
+            values["prune_distance"] = handler.number("prune_distance")
+        try:
+            SETTINGS[stack].model_validate(values)
+        except ValidationError as error:
+            raise DocumentError(problems_of(error, self.source, SETTINGS[stack], section.place)) from None
+        self.options |= values
+        return stack
 
-    def _dwb(self, section: Section) -> None:
+    def _fields(
+        self, section: Section, kind: type[BaseModel], without: Sequence[str] = (), critic: str = ""
+    ) -> dict[str, Any]:
+        """Return the parameters of a plug-in that are fields of a record, and those of its critics."""
         values: dict[str, Any] = {}
-        section.copy_to(values, **DWB)
-        critics = self._critics(section, CRITICS, "DWB") or []
-        if "ObstacleFootprint" in critics:
-            values["check_footprint"] = True
-        for critic, key in SCALES.items():
-            if critics and critic not in critics:
-                values[key] = 0.0
-        for name, key in (("GoalAlign.forward_point_distance", "forward_point_m"),
-                          ("decel_lim_theta", "yaw_acceleration_rad_s2")):  # fmt: skip
-            if (value := section.number(name)) is not None and abs(value) != values.get(key):
-                self.refused[(*section.place, *name.split("."))] = f"it is that of {DWB[key]}"
-        if "deceleration_m_s2" in values:
-            values["deceleration_m_s2"] = abs(values["deceleration_m_s2"])
-        if section.values.get("max_vel_y"):
-            self._lateral(section, values)
-        self.options["dwb"] = {key: value for key, value in values.items() if value != 0.0 or key not in POSITIVE}
+        for name, info in kind.model_fields.items():
+            if name in Nav2Settings.model_fields or name in without:
+                continue
+            inner = info.annotation
+            self.places[critic + name] = (*section.place, *f"{critic}{name}".split("."))
+            if isinstance(inner, type) and issubclass(inner, BaseModel):
+                value: Any = self._fields(section, inner, critic=f"{name}.")
+            else:
+                value = section.get(critic + name)
+            if value not in (None, {}):
+                values[name] = value
+        if not critic and (critics := section.get("critics")) is not None and kind is MppiSettings:
+            for name in MPPI_CRITICS:
+                on = values.get(name, {}).get("enabled", True)
+                values[name] = {**values.get(name, {}), "enabled": name in critics and bool(on)}
+        return values
 
-    def _critics(self, section: Section, known: Sequence[str], planner: str) -> Any:
-        """Return the names of the critics, None where none are listed; refuse one that is not simulated."""
-        critics = section.list("critics") if section.values.get("critics") is not None else None
-        for name in critics or ():
+    def _critics(self, section: Section, known: Sequence[str], planner: str) -> None:
+        """Refuse a critic that is not simulated."""
+        for name in section.list("critics"):
             if name not in known:
                 near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.0)[0]
                 message = f"{planner}'s critic {name} is not simulated. The nearest: {near}."
                 self.wrong((*section.place, "critics"), message)
-        return critics
 
-    def _lateral(self, section: Section, values: dict[str, float | bool]) -> None:
-        """Read how DWB samples lateral speeds."""
+    def _dwb(self, section: Section) -> Sequence[str]:
+        """Read what DWB's record does not hold; return the fields that have no effect."""
+        self._critics(section, CRITICS, "DWB")
+        lateral = bool(section.values.get("max_vel_y"))
+        for name, other in SAME_AS.items():
+            if name.endswith("_y") and not lateral:
+                continue
+            value, same = section.number(name), section.number(other)
+            if value is not None and abs(value) != abs(same or 0.0):
+                self.refused[(*section.place, *name.split("."))] = f"it is that of {other}"
+        if not lateral:
+            return "max_vel_y", "vy_samples"
         section.get("max_vel_y", note="as far as the robot's limits.lateral_m_s allows; to the right as to the left")
-        values["max_lateral_m_s"] = abs(float(section.number("max_vel_y") or 0.0))
-        if (samples := section.number("vy_samples")) is not None:
-            values["lateral_samples"] = samples
-        for name in ("acc_lim_y", "decel_lim_y"):
-            value, ahead = section.number(name), section.number("acc_lim_x")
-            if value is not None and ahead is not None and abs(value) != abs(ahead):
-                self.refused[(*section.place, name)] = "it is that of acc_lim_x"
+        return ()
 
-    def _rpp(self, section: Section) -> None:
-        for name in PurePursuitSettings.model_fields:
-            if (value := section.get(name)) is not None:
-                self.options[name] = value
-        section.copy_to(self.options, desired_linear_vel="max_linear_vel")
-        if section.values.get("use_dynamic_window"):
-            self.refused[(*section.place, "use_dynamic_window")] = "the dynamic window of pure pursuit is not simulated"
+    def _rpp(self, section: Section) -> Sequence[str]:
+        """Take the name of the speed of later releases."""
+        if (speed := section.number("max_linear_vel")) is None:
+            return ()
+        self.options["desired_linear_vel"] = speed
+        self.places["desired_linear_vel"] = (*section.place, "max_linear_vel")
+        return ("desired_linear_vel",)
 
-    def _mppi(self, section: Section) -> None:
+    def _mppi(self, section: Section) -> Sequence[str]:
+        """Refuse a motion model or a critic that is not simulated."""
         model = str(section.get("motion_model", "DiffDrive"))
         if model.replace("_", "").lower() != "diffdrive":
             self.wrong(
                 (*section.place, "motion_model"), f"the motion model {model} is not simulated. Nearest: DiffDrive."
             )
         section.inner(model).get("plugin")
-        known = [name for name in MppiSettings.model_fields if name.endswith("Critic")]
-        critics = self._critics(section, known, "MPPI")
-        for name, info in MppiSettings.model_fields.items():
-            if name in known:
-                inner = section.inner(name)
-                found = {key: inner.get(key) for key in info.annotation.model_fields if key in inner.values}  # type: ignore[union-attr]
-                if inner.values.get("cost_power", 1) != 1:
-                    self.refused[(*inner.place, "cost_power")] = "only the power 1 is simulated"
-                elif "cost_power" in inner.values:
-                    self.used[(*inner.place, "cost_power")] = ""
-                if critics is not None:
-                    found["enabled"] = name in critics and bool(found.get("enabled", True))
-                if found:
-                    self.options[name] = found
-            elif (value := section.get(name)) is not None:
-                self.options[name] = value
+        self._critics(section, MPPI_CRITICS, "MPPI")
+        return ()
 
     def _costmaps(self) -> None:
-        maps = self.options["costmaps"]
         local, world = (self.node(name, name) for name in ("local_costmap", "global_costmap"))
-        local.copy_to(maps, local_size_m="width", local_resolution_m="resolution", local_update_hz="update_frequency")
-        world.copy_to(maps, global_update_hz="update_frequency")
+        local.take("local_costmap")
+        world.take("global_costmap")
         if local.values.get("height", local.values.get("width")) != local.values.get("width"):
             self.refused[(*local.place, "height")] = "a square of the width is simulated"
         elif "height" in local.values:
@@ -348,14 +367,12 @@ class _Reader:
                 self.refused[(*world.place, key)] = "the footprint of the local costmap holds for both"
 
     def _layers(self, section: Section, prefix: str) -> None:
-        maps = self.options["costmaps"]
         for name in section.list("plugins"):
             layer = section.inner(str(name))
             kind = self.kind_of(layer, LAYERS, "costmap layer")
             layer.get("enabled")
             if kind == "InflationLayer":
-                names = {f"{prefix}_inflation_m": "inflation_radius", f"{prefix}_cost_scaling": "cost_scaling_factor"}
-                layer.copy_to(maps, **names)
+                layer.take(f"{prefix} InflationLayer")
             elif kind == "StaticLayer":
                 self.idle[(*section.place, "resolution")] = "a static layer takes the resolution of the map"
             elif kind in ("ObstacleLayer", "VoxelLayer"):
@@ -421,13 +438,12 @@ class _Reader:
             for key in ("marking", "clearing"):
                 if source.values.get(key) is False:
                     self.refused[(*source.place, key)] = "every lidar marks and clears"
-            maps = self.options["costmaps"]
-            ranges = {"obstacle_range_m": "obstacle_max_range", "clearing_range_m": "raytrace_max_range"}
             if prefix == "local":
-                source.copy_to(maps, **ranges)
+                source.take("local source")
                 continue
-            for local, key in ranges.items():
-                if source.number(key, maps.get(local)) != maps.get(local):
+            for key, option in OPTIONS["local source"].items():
+                same = self.options["costmaps"].get(option.partition(".")[2])
+                if source.number(key, same) != same:
                     self.refused[(*source.place, key)] = "the ranges of the local costmap hold for both"
 
     def _footprint(self, local: Section) -> None:
@@ -441,24 +457,22 @@ class _Reader:
                 self.wrong((*local.place, "footprint"), f"expected a list of points [[x, y], ...], got {text!r:.60}")
         elif radius is not None:
             self.options["footprint"] = circle(local.number("robot_radius"))
-        local.copy_to(self.options, padding_m="footprint_padding")
+        if (padding := local.number("footprint_padding")) is not None:
+            self.options["padding_m"] = padding
 
     def _checkers(self, server: Section) -> None:
-        behaviours = self.options["behaviours"]
         progress = server.inner(
             self.first_of(server, "progress_checker_plugins", "progress_checker_plugin", default="progress_checker")
         )
         if progress.values:
             self.kind_of(progress, CHECKERS, "progress checker")
-            progress.copy_to(behaviours, progress_m="required_movement_radius", progress_s="movement_time_allowance")
+            progress.take("progress checker")
         goal = server.inner(
             self.first_of(server, "goal_checker_plugins", "goal_checker_plugin", default="goal_checker")
         )
         if goal.values:
             self.kind_of(goal, CHECKERS, "goal checker")
-            goal.copy_to(behaviours, goal_tolerance_m="xy_goal_tolerance", goal_tolerance_rad="yaw_goal_tolerance")
-            if goal.get("stateful", True) is not True:
-                self.refused[(*goal.place, "stateful")] = "the goal checker keeps that the place was reached"
+            goal.take("goal checker")
 
     def _planner(self) -> None:
         server = self.node("planner_server")
@@ -466,19 +480,13 @@ class _Reader:
             return
         section = server.inner(self.first_of(server, "planner_plugins", default="GridBased"))
         self.kind_of(section, ("NavfnPlanner",), "planner")
-        section.copy_to(self.options["behaviours"], planner_tolerance_m="tolerance")
-        for key, value in PLANNING.items():
-            if section.get(key, value, note="this is what is simulated") != value:
-                self.refused[(*section.place, key)] = f"{value!r} is simulated"
+        section.take("planner")
 
     def _behaviours(self) -> None:
         server = self.node("behavior_server")
         server = server if server.values else self.node("recoveries_server")
         self.options["behaviours"]["waits_for_costmaps"] = True
-        server.copy_to(
-            self.options["behaviours"], spin_max_rad_s="max_rotational_vel", spin_min_rad_s="min_rotational_vel",
-            spin_acceleration_rad_s2="rotational_acc_lim", look_ahead_s="simulate_ahead_time",
-        )  # fmt: skip
+        server.take("behavior_server")
         for name in server.list("behavior_plugins") or server.list("recovery_plugins"):
             plugin = server.inner(str(name))
             if kind := str(plugin.values.get("plugin", "")):
@@ -497,27 +505,9 @@ class _Reader:
                 self.refused[(*tree.place, key)] = "Nav2's default tree with replanning and recovery is simulated"
 
     def _smoother(self) -> None:
-        section, smoother = self.node("velocity_smoother"), self.options["smoother"]
-        if not section.values:
-            return
-        section.copy_to(smoother, frequency_hz="smoothing_frequency", timeout_s="velocity_timeout")
-        for key, (first, last) in VECTORS.items():
-            vector = section.get(key)
-            if vector is None:
-                continue
-            if not isinstance(vector, list) or len(vector) != 3 or not all(isinstance(v, int | float) for v in vector):
-                self.wrong((*section.place, key), f"expected three numbers [x, y, yaw], got {vector!r}")
-            smoother[first] = abs(float(vector[0]))
-            if last:
-                smoother[last] = abs(float(vector[2]))
-            if vector[1]:
-                section.get(key, note="forward and turning; sideways, the robot's limits.lateral_m_s holds")
-        if section.get("feedback", "OPEN_LOOP") != "OPEN_LOOP":
-            self.refused[(*section.place, "feedback")] = "the smoother works in open loop"
-        if section.get("scale_velocities", False):
-            self.refused[(*section.place, "scale_velocities")] = "each velocity is limited by itself"
-        if section.values.get("deadband_velocity", [0.0, 0.0, 0.0]) != [0.0, 0.0, 0.0]:
-            self.refused[(*section.place, "deadband_velocity")] = "there is no dead band"
+        section = self.node("velocity_smoother")
+        if section.values:
+            section.take("velocity_smoother")
 
     def _monitor(self) -> None:
         section = self.node("collision_monitor")
@@ -539,7 +529,9 @@ class _Reader:
             polygon.get("action_type", note="" if points else "the polygon is the padded footprint")
             polygon.get("points")
             polygon.get("radius")
-            found = {key: polygon.number(key) for key in MONITORED if key in polygon.values}
+            at = f"collision_monitor.{len(polygons)}"
+            self.places |= {f"{at}.{key}": (*polygon.place, key) for key in POLYGON}
+            found = {key: polygon.number(key) for key in POLYGON if key in polygon.values}
             if "max_points" in polygon.values:
                 found["min_points"] = polygon.number("max_points") + 1
             polygons.append({"name": str(name), "action_type": action, "points": points, **found})
@@ -565,6 +557,13 @@ class _Reader:
                 yield Entry(*shown, "no effect", f"{key[0]} has no part in a run here")
             elif why := next((why for pattern, why in IDLE if pattern.search(key[-1])), ""):
                 yield Entry(*shown, "no effect", why)
+            elif key[-1] in FIXED:
+                value_here, why = FIXED[key[-1]]
+                yield (
+                    Entry(*shown, "honoured", "this is what is simulated")
+                    if value == value_here
+                    else Entry(*shown, "not supported", why)
+                )
             elif any(map(SIDEWAYS.search, key[-2:-1])):
                 yield Entry(*shown, "no effect", SIDEWAYS_NOTE)
             elif AS_SIMULATED.get(key[-1].rpartition(".")[2], ...) == value:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Annotated, Any, ClassVar
 
-from pydantic import Field, ValidationError
+from pydantic import BeforeValidator, Field, ValidationError, create_model, model_validator
 
-from rvsg.core.documents import invalid_options
+from rvsg.core.documents import WrongValue, invalid_options
 from rvsg.core.records import Record
 from rvsg.robots.robot import (
     Behaviours,
@@ -20,8 +21,8 @@ from rvsg.robots.robot import (
     SafetyZone,
     Smoother,
 )
-from rvsg.simulation.embedded.robot_parameters import planned_range
-from rvsg.simulation.stacks.parameters import Parameter, of_costmaps, of_dwb, of_monitor, value_at
+from rvsg.simulation.stacks.nav2_keys import DWB, NEGATIVE
+from rvsg.simulation.stacks.parameters import Parameter, of_costmaps, of_dwb, of_monitor, value_at, with_values
 from rvsg.simulation.stacks.protocol import LocalObservation, LocalPlanner, Task
 
 AS_JAZZY: Mapping[str, Any] = {"smoothed": True, "waits_for_costmaps": True, "gives_up_without_plan": True}
@@ -30,7 +31,6 @@ SECTIONS: dict[str, type[Record]] = {
     "smoother": Smoother,
     "costmaps": Costmaps,
     "behaviours": Behaviours,
-    "dwb": Dwb,
 }
 
 
@@ -86,26 +86,35 @@ class Configured(LocalPlanner):
         """Return the parameters of the local planner itself."""
         return ()
 
+    def planner_options(self, robot: Robot) -> Mapping[str, Any]:
+        """Return options of the local planner that the robot has where the stack has none."""
+        return {}
+
     def full_speed(self, robot: Robot) -> float:
         """Return the speed that the limits of a speed filter are shares of."""
-        return planned_range(robot).high
+        return robot.dwb.max_speed_m_s or 0.0
 
     def tunable_parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """Return the parameters of the planner, of inflation and of the polygons of the collision monitor."""
         adapted = self.adapt(robot)
         options = {**adapted.navigation.model_dump(mode="json"), **self.settings.model_dump(mode="json")}
         sections = {key: adapted.navigation.model_dump(mode="json")[key] for key in SECTIONS}
+        options |= self.planner_options(adapted)
         declared = (*self.planner_parameters(robot), *of_costmaps(), *of_monitor(options["collision_monitor"]))
         known = {**options, **sections}
         found = ((each, value_at(known, each.name)) for each in declared)
         return tuple(each.with_present(each.high if present is None else present) for each, present in found)
 
+    def planner_changes(self, robot: Robot) -> Mapping[str, Any]:
+        """Return what the options change of the robot's `navigation.dwb`."""
+        return {}
+
     def adapt(self, robot: Robot) -> Robot:
         """Return the robot with these navigation parameters."""
         given = self.settings
         sections = {key: getattr(given, key) for key in SECTIONS if getattr(given, key, None)}
-        if robot.limits.lateral_m_s == 0.0 and "max_lateral_m_s" in sections.get("dwb", {}):
-            sections["dwb"] = {**sections["dwb"], "max_lateral_m_s": 0.0}
+        if planner := self.planner_changes(robot):
+            sections["dwb"] = planner
         if self.own_behaviours:
             sections["behaviours"] = {**self.own_behaviours, **given.behaviours}
         parts = {key: getattr(robot.navigation, key).replace(**values) for key, values in sections.items()}
@@ -129,11 +138,45 @@ class Configured(LocalPlanner):
             raise invalid_options(error, Robot, f"the stack {self.name} does not fit the robot {robot.name}") from None
 
 
-class DwbSettings(Nav2Settings):
-    """The options of `nav2-dwb`."""
+class _DwbOptions(Nav2Settings):
+    """What `DwbSettings` has beside the parameters of the table."""
 
-    dwb: dict[str, Any] = Field(default_factory=dict)
-    """Keys of the robot's `navigation.dwb`."""
+    critics: tuple[str, ...] | None = None
+    """Those that score; None: all of Nav2's default."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_section(cls, values: Any) -> Any:
+        if isinstance(values, Mapping) and isinstance(old := values.get("dwb"), Mapping):
+            names = {field: name for name, field in DWB.items()}
+            renamed = ", ".join(f"dwb.{key} is {names.get(key, 'no option')}" for key in old)
+            raise WrongValue(f"the options of DWB have Nav2's own names: {renamed}", "dwb")
+        return values
+
+
+def _dwb_settings() -> Any:
+    """Return the record of DWB's parameters under Nav2's names; None: the robot's own value."""
+    fields: dict[str, dict[str, Any]] = {}
+    for name, field in DWB.items():
+        info = Dwb.model_fields[field]
+        kind: Any = Annotated[(info.annotation, *info.metadata)] if info.metadata else info.annotation
+        if info.default is None:  # a limit: 0 stands for none
+            kind = Annotated[kind, BeforeValidator(partial(_limit, sign=-1 if name in NEGATIVE else 1))]
+        critic, _, key = name.rpartition(".")
+        fields.setdefault(critic, {})[key] = (kind | None, None)
+    critics = {name: create_model(name, __base__=Record, **inner) for name, inner in fields.items() if name}
+    own = {**fields[""], **{name: (kind, kind()) for name, kind in critics.items()}}
+    return create_model("DwbSettings", __base__=_DwbOptions, __doc__="The options of `nav2-dwb`.", **own)
+
+
+def _limit(value: Any, sign: int) -> Any:
+    """Return a limit as a robot has it, above 0."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return value
+    return (abs(value) if sign < 0 else value) or None
+
+
+DwbSettings: type[Nav2Settings] = _dwb_settings()
 
 
 class Nav2Dwb(Configured):
@@ -149,10 +192,29 @@ class Nav2Dwb(Configured):
         """Return the weights of DWB's critics, its horizon and its speed."""
         return of_dwb(robot)
 
+    def planner_options(self, robot: Robot) -> Mapping[str, Any]:
+        """Return DWB's parameters under Nav2's names."""
+        return with_values({}, {name: getattr(robot.navigation.dwb, field) for name, field in DWB.items()})
+
+    def planner_changes(self, robot: Robot) -> Mapping[str, Any]:
+        """Return the robot's `navigation.dwb` as far as options are set."""
+        options = self.settings.model_dump()
+        values = {field: value for name, field in DWB.items() if (value := value_at(options, name)) is not None}
+        if (critics := self.settings.critics) is not None:
+            scored = (name for name in DWB if name.endswith(".scale") and not name.startswith("BaseObstacle"))
+            values |= {DWB[name]: 0.0 for name in scored if name.partition(".")[0] not in critics}
+            values |= {"check_footprint": True} if "ObstacleFootprint" in critics else {}
+        if robot.limits.lateral_m_s == 0.0 and "max_lateral_m_s" in values:
+            values["max_lateral_m_s"] = 0.0
+        return values
+
     @property
     def options(self) -> dict[str, Any]:
         """The options that differ from the robot's own parameters."""
-        return {key: value for key, value in super().options.items() if key in self.settings.model_fields_set}
+        options = {key: value for key, value in super().options.items() if key in self.settings.model_fields_set}
+        for critic in options.keys() & {name.partition(".")[0] for name in DWB if "." in name}:
+            options[critic] = {key: value for key, value in options[critic].items() if value is not None}
+        return options
 
     def reset(self, task: Task) -> None:
         """Do nothing: the compiled loop holds the planner."""

@@ -15,7 +15,6 @@ from typing import Any
 import yaml
 
 from rvsg.core.errors import FileError
-from rvsg.simulation.stacks.nav2_keys import DWB
 from rvsg.simulation.stacks.nav2_params import Key, read_nav2_text
 from rvsg.simulation.stacks.parameters import value_at
 
@@ -52,42 +51,12 @@ global_costmap:
         plugin: "nav2_costmap_2d::InflationLayer"
 """
 ROS = "ros__parameters"
-INFLATION = {"inflation_m": "inflation_radius", "cost_scaling": "cost_scaling_factor"}
 
 
 def skeleton(stack: str) -> str | None:
     """Return a parameter file that asks for a built-in stack with its defaults; None where Nav2 has no such stack."""
     plugin = SKELETONS.get(stack)
     return None if plugin is None else SKELETON.format(stack=stack, plugin=plugin)
-
-
-def place_of(option: str, document: Mapping[str, Any], options: Mapping[str, Any]) -> Key | None:
-    """Return the keys under which a file sets an option of a stack; None where it cannot.
-
-    Args:
-        options: those that were read from the file.
-    """
-    controller = value_at(document, f"controller_server.{ROS}") or {}
-    names = controller.get("controller_plugins") or ["FollowPath"]
-    planner: Key = ("controller_server", ROS, str(names[0] if isinstance(names, list) else names))
-    section, _, rest = option.partition(".")
-    if section == "dwb":
-        return (*planner, *DWB[rest].split(".")) if rest in DWB else None
-    if section == "costmaps":
-        which, _, what = rest.partition("_")
-        node: Key = (f"{which}_costmap", f"{which}_costmap", ROS)
-        layers = value_at(document, ".".join(node)) or {}
-        listed = [str(name) for name in layers.get("plugins") or ()]
-        layer = next((n for n in listed if "InflationLayer" in str((layers.get(n) or {}).get("plugin"))), None)
-        return None if layer is None or what not in INFLATION else (*node, layer, INFLATION[what])
-    if section == "collision_monitor":
-        number, _, key = rest.partition(".")
-        return ("collision_monitor", ROS, str(value_at(options, f"collision_monitor.{number}.name")), key)
-    if section in ("smoother", "behaviours"):
-        return None
-    if option == "desired_linear_vel" and "max_linear_vel" in (value_at(controller, planner[-1]) or {}):
-        return (*planner, "max_linear_vel")
-    return (*planner, *option.split("."))
 
 
 def with_values_in_file(text: str, path: Path, values: Mapping[str, float]) -> str:
@@ -97,12 +66,10 @@ def with_values_in_file(text: str, path: Path, values: Mapping[str, float]) -> s
         FileError: the file has no place for one of them.
     """
     before = read_nav2_text(text, path)
-    document = yaml.safe_load(text)
     for option, value in values.items():
-        place = place_of(option, document, before.options)
-        if place is None:
+        if option not in before.places:
             raise FileError(path, f"this file has no place for {option}.", code="no-place")
-        text = _changed(text, place, f"{value!r}")
+        text = _changed(text, before.places[option], f"{value!r}")
     after = read_nav2_text(text, path)
     for option, value in values.items():
         if value_at(after.options, option) != value:

@@ -1,6 +1,6 @@
 """Parameters of navigation stacks that may be tuned: their ranges, where these come from, and how a value is set.
 
-A parameter is named by the path of its option, such as `dwb.obstacle_scale` or `collision_monitor.0.min_points`. Nav2
+A parameter is named by the path of its option, such as `BaseObstacle.scale` or `collision_monitor.0.min_points`. Nav2
 documents defaults and types, but hardly any limit. So the ranges of its weights lie around the default, and those of
 speeds and accelerations end at the limits of the robot; `source` says which.
 """
@@ -104,15 +104,14 @@ def of_costmaps() -> tuple[Parameter, ...]:
 def of_dwb(robot: Robot) -> tuple[Parameter, ...]:
     """Return the weights of DWB's critics, its horizon and its speed."""
     weights = {
-        "obstacle_scale": 0.02, "path_distance_scale": 32.0, "path_align_scale": 32.0, "goal_distance_scale": 24.0,
-        "goal_align_scale": 24.0,
+        "BaseObstacle": 0.02, "PathDist": 32.0, "PathAlign": 32.0, "GoalDist": 24.0, "GoalAlign": 24.0,
     }  # fmt: skip
     return (
-        of_robot("dwb.max_speed_m_s", robot.limits.speed_m_s, "m/s", "speed"),
-        between("dwb.sim_time_s", 0.8, 3.5, "s", "horizon", "about half to twice the default 1.7"),
+        of_robot("max_vel_x", robot.limits.speed_m_s, "m/s", "speed"),
+        between("sim_time", 0.8, 3.5, "s", "horizon", "about half to twice the default 1.7"),
         *(
-            around(f"dwb.{name}", default, "", "critics", factor=16.0 if name == "obstacle_scale" else 4.0)
-            for name, default in weights.items()
+            around(f"{critic}.scale", default, "", "critics", factor=16.0 if critic == "BaseObstacle" else 4.0)
+            for critic, default in weights.items()
         ),
     )
 

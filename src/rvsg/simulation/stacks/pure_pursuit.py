@@ -18,7 +18,7 @@ from pydantic import Field, model_validator
 from rvsg.core.kernels import kernel
 from rvsg.robots.polygons import distance, padded, reach, rectangle
 from rvsg.robots.robot import Robot
-from rvsg.simulation.embedded.costmap import FREE, UNKNOWN, outline_hits
+from rvsg.simulation.costmap import FREE, UNKNOWN, outline_hits
 from rvsg.simulation.stacks.nav2_stack import AS_JAZZY, Configured, Nav2Settings
 from rvsg.simulation.stacks.parameters import Parameter, around, between, of_pure_pursuit
 from rvsg.simulation.stacks.protocol import LocalObservation, Task

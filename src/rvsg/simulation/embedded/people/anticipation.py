@@ -13,19 +13,8 @@ import math
 
 from rvsg.core.kernels import inner
 from rvsg.simulation.embedded.people.crowd import (
-    ACCELERATION_M_S2,
-    CROSSING,
-    EARLIER,
-    FIRST_S,
-    FORMATION_M,
-    HEADWAY_AHEAD_S,
-    HEADWAY_M,
-    HEADWAY_S,
-    KEEP_RIGHT,
-    RELAXATION,
-    SWAY_RAD,
+    Anticipation,
     Crowd,
-    Floats,
     RobotState,
 )
 from rvsg.simulation.embedded.people.obstacles import WALL_GAP_M, on_outline
@@ -92,7 +81,7 @@ def acceleration(
     distance = math.sqrt(dx * dx + dy * dy)
     ex = ey = 0.0
     if distance > max(goal_radius, 1e-9):
-        sway = crowd.manner[SWAY_RAD] * math.sin(crowd.sway[i])
+        sway = crowd.manner.sway_rad * math.sin(crowd.sway[i])
         ex = (dx * math.cos(sway) - dy * math.sin(sway)) / distance
         ey = (dx * math.sin(sway) + dy * math.cos(sway)) / distance
     pace = speed * headway(crowd, i, ex, ey, speed, robot_in_social, robot) if distance > goal_radius else 0.0
@@ -101,7 +90,7 @@ def acceleration(
     gx, gy = formation(crowd, i, ex, ey)
     vx += pace * ex + gx
     vy += pace * ey + gy
-    pull = speed / crowd.manner[RELAXATION]
+    pull = speed / crowd.manner.relaxation_s
     fx, fy = wall_force(crowd, i)
     fx, fy = within(fx, fy, dx, dy, pull)
     if (robot.x - crowd.old_x[i]) ** 2 + (robot.y - crowd.old_y[i]) ** 2 < AVOID_REACH_M * AVOID_REACH_M:
@@ -245,14 +234,14 @@ def past_body(rx: float, ry: float, wx: float, wy: float, bodies: float, look: f
 @inner
 def gain(crowd: Crowd, i: int) -> float:
     """Return how fast a person takes on a velocity, 1/s."""
-    return 0.5 * crowd.factor_goal[i] / crowd.manner[RELAXATION]
+    return 0.5 * crowd.factor_goal[i] / crowd.manner.relaxation_s
 
 
 @inner
 def towards(crowd: Crowd, i: int, vx: float, vy: float) -> tuple[float, float]:
     """Return the acceleration to a velocity within a person's limits."""
     rate = gain(crowd, i)
-    return limited(rate * (vx - crowd.old_vx[i]), rate * (vy - crowd.old_vy[i]), crowd.manner[ACCELERATION_M_S2])
+    return limited(rate * (vx - crowd.old_vx[i]), rate * (vy - crowd.old_vy[i]), crowd.manner.acceleration_m_s2)
 
 
 @inner
@@ -308,7 +297,7 @@ def evasion(crowd: Crowd, i: int, vx: float, vy: float, with_robot: bool, robot:
 
 @inner
 def turn_off(
-    manner: Floats, rx: float, ry: float, vx: float, vy: float, own_vx: float, own_vy: float, other_vx: float,
+    manner: Anticipation, rx: float, ry: float, vx: float, vy: float, own_vx: float, own_vy: float, other_vx: float,
     other_vy: float, horizon: float, likes: float, bodies: float, clearance: float, is_robot: bool,
 ) -> tuple[float, float]:  # fmt: skip
     """Return the change of velocity to pass somebody at (rx, ry) from here at a clearance (m between centres).
@@ -321,17 +310,17 @@ def turn_off(
     wy = other_vy - vy
     closing = -(rx * wx + ry * wy)
     square = wx * wx + wy * wy
-    if closing <= 0.0 or square < 1e-6 or closing >= horizon * (1.0 + manner[EARLIER]) * square:
+    if closing <= 0.0 or square < 1e-6 or closing >= horizon * (1.0 + manner.earlier) * square:
         return 0.0, 0.0
     left = closing / square
     across = vx * other_vy - vy * other_vx
     faced = math.sqrt((vx * vx + vy * vy) * (other_vx * other_vx + other_vy * other_vy))
     sine = across / faced if faced > 0.0 else 0.0
-    earlier = 1.0 + manner[EARLIER] * sine * sine
+    earlier = 1.0 + manner.earlier * sine * sine
     horizon *= earlier
     if left >= horizon:
         return 0.0, 0.0
-    urgency = min(1.0, (horizon - left) / max(horizon - manner[FIRST_S] * earlier, 0.1))
+    urgency = min(1.0, (horizon - left) / max(horizon - manner.first_s * earlier, 0.1))
     size = math.sqrt(square)
     nx = -wy / size
     ny = wx / size
@@ -340,7 +329,7 @@ def turn_off(
     ux = other_vx - own_vx
     uy = other_vy - own_vy
     seen = (ry * ux - rx * uy) / max(math.sqrt(ux * ux + uy * uy), 1e-6)
-    side = 1.0 if seen >= manner[KEEP_RIGHT] else -1.0
+    side = 1.0 if seen >= manner.keep_right_m else -1.0
     facing = STANDING_SHARE
     if is_robot:
         facing = 1.0
@@ -349,7 +338,7 @@ def turn_off(
             side = 1.0 if nx * other_vx + ny * other_vy >= 0.0 else -1.0
     elif faced > 0.0:
         facing = 0.5 - 0.5 * (vx * other_vx + vy * other_vy) / faced
-        facing *= 1.0 + manner[CROSSING] * (likes * abs(sine)) ** 3
+        facing *= 1.0 + manner.crossing * (likes * abs(sine)) ** 3
     clearance = max(bodies, facing * clearance)
     missing = clearance - side * offset
     if missing <= 0.0:
@@ -362,7 +351,7 @@ def turn_off(
 def headway(crowd: Crowd, i: int, ex: float, ey: float, speed: float, with_robot: bool, robot: RobotState) -> float:
     """Return the share of a person's speed at which they keep their distance from who is ahead (Tordeux 2016)."""
     manner = crowd.manner
-    full = manner[HEADWAY_S] * speed
+    full = manner.headway_s * speed
     if crowd.horizon[i] <= 0.0 or full <= 0.0:
         return 1.0
     x, y = crowd.old_x[i], crowd.old_y[i]
@@ -371,7 +360,7 @@ def headway(crowd: Crowd, i: int, ex: float, ey: float, speed: float, with_robot
         rx, ry = crowd.old_x[j] - x, crowd.old_y[j] - y
         square = rx * rx + ry * ry
         along = rx * ex + ry * ey
-        reach = crowd.radius[i] + crowd.radius[j] + manner[HEADWAY_M]
+        reach = crowd.radius[i] + crowd.radius[j] + manner.headway_m
         if j == i or along <= 0.0 or square > max(CLOSED_UP_M, full + reach) ** 2:
             continue
         pace = crowd.old_vx[j] * ex + crowd.old_vy[j] * ey
@@ -380,7 +369,7 @@ def headway(crowd: Crowd, i: int, ex: float, ey: float, speed: float, with_robot
                 free = full
                 break
         elif abs(ry * ex - rx * ey) <= ABREAST * (crowd.radius[i] + crowd.radius[j]):
-            free = min(free, math.sqrt(square) - reach + manner[HEADWAY_AHEAD_S] * max(0.0, pace))
+            free = min(free, math.sqrt(square) - reach + manner.headway_ahead_s * max(0.0, pace))
     if with_robot:
         rx, ry = robot.x - x, robot.y - y
         bodies = crowd.radius[i] + crowd.robot_radius
@@ -413,10 +402,10 @@ def formation(crowd: Crowd, i: int, ex: float, ey: float) -> tuple[float, float]
             if other < mine or (other == mine and j < i):
                 rank += 1
     middle = 0.5 * (members - 1.0)
-    aside = (rank - middle) * crowd.manner[FORMATION_M]
+    aside = (rank - middle) * crowd.manner.formation_m
     behind = 0.0
     if members >= 3.0:
-        behind = DEPTH * crowd.manner[FORMATION_M] * (2.0 / 3.0 - abs(rank - middle) / middle)
+        behind = DEPTH * crowd.manner.formation_m * (2.0 / 3.0 - abs(rank - middle) / middle)
     gx = cx - aside * ey - behind * ex
     gy = cy + aside * ex - behind * ey
     return limited(gx, gy, COMPANY_M_S)
@@ -443,7 +432,7 @@ def way_given(crowd: Crowd, i: int, robot: RobotState, with_robot: bool) -> tupl
             continue
         size = math.sqrt(square)
         offset = (ry * wx - rx * wy) / size
-        side = 1.0 if offset >= crowd.manner[KEEP_RIGHT] else -1.0
+        side = 1.0 if offset >= crowd.manner.keep_right_m else -1.0
         missing = room - side * offset
         if missing > 0.0:
             change = -side * missing / max(closing / square, CLOSE_S)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.angles import wrap
 from rvsg.core.kernels import inner
 from rvsg.scenario.scenario import Behaviour
 from rvsg.simulation.embedded import base
@@ -374,7 +375,7 @@ def _hold_back(crowd: Crowd, body: Floats, x: float, y: float, yaw: float) -> fl
         return 0.0
     dx = body[base.X] - x
     dy = body[base.Y] - y
-    turn = base.wrap(body[base.YAW] - yaw)
+    turn = wrap(body[base.YAW] - yaw)
     moved = 0.0
     turned = 1.0
     if deepest(crowd, x, y, yaw + turn) <= allowed:
@@ -396,7 +397,7 @@ def _hold_back(crowd: Crowd, body: Floats, x: float, y: float, yaw: float) -> fl
                 blocked = middle
     body[base.X] = x + moved * dx
     body[base.Y] = y + moved * dy
-    body[base.YAW] = base.wrap(yaw + turned * turn)
+    body[base.YAW] = wrap(yaw + turned * turn)
     change = (moved - 1.0) * body[base.V]
     body[base.V] *= moved
     body[base.SIDE] *= moved

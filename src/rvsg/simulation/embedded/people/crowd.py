@@ -43,11 +43,6 @@ CODES = {behaviour: code for code, behaviour in enumerate(Behaviour, start=1)}
 """How a behaviour is named in `Crowd.behaviour`: as above."""
 
 
-(
-    ACCELERATION_M_S2, RELAXATION, FIRST_S, SWAY_RAD, HEADWAY_M, HEADWAY_S, FORMATION_M, AHEAD, CROSSING, KEEP_RIGHT,
-    EARLIER, HEADWAY_AHEAD_S,
-) = range(12)  # fmt: skip
-"""Places of `Crowd.manner`: what all anticipating people share, see `Anticipation`."""
 KEEP_RIGHT_M = 0.05
 
 
@@ -195,7 +190,7 @@ class Crowd(NamedTuple):
     raster_y: float
     published: bool
     anticipates: bool
-    manner: Floats  # numbers of `Anticipation` that all share
+    manner: Anticipation  # what all share; zeros where nobody anticipates
     clearance: Floats  # between centres, that the person likes
     horizon: Floats  # s, how far ahead the person looks
     sway: Floats  # phase, rad
@@ -356,7 +351,8 @@ def _individuals(
     speed = np.array([agent.speed_m_s for agent in agents], np.float64)
     if manner is None:
         none = {name: np.zeros(n) for name in ("clearance", "horizon", "sway", "sway_rate")}
-        return {"speed": speed, "manner": np.zeros(12), **none}
+        unused = Anticipation.model_construct(**dict.fromkeys(Anticipation.model_fields, 0.0))
+        return {"speed": speed, "manner": unused, **none}
     normal = np.array([stream(seed, f"people/individual/{i}").standard_normal(4) for i in range(n)]).reshape(-1, 4)
     normal *= options.factor_noise
     company = np.array([sum(a.group == b.group for b in agents) - 1 if a.group is not None else 0 for a in agents])
@@ -368,10 +364,7 @@ def _individuals(
     phase = stream(seed, "people/sway").uniform(0.0, 2.0 * math.pi, n)
     return {
         "speed": np.maximum(share * speed - manner.company_m_s * company, 0.2 * speed),
-        "manner": np.array([manner.acceleration_m_s2, manner.relaxation_s, manner.first_s,
-                            manner.sway_rad * math.sqrt(2.0) * swaying, manner.headway_m, manner.headway_s,
-                            manner.formation_m, manner.ahead_m, manner.crossing, manner.keep_right_m, manner.earlier,
-                            manner.headway_ahead_s]),
+        "manner": manner.model_copy(update={"sway_rad": manner.sway_rad * math.sqrt(2.0) * swaying}),
         "clearance": np.maximum(clearance, manner.least_clearance_m),
         "horizon": attention * manner.horizon_s * np.exp(manner.horizon_spread * normal[:, 2]),
         "sway": phase,

@@ -7,7 +7,6 @@ import math
 from rvsg.core.kernels import inner
 from rvsg.simulation.embedded.people.anticipation import acceleration, off_robot, towards, way_given
 from rvsg.simulation.embedded.people.crowd import (
-    AHEAD,
     IMPASSIVE,
     PAUSED,
     REACHED,
@@ -234,7 +233,7 @@ def aim(crowd: Crowd, i: int) -> tuple[float, float]:
     if length < 1e-9:
         return goal_x, goal_y
     along = ((crowd.x[i] - crowd.from_x[i]) * dx + (crowd.y[i] - crowd.from_y[i]) * dy) / length
-    ahead = crowd.manner[AHEAD] if crowd.anticipates else AHEAD_M
+    ahead = crowd.manner.ahead_m if crowd.anticipates else AHEAD_M
     along = min(length, max(0.0, along) + ahead)
     return crowd.from_x[i] + along * dx / length, crowd.from_y[i] + along * dy / length
 

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.kernels import inner, kernel
-from rvsg.simulation.embedded.lidar import FAR
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 
 
+FAR = 1e9
+"""A return beyond the reach of a cast scan: all of them do the same to the costmaps."""
 FREE = 0
 INSCRIBED = 253
 LETHAL = 254
