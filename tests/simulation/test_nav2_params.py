@@ -251,22 +251,20 @@ PLANNERS = ("nav2_smac_planner::SmacPlanner2D", "nav2_theta_star_planner/ThetaSt
         ("max_vel_x: 0.45", "max_vel_x: quick", "max_vel_x"),
         ("filters: [keepout]", "filters: 3.5", "filters"),
         ("max_vel_x: 0.45", "max_vel_x: -1", "max_vel_x"),
+        ("use_astar: true", "use_astar: fast", "use_astar"),
+        ("deadband_velocity: [0.0, 0.0, 0.0]", "deadband_velocity: 0.01", "deadband_velocity"),
     ],
 )
-def test_a_plug_in_or_a_value_that_is_not_simulated_is_refused(
-    tmp_path: Path, old: str, new: str, key: str | None
-) -> None:
+def test_a_plug_in_or_a_value_that_is_not_simulated_is_refused(tmp_path: Path, old: str, new: str, key: str) -> None:
     text = HUMBLE + COSTMAPS
     assert old in text
     with pytest.raises(FileError) as refused:
         StackChoice.of(written(tmp_path, text.replace(old, new)))
-    if isinstance(refused.value, DocumentError):
-        assert refused.value.problems[0].key[-1] == key
-        if key == "plugin":
-            assert refused.value.code == "not-simulated" and refused.value.line is not None
-            assert re.search(f"{new} is not simulated.*nearest that is: .*--stack ros2", str(refused.value))
-    else:  # the file is read, and what it asks for is no option of the stack
-        assert (refused.value.code, key) == ("options", None)
+    assert isinstance(refused.value, DocumentError)
+    assert refused.value.problems[0].key[-1] == key and refused.value.line is not None
+    if key == "plugin":
+        assert refused.value.code == "not-simulated"
+        assert re.search(f"{new} is not simulated.*nearest that is: .*--stack ros2", str(refused.value))
 
 
 @pytest.mark.parametrize("text", ["", "a: 1\n", "- 1\n", "move_base:\n  DWAPlannerROS: {max_vel_x: 1}\n", "a: [\n"])

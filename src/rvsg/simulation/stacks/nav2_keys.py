@@ -13,56 +13,34 @@ CONTROLLERS = {
     "MPPIController": "nav2-mppi",
 }
 OPTIONS: dict[str, dict[str, str]] = {
-    "controller_server": {
-        "controller_frequency": "behaviours.controller_hz",
-        "failure_tolerance": "behaviours.failure_tolerance_s",
-    },
-    "progress checker": {
-        "required_movement_radius": "behaviours.progress_m",
-        "movement_time_allowance": "behaviours.progress_s",
-    },
-    "goal checker": {
-        "xy_goal_tolerance": "behaviours.goal_tolerance_m",
-        "yaw_goal_tolerance": "behaviours.goal_tolerance_rad",
-    },
+    "controller_server": {"controller_frequency": "behaviours.controller_hz",
+                          "failure_tolerance": "behaviours.failure_tolerance_s"},
+    "progress checker": {"required_movement_radius": "behaviours.progress_m",
+                         "movement_time_allowance": "behaviours.progress_s"},
+    "goal checker": {"xy_goal_tolerance": "behaviours.goal_tolerance_m",
+                     "yaw_goal_tolerance": "behaviours.goal_tolerance_rad"},
     "planner": {"tolerance": "behaviours.planner_tolerance_m"},
-    "behavior_server": {
-        "max_rotational_vel": "behaviours.spin_max_rad_s",
-        "min_rotational_vel": "behaviours.spin_min_rad_s",
-        "rotational_acc_lim": "behaviours.spin_acceleration_rad_s2",
-        "simulate_ahead_time": "behaviours.look_ahead_s",
-    },
-    "velocity_smoother": {
-        "smoothing_frequency": "smoother.frequency_hz",
-        "velocity_timeout": "smoother.timeout_s",
-        "max_velocity.0": "smoother.max_speed_m_s",
-        "max_velocity.2": "smoother.max_yaw_rate_rad_s",
-        "min_velocity.0": "smoother.max_reverse_m_s",
-        "max_accel.0": "smoother.acceleration_m_s2",
-        "max_accel.2": "smoother.yaw_acceleration_rad_s2",
-        "max_decel.0": "smoother.deceleration_m_s2",
-    },
-    "local_costmap": {
-        "width": "costmaps.local_size_m",
-        "resolution": "costmaps.local_resolution_m",
-        "update_frequency": "costmaps.local_update_hz",
-    },
-    "local InflationLayer": {
-        "inflation_radius": "costmaps.local_inflation_m",
-        "cost_scaling_factor": "costmaps.local_cost_scaling",
-    },
-    "local source": {
-        "obstacle_max_range": "costmaps.obstacle_range_m",
-        "raytrace_max_range": "costmaps.clearing_range_m",
-    },
+    "behavior_server": {"max_rotational_vel": "behaviours.spin_max_rad_s",
+                        "min_rotational_vel": "behaviours.spin_min_rad_s",
+                        "rotational_acc_lim": "behaviours.spin_acceleration_rad_s2",
+                        "simulate_ahead_time": "behaviours.look_ahead_s"},
+    "velocity_smoother": {"smoothing_frequency": "smoother.frequency_hz", "velocity_timeout": "smoother.timeout_s",
+                          "max_velocity.0": "smoother.max_speed_m_s", "max_velocity.2": "smoother.max_yaw_rate_rad_s",
+                          "min_velocity.0": "smoother.max_reverse_m_s", "max_accel.0": "smoother.acceleration_m_s2",
+                          "max_accel.2": "smoother.yaw_acceleration_rad_s2",
+                          "max_decel.0": "smoother.deceleration_m_s2"},
+    "local_costmap": {"width": "costmaps.local_size_m", "resolution": "costmaps.local_resolution_m",
+                      "update_frequency": "costmaps.local_update_hz"},
+    "local InflationLayer": {"inflation_radius": "costmaps.local_inflation_m",
+                             "cost_scaling_factor": "costmaps.local_cost_scaling"},
+    "local source": {"obstacle_max_range": "costmaps.obstacle_range_m",
+                     "raytrace_max_range": "costmaps.clearing_range_m"},
     "global_costmap": {"update_frequency": "costmaps.global_update_hz"},
-    "global InflationLayer": {
-        "inflation_radius": "costmaps.global_inflation_m",
-        "cost_scaling_factor": "costmaps.global_cost_scaling",
-    },
-}
+    "global InflationLayer": {"inflation_radius": "costmaps.global_inflation_m",
+                              "cost_scaling_factor": "costmaps.global_cost_scaling"},
+}  # fmt: skip
 """By the kind of section: Nav2's keys, and where they are among the options of a stack; `.0` is the first of a list.
-Those of controllers, of polygons of the collision monitor, are the fields of their records, under Nav2's names."""
+Those of controllers and of polygons of the collision monitor are the fields of their records, under Nav2's names."""
 ACTIONS = ("stop", "slowdown", "limit", "approach")
 """What polygons of the collision monitor do that are simulated."""
 SPEED_FILTERS = {1: "speed_percent", 2: "speed_m_s"}

@@ -173,6 +173,15 @@ def points_of(values: Mapping[str, Any]) -> tuple[tuple[float, float], ...] | No
         return None
 
 
+def _is_like(value: Any, example: Any) -> bool:
+    """Return whether a value has the type of an example: a number may have a fraction or not."""
+    if isinstance(example, list):
+        return isinstance(value, list) and len(value) == len(example) and all(map(_is_like, value, example))
+    if isinstance(example, bool) or isinstance(value, bool) or isinstance(example, str):
+        return type(value) is type(example)
+    return isinstance(value, int | float)
+
+
 def leaves_of(value: Any, key: Key) -> Iterator[tuple[Key, Any]]:
     """Yield every value of a tree with the keys that lead to it."""
     if isinstance(value, Mapping):
@@ -302,8 +311,8 @@ class _Reader:
                 values[name] = value
         if not critic and (critics := section.get("critics")) is not None and kind is MppiSettings:
             for name in MPPI_CRITICS:
-                on = values.get(name, {}).get("enabled", True)
-                values[name] = {**values.get(name, {}), "enabled": name in critics and bool(on)}
+                inner = values.get(name, {})
+                values[name] = {**inner, "enabled": inner.get("enabled", True) if name in critics else False}
         return values
 
     def _critics(self, section: Section, known: Sequence[str], planner: str) -> None:
@@ -557,16 +566,13 @@ class _Reader:
                 yield Entry(*shown, "no effect", f"{key[0]} has no part in a run here")
             elif why := next((why for pattern, why in IDLE if pattern.search(key[-1])), ""):
                 yield Entry(*shown, "no effect", why)
-            elif key[-1] in FIXED:
-                value_here, why = FIXED[key[-1]]
-                yield (
-                    Entry(*shown, "honoured", "this is what is simulated")
-                    if value == value_here
-                    else Entry(*shown, "not supported", why)
-                )
+            elif (last := key[-1].rpartition(".")[2]) in FIXED and value != FIXED[last][0]:
+                if not _is_like(value, FIXED[last][0]):
+                    self.wrong(key, f"expected a value such as {FIXED[last][0]!r}, got {value!r:.60}")
+                yield Entry(*shown, "not supported", FIXED[last][1])
             elif any(map(SIDEWAYS.search, key[-2:-1])):
                 yield Entry(*shown, "no effect", SIDEWAYS_NOTE)
-            elif AS_SIMULATED.get(key[-1].rpartition(".")[2], ...) == value:
+            elif last in FIXED or AS_SIMULATED.get(last, ...) == value:
                 yield Entry(*shown, "honoured", "this is what is simulated")
             else:
                 yield Entry(*shown, "not supported", "not simulated; Nav2's default holds")
