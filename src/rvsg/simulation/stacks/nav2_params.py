@@ -520,7 +520,7 @@ class _Reader:
 
     def _monitor(self) -> None:
         section = self.node("collision_monitor")
-        polygons = []
+        polygons: list[dict[str, Any]] = []
         sources = section.list("observation_sources")
         for name in section.list("polygons"):
             polygon = section.inner(str(name))
