@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +53,7 @@ def test_the_runs_of_a_replay_are_simulated_one_request_at_a_time() -> None:
 def test_a_request_that_makes_no_sense_gets_one_message(tmp_path: Path, asked: dict[str, Any]) -> None:
     world = rvsg.load_world("warehouse")
     scenario = empty_scenario(world, "route_1").model_dump(mode="json")
-    given = {"scenario": scenario, "seeds": 1} | asked
+    given = json.dumps({"scenario": scenario, "seeds": 1} | asked).encode()
     answer = asyncio.run(_answered(Workspace(tmp_path), scenario_try, given))
     assert answer.status_code == 400 and b"error" in answer.body
 

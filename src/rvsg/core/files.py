@@ -8,7 +8,7 @@ import stat
 import sys
 from pathlib import Path
 
-from rvsg.core.errors import FileError
+from rvsg.core.errors import FileError, InputError
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
@@ -49,6 +49,19 @@ def state_folder() -> Path:
     if reason:
         raise FileError(folder, f"{reason}. Mend it, or name another by XDG_STATE_HOME.", code="state-folder")
     return folder
+
+
+def path_inside(folder: Path, name: str) -> Path:
+    """Return the path of this name in a folder, links followed; InputError for one outside, however it is written."""
+    try:
+        path = (folder / name).resolve()
+        with contextlib.suppress(FileNotFoundError, NotADirectoryError):
+            path.lstat()
+    except (OSError, RuntimeError, ValueError) as error:  # too long, a loop of links, a zero byte
+        raise InputError(f"{name[:200]!r} cannot be the path of a file: {error}.") from None
+    if not path.is_relative_to(folder):
+        raise InputError(f"{name}: this lies outside the folder, {folder}.", code="outside-workspace")
+    return path
 
 
 def write_text(path: Path, text: str) -> None:

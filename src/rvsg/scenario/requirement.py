@@ -26,6 +26,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from rvsg.core.documents import DocumentError, Problem, problems_of, read_yaml
 from rvsg.core.errors import FileError, InputError, Unfit, UnknownName
+from rvsg.core.inputs import exists
 from rvsg.core.records import Record
 
 
@@ -134,7 +135,7 @@ def load_requirement(name_or_path: str | Path, *, check: Check | None = None) ->
     if text in _shipped():
         return _shipped()[text]
     file, wanted = _file_and_name(text)
-    if not (file.endswith((".yaml", ".yml")) or Path(file).exists()):
+    if not (file.endswith((".yaml", ".yml")) or exists(Path(file))):
         raise UnknownName("requirement", text, _shipped(), hint="Or give a file: my.yaml or my.yaml#name.")
     found, wrong = _read(Path(file), check)
     names = [*found, *wrong]

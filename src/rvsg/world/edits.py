@@ -62,9 +62,9 @@ def edit_world(folder: str | Path, change: Mapping[str, Any]) -> Edit:
     folder = world_folder(folder)
     if folder.resolve().is_relative_to(SHIPPED.resolve()):
         raise InputError("A shipped world is not changed. Make a copy of it first.")
-    what = change.get("what")
+    what = str(change.get("what"))
     if what not in CHANGES:
-        raise UnknownName("change", str(what), CHANGES)
+        raise UnknownName("change", what, CHANGES)
     key, change_it = CHANGES[what]
     name = HEAD if key == "head" else str(read_yaml(folder / HEAD).value.get(key, f"{key}.yaml"))
     path = folder / name
@@ -225,7 +225,7 @@ def _add_route(value: Any, change: Mapping[str, Any]) -> None:
         "name": _text(_new_name(change, routes)),
         "start": poses[0],
         "goal": poses[-1],
-        "time_limit_s": float(change.get("time_limit_s") or time_limit_s(sum(math.dist(a, b) for a, b in ways))),
+        "time_limit_s": _number(change.get("time_limit_s") or time_limit_s(sum(math.dist(a, b) for a, b in ways))),
     }
     if len(points) > 2:
         entry["through"] = _flow_list(poses[1:-1])
@@ -282,6 +282,8 @@ def _set_activities(value: Any, change: Mapping[str, Any]) -> None:
 def _add_door(value: Any, change: Mapping[str, Any]) -> None:
     doors = _listed(value, "doors")
     values = {key: each for key, each in change.items() if key not in ("what", "name")}
+    if not all(isinstance(values.get(key), list | tuple) for key in ("hinge", "end")):
+        raise InputError("A door has a hinge and an end: [x, y] in metres.")
     ends = {key: _flow_list(values.pop(key)) for key in ("hinge", "end")}
     doors.append(_flow({"name": _text(_new_name(change, doors)), **ends, **values}))
 
@@ -408,7 +410,7 @@ def _text(text: str) -> Any:
 
     try:
         plain = yaml.safe_load(text) == text and "\n" not in text
-    except yaml.YAMLError:
+    except (yaml.YAMLError, ValueError, RecursionError):  # a date with month 13, a thousand brackets
         plain = False
     return text if plain else DoubleQuotedScalarString(text)
 

@@ -26,6 +26,7 @@ from rvsg.app.folder import LEDGER
 from rvsg.campaign.attempt import Measurement
 from rvsg.campaign.execution import Event, Message, RunFinished
 from rvsg.core.errors import InputError, RvsgError
+from rvsg.core.files import path_inside
 from rvsg.evaluation.story import story_of
 from rvsg.report.answer import Answer
 from rvsg.report.film import shot_of_run, strip
@@ -72,10 +73,7 @@ class Workspace:
 
     def path(self, name: str) -> Path:
         """Return a path inside the folder; InputError for one outside."""
-        path = (self.folder / name).resolve()
-        if not path.is_relative_to(self.folder):
-            raise InputError(f"{name} is outside of the workspace. Name a file inside it.", code="outside-workspace")
-        return path
+        return path_inside(self.folder, name)
 
     def either(self, name: str, shipped: Container[str]) -> str:
         """Return the name of something shipped as it is, and anything else as a path inside the folder."""

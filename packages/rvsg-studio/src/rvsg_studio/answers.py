@@ -5,7 +5,6 @@ The JavaScript components fetch and send it.
 
 from __future__ import annotations
 
-import errno
 import json
 import shlex
 import threading
@@ -45,6 +44,7 @@ from rvsg.world.drawing.svg import floor_plan
 from rvsg.world.edits import begin_doors
 from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.model_questions import AskedModel, asked_model, keep_model, picture_of_call
+from rvsg_studio.question import Question, number_of, question_of, text_of
 from rvsg_studio.scenario_editor import (
     BEHAVIOURS,
     empty_scenario,
@@ -70,29 +70,13 @@ from rvsg_studio.workspace import (
 )
 from rvsg_studio.world_editor import History, editable_world, remarks_on
 
-Answer = Callable[[Workspace, dict[str, Any]], Any]
+Answer = Callable[[Workspace, Question], Any]
 
 
-def text_of(given: dict[str, Any], key: str) -> str:
-    """Return a text of a question; InputError where it is missing."""
-    value = given.get(key)
-    if not isinstance(value, str) or not value:
-        raise InputError(f"The request has no {key!r}.")
-    return value
-
-
-def number_of(given: dict[str, Any], key: str) -> int:
-    """Return a whole number of a question; InputError where it is missing or none."""
-    try:
-        return int(str(given[key]))
-    except (KeyError, ValueError):
-        raise InputError(f"The request has no whole number {key!r}.") from None
-
-
-def replay(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+def replay(workspace: Workspace, given: Question) -> dict[str, Any]:
     """Return the replay of an attempt of a campaign, and of what is tied to it unless it is asked for `alone`."""
-    folder, name = workspace.existing(text_of(given, "campaign")), given.get("name")
-    index, alone = number_of(given, "attempt"), bool(given.get("alone"))
+    folder, name = workspace.existing(text_of(given, "campaign")), given.name
+    index, alone = number_of(given, "attempt"), bool(given.alone)
 
     def made() -> dict[str, Any]:
         campaign = campaign_of(workspace, given)
@@ -102,45 +86,44 @@ def replay(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     return workspace.kept(("replay", str(folder), name, index, alone), folder, made)
 
 
-def campaign_of(workspace: Workspace, given: dict[str, Any]) -> rvsg.Campaign:
+def campaign_of(workspace: Workspace, given: Question) -> rvsg.Campaign:
     """Return the campaign of a question."""
-    return rvsg.Campaign.open(workspace.existing(text_of(given, "campaign")), given.get("name") or None)
+    return rvsg.Campaign.open(workspace.existing(text_of(given, "campaign")), given.name or None)
 
 
-def world_place(workspace: Workspace, given: dict[str, Any]) -> str | Path:
+def world_place(workspace: Workspace, given: Question) -> str | Path:
     """Return the world that is meant: the name of a shipped one, or a folder in the workspace."""
     name = text_of(given, "world")
     return name if name in shipped_worlds() else workspace.existing(name)
 
 
-def world(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+def world(workspace: Workspace, given: Question) -> dict[str, Any]:
     """Return what the editor of a world shows."""
     place = world_place(workspace, given)
     done, undone = history_of(workspace, given).steps
     return editable_world(place) | {"undo": done, "redo": undone}
 
 
-def world_check(workspace: Workspace, given: dict[str, Any]) -> list[dict[str, Any]]:
+def world_check(workspace: Workspace, given: Question) -> list[dict[str, Any]]:
     """Return what the check finds in a world."""
-    return remarks_on(world_place(workspace, given), trial=trial_of() if given.get("drive") else None)
+    return remarks_on(world_place(workspace, given), trial=trial_of() if given.drive else None)
 
 
-def world_edit(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+def world_edit(workspace: Workspace, given: Question) -> dict[str, Any]:
     """Make a change in a world and return the world as it is then."""
-    change = given.get("change")
-    if not isinstance(change, dict):
+    if (change := given.change) is None:
         raise InputError("The request has no change.")
     with _editing:
         if change.get("what") == "add door":
             begin_doors(world_place(workspace, given))
-        history_of(workspace, given).make(world_place(workspace, given), change, together=given.get("together") or "")
+        history_of(workspace, given).make(world_place(workspace, given), change, together=given.together or "")
     return world(workspace, given)
 
 
 def _world_step(step: Callable[[History], None]) -> Answer:
     """Return the answer that undoes or makes again the last change of a world."""
 
-    def answer(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    def answer(workspace: Workspace, given: Question) -> dict[str, Any]:
         with _editing:
             step(history_of(workspace, given))
         return world(workspace, given)
@@ -148,18 +131,18 @@ def _world_step(step: Callable[[History], None]) -> Answer:
     return answer
 
 
-def world_drive(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+def world_drive(workspace: Workspace, given: Question) -> dict[str, Any]:
     """Drive a route with nobody about and return how it went."""
     loaded = rvsg.load_world(world_place(workspace, given))
     return trial_of().drive(loaded, loaded.route(text_of(given, "route"))).model_dump(mode="json")
 
 
-def history_of(workspace: Workspace, given: dict[str, Any]) -> History:
+def history_of(workspace: Workspace, given: Question) -> History:
     """Return the changes of a world that can be undone."""
     return History(workspace.own_file("undo", str(world_place(workspace, given))))
 
 
-def scenario(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+def scenario(workspace: Workspace, given: Question) -> dict[str, Any]:
     """Return what the editor of a scenario shows: of an attempt, a case of a suite, a file, or a route of a world."""
     loaded, place, simulator = scenario_place(workspace, given)
     draft = draft_of(workspace, given)
@@ -179,11 +162,11 @@ def scenario(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def scenario_place(workspace: Workspace, given: dict[str, Any]) -> tuple[Scenario, World, Spec]:
+def scenario_place(workspace: Workspace, given: Question) -> tuple[Scenario, World, Spec]:
     """Return the scenario a page is about, its world, and what simulates it."""
     embedded = Spec("embedded")
-    if given.get("campaign"):
-        folder, name = workspace.existing(text_of(given, "campaign")), given.get("name")
+    if given.campaign:
+        folder, name = workspace.existing(text_of(given, "campaign")), given.name
         index = number_of(given, "attempt")
 
         def made() -> tuple[Scenario, World, Spec]:
@@ -194,35 +177,33 @@ def scenario_place(workspace: Workspace, given: dict[str, Any]) -> tuple[Scenari
             return found, campaign.world, campaign.simulator
 
         return workspace.kept(("scenario", str(folder), name, index), folder, made)
-    if given.get("case"):
+    if given.case:
         suite, case = rvsg.Suite.open(workspace.existing(text_of(given, "suite"))), text_of(given, "case")
         told = next((each.scenario for each in suite.cases if each.name == case), None)
         if told is None:
             raise InputError(f"There is no case {case!r} in this suite.")
         return told, suite.worlds[case], embedded
-    if given.get("file"):
+    if given.file:
         file = workspace.existing(text_of(given, "file"))
         return *load_scenario_in(file), embedded
-    place = rvsg.load_world(world_place(workspace, {"world": given.get("world") or "warehouse"}))
+    place = rvsg.load_world(world_place(workspace, Question(world=given.world or "warehouse")))
     if not place.routes:
         raise InputError(f"{place.name} has no route yet. Draw one on its map first.")
-    return empty_scenario(place, given.get("route") or place.routes[0].name), place, embedded
+    return empty_scenario(place, given.route or place.routes[0].name), place, embedded
 
 
-def scenario_try(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+def scenario_try(workspace: Workspace, given: Question) -> dict[str, Any]:
     """Simulate the scenario as it stands in the editor."""
     wanted, place, simulator, requirement = _asked(workspace, given)
-    if given.get("stops"):
-        if not isinstance(given["stops"], list):
-            raise InputError("stops: expected a list of waypoints.")
-        wanted = with_person(wanted, place, [str(stop) for stop in given["stops"]])
+    if stops := given.stops:
+        wanted = with_person(wanted, place, stops)
     seeds = range(min(MOST_SEEDS, max(1, number_of(given, "seeds"))))
-    tried = try_out(wanted, place, requirement, seeds=seeds, simulator=simulator, as_is=bool(given.get("as_is")))
+    tried = try_out(wanted, place, requirement, seeds=seeds, simulator=simulator, as_is=bool(given.as_is))
     more = {"unit": requirement.unit, "limit": requirement.threshold, "requirement": requirement.name}
     return tried.model_dump(mode="json") | more
 
 
-def scenario_keep(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+def scenario_keep(workspace: Workspace, given: Question) -> dict[str, Any]:
     """Keep the scenario of the editor as a draft until it is saved, where it differs from what was loaded."""
     wanted = _wanted(given)
     loaded, draft = scenario_place(workspace, given)[0], draft_of(workspace, given)
@@ -234,21 +215,19 @@ def scenario_keep(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]
     return {}
 
 
-def scenario_replay(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+def scenario_replay(workspace: Workspace, given: Question) -> dict[str, Any]:
     """Return the replay of the scenario as it stands in the editor, over several seeds."""
     wanted, place, simulator, requirement = _asked(workspace, given)
     return replay_of_runs(simulated(wanted, place, range(MOST_SEEDS), simulator), requirement)
 
 
-def scenario_save(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+def scenario_save(workspace: Workspace, given: Question) -> dict[str, Any]:
     """Save the scenario of the editor as a file, or as a case of a suite."""
     wanted, place, _, requirement = _asked(workspace, given)
     check_valid(wanted, place)
-    if given.get("add_to"):
+    if given.add_to:
         folder = workspace.path(text_of(given, "add_to"))
-        suite = rvsg.Suite.create(folder).add(
-            wanted, requirement.name, title=str(given.get("title") or "") or None, world=place
-        )
+        suite = rvsg.Suite.create(folder).add(wanted, requirement.name, title=given.title or None, world=place)
         said = f"{workspace.relative(folder)} holds {counted(len(suite.cases), 'case')}."
     else:
         path = workspace.path(text_of(given, "save_as"))
@@ -258,53 +237,53 @@ def scenario_save(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]
     return {"said": said}
 
 
-def scenario_discard(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+def scenario_discard(workspace: Workspace, given: Question) -> dict[str, Any]:
     """Forget the changes that were not saved."""
     draft_of(workspace, given).unlink(missing_ok=True)
     return scenario(workspace, given)
 
 
-def _asked(workspace: Workspace, given: dict[str, Any]) -> tuple[Scenario, World, Spec, Requirement]:
+def _asked(workspace: Workspace, given: Question) -> tuple[Scenario, World, Spec, Requirement]:
     _, place, simulator = scenario_place(workspace, given)
     wanted = _wanted(given)
-    name, own = str(given.get("requirement") or "R1"), _own_requirement(workspace, given)
+    name, own = given.requirement or "R1", _own_requirement(workspace, given)
     requirement = own if own is not None and own.name == name else load_requirement(name, wanted.mission.route)
     return wanted, world_of(wanted.mission, place), simulator, requirement
 
 
-def _own_requirement(workspace: Workspace, given: dict[str, Any]) -> Requirement | None:
+def _own_requirement(workspace: Workspace, given: Question) -> Requirement | None:
     """Return the requirement of the campaign that a scenario is of."""
-    return campaign_of(workspace, given).requirement if given.get("campaign") else None
+    return campaign_of(workspace, given).requirement if given.campaign else None
 
 
-def _wanted(given: dict[str, Any]) -> Scenario:
-    value = given.get("scenario")
+def _wanted(given: Question) -> Scenario:
+    value = given.scenario
     if not isinstance(value, dict):
         raise InputError("The request has no scenario.")
     return scenario_of(value)
 
 
-def draft_of(workspace: Workspace, given: dict[str, Any]) -> Path:
+def draft_of(workspace: Workspace, given: Question) -> Path:
     """Return where changes of a scenario are kept until they are saved."""
     keys = ("campaign", "name", "attempt", "file", "world", "route", "suite", "case")
-    return workspace.own_file("drafts", json.dumps([given.get(key) or "" for key in keys]))
+    return workspace.own_file("drafts", json.dumps([getattr(given, key) or "" for key in keys]))
 
 
-def runs(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+def runs(workspace: Workspace, given: Question) -> dict[str, Any]:
     """Return the replay of a file of runs of a scenario."""
     file, scenario_file = workspace.existing(text_of(given, "file")), workspace.existing(text_of(given, "scenario"))
 
     def made() -> dict[str, Any]:
         asked, place = load_scenario_in(scenario_file)
         requirement = load_requirement("R1", asked.mission.route)
-        if given.get("campaign"):
+        if given.campaign:
             requirement = rvsg.Campaign.open(workspace.existing(text_of(given, "campaign"))).requirement
         return replay_of_runs(RunSet(rvsg.load_runs(file).runs, asked, place), requirement)
 
     return workspace.kept(("runs", str(file), str(scenario_file)), file, made)
 
 
-def recording(workspace: Workspace, given: dict[str, Any]) -> Any:
+def recording(workspace: Workspace, given: Question) -> Any:
     """Return the replay of a recorded drive and the nearest simulated one, of a job that has finished."""
     job = workspace.jobs.get(text_of(given, "job"))
     if (found := read_json(job.folder / BOTH, None)) is None:
@@ -318,14 +297,14 @@ def tuning_in(workspace: Workspace, folder: str) -> Tuning | None:
     return read_record(path, Tuning) if path.is_file() else None
 
 
-def tuning(workspace: Workspace, given: dict[str, Any]) -> Response:
+def tuning(workspace: Workspace, given: Question) -> Response:
     """Return the page of a tuning, a file of the folder: its scripts may not act on the studio."""
     path = workspace.existing(f"{text_of(given, 'folder')}/{PAGE}")
     headers = {"content-security-policy": "sandbox allow-scripts"}
     return Response(path.read_bytes(), media_type="text/html", headers=headers)
 
 
-def tuned(workspace: Workspace, given: dict[str, Any]) -> Response:
+def tuned(workspace: Workspace, given: Question) -> Response:
     """Return the file that a tuning proposes, to be saved."""
     found = tuning_in(workspace, folder := text_of(given, "folder"))
     if found is None or found.file is None:
@@ -335,7 +314,7 @@ def tuned(workspace: Workspace, given: dict[str, Any]) -> Response:
     return Response(path.read_bytes(), media_type="application/octet-stream", headers=headers)
 
 
-def versions(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+def versions(workspace: Workspace, given: Question) -> dict[str, Any]:
     """Return the replay of a case of a suite by two versions, run again on the first seed that differs."""
     compared = compared_versions(workspace, *(text_of(given, key) for key in ("first", "second", "suite")))
     return compared.replay(text_of(given, "case"), text_of(given, "requirement"))
@@ -347,16 +326,14 @@ def compared_versions(workspace: Workspace, first: str, second: str, suite: str 
     return replace(compared, suite=rvsg.Suite.open(workspace.existing(suite))) if suite else compared
 
 
-def still(workspace: Workspace, given: dict[str, Any]) -> Response:
+def still(workspace: Workspace, given: Question) -> Response:
     """Return the picture of a moment of a run, in the colours of its attempt, as SVG that stands alone."""
     campaign, run_id, index = campaign_of(workspace, given), text_of(given, "run"), number_of(given, "attempt")
     attempt = next((each for each in campaign.attempts() if each.index == index), None)
     if attempt is None or run_id not in (ids := [m.run_id for m in attempt.measurements]):
         raise InputError(f"There is no run {run_id!r} in attempt {index}.")
-    try:
-        moment_s = float(text_of(given, "t"))
-    except ValueError:
-        raise InputError("The request has no time 't'.") from None
+    if (moment_s := given.t) is None:
+        raise InputError("The request has no time 't'.")
     with campaign.reading() as ledger:
         runs = {each: ledger.run(each) for each in ids}
     world, robot = campaign.shown_world, campaign.plan.mission.robot_record
@@ -369,7 +346,7 @@ def still(workspace: Workspace, given: dict[str, Any]) -> Response:
     return Response(picture, media_type="image/svg+xml", headers={"cache-control": "private, max-age=86400"})
 
 
-def picture(workspace: Workspace, given: dict[str, Any]) -> Response:
+def picture(workspace: Workspace, given: Question) -> Response:
     """Return a picture that a model was shown."""
     content = picture_of_call(campaign_of(workspace, given), text_of(given, "digest"))
     return Response(content, media_type="image/png")
@@ -382,7 +359,7 @@ _editing = threading.Lock()
 DROPPED = "dropped.json"
 
 
-def names(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+def names(workspace: Workspace, given: Question) -> dict[str, Any]:
     """Return the model that is asked, how the newest job stands, and the proposals that are left to decide on."""
     name = text_of(given, "world")
     job = workspace.jobs.of(_target(name))
@@ -409,20 +386,19 @@ def names(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     return told | {"state": job.state, "said": job.result.get("said") or job.result.get("reason", ""), "names": left}
 
 
-def model(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+def model(workspace: Workspace, given: Question) -> dict[str, Any]:
     """Keep what is typed in the fields that name a model, and return them."""
-    told = given["asked"] if isinstance(given.get("asked"), dict) else {}
-    known = {key: value for key, value in told.items() if key in AskedModel.model_fields}
+    known = {key: value for key, value in (given.asked or {}).items() if key in AskedModel.model_fields}
     return keep_model(workspace, **known).model_dump(mode="json")
 
 
-def ask(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+def ask(workspace: Workspace, given: Question) -> dict[str, Any]:
     """Begin a job that asks a model for names."""
     name = text_of(given, "world")
     world_place(workspace, given)
     model(workspace, given)
     asked = asked_model(workspace)
-    photographs = [part.strip() for part in str(given.get("photographs") or "").split(",") if part.strip()]
+    photographs = [part.strip() for part in (given.photographs or "").split(",") if part.strip()]
     shown = [workspace.relative(workspace.existing(photograph)) for photograph in photographs]
     command = f"rvsg world label {shlex.quote(name)} {asked.options}"
     command += "".join(f" --photo {shlex.quote(path)}" for path in shown)
@@ -431,7 +407,7 @@ def ask(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     return names(workspace, given)
 
 
-def drop(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+def drop(workspace: Workspace, given: Question) -> dict[str, Any]:
     """Leave a proposal out from now on."""
     job = workspace.jobs.of(_target(text_of(given, "world")))
     if job is not None:
@@ -447,11 +423,11 @@ def _target(name: str) -> str:
 _tracing = threading.Lock()
 
 
-def trace(workspace: Workspace, given: dict[str, Any]) -> Response:
+def trace(workspace: Workspace, given: Question) -> Response:
     """Return the trace of a run of a campaign or of a file of runs."""
     run = text_of(given, "run")
     with _tracing:  # one at a time: each holds about 100 MB
-        if given.get("file"):
+        if given.file:
             file, scenario = (workspace.existing(text_of(given, key)) for key in ("file", "scenario"))
             text = trace_source(file, run=run, scenario=scenario).text()
         else:
@@ -526,7 +502,7 @@ def add_data(app: FastAPI, workspace: Workspace) -> None:
         content = await _limited(request, LARGEST_FILE)
         if content is None:
             return JSONResponse({"error": f"{name}: the file has more than {LARGEST_FILE} bytes."}, status_code=413)
-        return await _answered(workspace, lambda place, _: receiver(name)(place, name, content), {})
+        return await _answered(workspace, lambda place, _: receiver(name)(place, name, content), b"{}")
 
 
 async def _limited(request: Request, most: int) -> bytes | None:
@@ -553,28 +529,18 @@ def _post(workspace: Workspace, answer: Answer) -> Callable[[Request], Any]:
         content = await _limited(request, LARGEST)
         if content is None:
             return JSONResponse({"error": "The request is too large."}, status_code=413)
-        try:
-            value = json.loads(content)
-        except ValueError:
-            return JSONResponse({"error": "This is no JSON."}, status_code=400)
-        if not isinstance(value, dict):
-            return JSONResponse({"error": "Expected an object."}, status_code=400)
-        return await _answered(workspace, answer, value)
+        return await _answered(workspace, answer, content)
 
     return sent
 
 
-async def _answered(workspace: Workspace, answer: Answer, given: dict[str, Any]) -> Response:
+async def _answered(workspace: Workspace, answer: Answer, asked: bytes | dict[str, str]) -> Response:
     def work() -> Any:
         with permission.only():  # a request names no code of its own
-            return answer(workspace, given)
+            return answer(workspace, question_of(asked))
 
     try:
         made = await run.io_bound(work)
     except RvsgError as error:
         return JSONResponse({"error": str(error)}, status_code=400)
-    except OSError as error:
-        if error.errno != errno.ENAMETOOLONG:
-            raise
-        return JSONResponse({"error": "A name is too long. Give a shorter one."}, status_code=400)
     return made if isinstance(made, Response) else JSONResponse(made)

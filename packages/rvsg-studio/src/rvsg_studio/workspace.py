@@ -42,9 +42,11 @@ from rvsg.app.view import SUFFIX, unpack_view
 from rvsg.core.child_process import command as command_of
 from rvsg.core.documents import read_document
 from rvsg.core.errors import InputError
-from rvsg.core.files import state_folder, write_whole
+from rvsg.core.files import path_inside, state_folder, write_whole
+from rvsg.core.inputs import exists
 from rvsg.core.records import Record
 from rvsg_studio.listing import Lister, Listing
+from rvsg_studio.question import Question
 from rvsg_studio.server import own_folder
 
 JOB, EVENTS, RESULT, LOCK, LOG = "job.json", "events.jsonl", "result.json", ".lock", "worker.log"
@@ -126,7 +128,7 @@ class Jobs:
     def get(self, job: str) -> Job:
         """Return a job; InputError where there is none of that name."""
         folder = self.folder / job
-        if folder.parent != self.folder or not (folder / JOB).is_file():
+        if folder.parent != self.folder or not exists(folder / JOB):
             raise InputError(f"There is no job {job!r}.")
         told = json.loads((folder / JOB).read_text(encoding="utf-8"))
         result = read_json(folder / RESULT, None)
@@ -247,10 +249,8 @@ class Workspace:
 
     def path(self, name: str) -> Path:
         """Return a path in the folder; InputError for one outside of it, however it is written."""
-        if "\0" in name:
-            raise InputError("A path holds no zero byte.")
-        path = (self.folder / name).resolve()
-        if not path.is_relative_to(self.folder) or path.is_relative_to(state_folder()):
+        path = path_inside(self.folder, name)
+        if path.is_relative_to(state_folder()):
             raise InputError(f"{name}: this lies outside the folder of the studio, {self.folder}.")
         return path
 
@@ -293,10 +293,11 @@ def stamp(path: Path) -> tuple[Any, ...]:
     found = []
     with os.scandir(path) as entries:
         for entry in entries:
-            if entry.is_file() and not entry.name.endswith(("-shm", ".lock", ".html")):
-                status = entry.stat()
-                if status.st_size:
-                    found.append((entry.name, status.st_mtime_ns, status.st_size))
+            with contextlib.suppress(OSError):  # gone by now, or a loop of links
+                if entry.is_file() and not entry.name.endswith(("-shm", ".lock", ".html")):
+                    status = entry.stat()
+                    if status.st_size:
+                        found.append((entry.name, status.st_mtime_ns, status.st_size))
     return tuple(sorted(found))
 
 
@@ -365,7 +366,7 @@ def receive(workspace: Workspace, name: str, content: bytes) -> dict[str, Any]:
     if len(received(workspace)) >= MOST:
         raise InputError(f"{MOST} files wait already. Remove them first.")
     write_whole(_folder(workspace) / plain, content)
-    return listed(workspace, {})
+    return listed(workspace)
 
 
 def receive_view(workspace: Workspace, name: str, content: bytes) -> dict[str, Any]:
@@ -402,15 +403,15 @@ def receiver(name: str) -> Callable[[Workspace, str, bytes], dict[str, Any]]:
     return receive_recording if Path(name).suffix in SUFFIXES else receive
 
 
-def listed(workspace: Workspace, _: dict[str, Any]) -> dict[str, Any]:
+def listed(workspace: Workspace, _: Question | None = None) -> dict[str, Any]:
     """Return the names of the files that wait."""
     return {"names": [path.name for path in received(workspace)]}
 
 
-def forget(workspace: Workspace, _: dict[str, Any] | None = None) -> dict[str, Any]:
+def forget(workspace: Workspace, _: Question | None = None) -> dict[str, Any]:
     """Remove the files that wait."""
     shutil.rmtree(_folder(workspace), ignore_errors=True)
-    return listed(workspace, {})
+    return listed(workspace)
 
 
 def _folder(workspace: Workspace) -> Path:
@@ -442,15 +443,12 @@ class Typed:
                 self._path.unlink(missing_ok=True)
 
 
-def typed(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+def typed(workspace: Workspace, given: Question) -> dict[str, Any]:
     """Return what is kept of a page."""
-    return Typed(workspace, str(given.get("page"))).fields
+    return Typed(workspace, given.page).fields
 
 
-def typed_keep(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+def typed_keep(workspace: Workspace, given: Question) -> dict[str, Any]:
     """Keep the values of fields of a page; null forgets a field."""
-    fields = given.get("fields")
-    if not isinstance(fields, dict):
-        raise InputError("The request has no fields.")
-    Typed(workspace, str(given.get("page"))).keep(fields)
+    Typed(workspace, given.page).keep(given.fields)
     return {}

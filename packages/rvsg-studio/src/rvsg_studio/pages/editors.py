@@ -16,6 +16,7 @@ from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.answers import scenario_place, world_place
 from rvsg_studio.frame import PATIENT_S, Page, actions, address, field, load, page, route, select, tag, text_input
 from rvsg_studio.pages import recording, tuning
+from rvsg_studio.question import Question, question_of
 from rvsg_studio.workspace import KINDS, Typed, Workspace, forget, received
 from rvsg_studio.world_editor import editable_world, folder_of_world
 
@@ -25,7 +26,7 @@ def add(workspace: Workspace) -> None:
 
     @route(workspace, "/world", "World")
     async def world(world: str = "") -> None:
-        found = await load(editable_world, world_place(workspace, {"world": world}))
+        found = await load(editable_world, world_place(workspace, Question(world=world)))
         with page(workspace, found["title"], wide=True) as made:
             _lay_out(made, world, found)
 
@@ -123,7 +124,7 @@ def _add_scenario(workspace: Workspace) -> None:
     ) -> None:
         source = {"campaign": campaign, "name": name, "attempt": attempt, "file": file, "world": world, "route": route}
         source = {key: value for key, value in {**source, "suite": suite, "case": case}.items() if value}
-        found, place, _ = await load(scenario_place, workspace, source)
+        found, place, _ = await load(scenario_place, workspace, question_of(source))
         requirement = "R1"
         if campaign:
             opened = await load(rvsg.Campaign.open, workspace.path(campaign), name or None)

@@ -37,6 +37,7 @@ from rvsg_studio.frame import (
 )
 from rvsg_studio.pages.finding import JobLine
 from rvsg_studio.pages.new_campaign import REQUIREMENTS
+from rvsg_studio.question import Question
 from rvsg_studio.workspace import LARGEST_FILE, Job, Workspace
 
 SHOWN = 50
@@ -79,7 +80,7 @@ def inspected(workspace: Workspace, asked: dict[str, str]) -> Inspection:
     path = workspace.existing(asked["file"])
 
     def made() -> Inspection:
-        world = as_world(world_place(workspace, asked)) if asked["world"] else None
+        world = as_world(world_place(workspace, Question(world=asked["world"]))) if asked["world"] else None
         return inspect(load_recording(path, world=world, people_topic=asked["people_topic"] or None), world)
 
     return workspace.kept(("recording", *asked.values()), path, made)
