@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import sys
 from collections.abc import Callable, Iterator
 from importlib.metadata import entry_points
@@ -25,7 +26,9 @@ EVIL = """
 from pathlib import Path
 from rvsg.stacks import LocalPlanner
 
-Path(__file__).with_name("ran").touch()
+import helper
+
+Path(__file__).parents[1].joinpath("ran").touch()
 
 
 class Evil(LocalPlanner):
@@ -39,21 +42,27 @@ class Evil(LocalPlanner):
 
 @pytest.fixture
 def evil(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    """A Python file of a stranger, named as a stack; `ran` beside it says that it was imported."""
+    """A Python file of a stranger, named as a stack; `ran` in the folder above says that it was imported."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    (tmp_path / "evil.py").write_text(EVIL)
-    yield f"{tmp_path / 'evil.py'}:Evil"
+    clone = tmp_path / "clone"
+    (clone / "data").mkdir(parents=True)
+    (clone / "evil.py").write_text(EVIL)
+    (clone / "helper.py").write_text("")
+    (clone / "data" / "weights.txt").write_text("1")
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    yield f"{clone / 'evil.py'}:Evil"
     _forget()
 
 
 def _forget() -> None:
-    for name in [name for name in sys.modules if name.startswith("_rvsg_stack_evil")]:
+    for name in [name for name in sys.modules if name == "helper" or name.startswith("_rvsg_stack_evil")]:
         del sys.modules[name]
 
 
 def settings_that_run(evil: str) -> dict[str, dict[str, Any]]:
     """Settings of a campaign file that lead to code, each by another way."""
-    ran = Path(evil.rpartition(":")[0]).with_name("ran")
+    ran = Path(evil).absolute().parents[1] / "ran"
     command = f"touch {ran}"
     return {
         "class": {"stack": evil},
@@ -93,23 +102,36 @@ def test_a_command_line_that_names_the_code_allows_it(evil: str, tmp_path: Path)
     assert (tmp_path / "ran").exists()
 
 
-def test_code_of_a_file_is_allowed_once_and_by_its_content(
+def test_code_of_a_file_is_allowed_once_and_by_the_content_of_its_folder(
     evil: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file, source = tmp_path / "campaign.yaml", Path(evil.rpartition(":")[0])
-    file.write_text(yaml.safe_dump({"stack": evil} | SMALL))
+    clone, out = tmp_path / "clone", tmp_path / "out"
+    file, other = clone / "campaign.yaml", clone / "other.yaml"
+    for path in (file, other):
+        path.write_text(yaml.safe_dump({"stack": "evil.py:Evil"} | SMALL))
 
-    def run(*options: str) -> int:
+    def run(path: Path, *options: str) -> int:
         _forget()
-        return main(["run", str(file), "--jobs", "1", "--out", str(tmp_path / "out"), *options])
+        return main(["run", str(path), "--jobs", "1", "--out", str(out), *options])
 
-    assert run() == 2
+    assert run(file) == 2
     assert "--allow-code-from" in capsys.readouterr().err
-    assert run("--allow-code-from", str(tmp_path / "absent")) == 2
-    assert run("--allow-code-from", str(file)) == 0
-    assert run() == 0, "the content is remembered"
-    source.write_text(EVIL + "\n# changed\n")
-    assert run() == 2
+    assert run(file, "--allow-code-from", str(tmp_path / "absent")) == 2
+    assert run(file, "--allow-code-from", str(other)) == 0, "the class is the same, whichever file names it"
+    assert run(file) == 2, "it is the other file that is allowed"
+    assert run(file, "--allow-code-from", str(file)) == 0
+    assert run(file) == 0, "the content is remembered"
+    for changed in ("evil.py", "helper.py", "data/weights.txt", "campaign.yaml", "new.py", "evil.so"):
+        path = clone / changed
+        before = path.read_text() if path.exists() else None
+        path.write_text((before or "") + "\n# changed\n")
+        assert run(file) == 2, changed
+        path.write_text(before) if before is not None else path.unlink()
+    assert run(file) == 0
+    (clone / "linked").symlink_to(tmp_path)
+    assert run(file) == 2
+    assert run(file, "--allow-code-from", str(file)) == 0
+    assert run(file) == 2, "a link leads out of the folder"
 
 
 def test_reading_a_stored_campaign_runs_no_code(evil: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -126,7 +148,7 @@ def test_reading_a_stored_campaign_runs_no_code(evil: str, tmp_path: Path, capsy
         assert not (tmp_path / "ran").exists(), verb
     assert (out / "report.html").exists()
     stored = rvsg.Campaign.open(out)
-    assert stored.summary().complete and isinstance(stored.fills_a_map, bool)
+    assert stored.summary().complete
     for verb in (f"run --out {out}", f"confirm {out}", f"trace {out} --out {runs}.trace.json"):
         main(verb.split())
         assert not (tmp_path / "ran").exists(), verb
@@ -144,7 +166,7 @@ KINDS = ("generator", "simulator", "strategy", "executor", "store", "stack", "ex
 def test_no_option_of_a_plug_in_leads_to_code(evil: str, tmp_path: Path, kind: str, name: str) -> None:
     command = f"touch {tmp_path / 'ran'}"
     accepted = plugins._accepted(plugins.find(kind, name))
-    for option in {*accepted, *permission.CODE_OPTIONS, "stack"}:
+    for option in {*accepted, *permission.CODE_OPTIONS, "stack"} - {"base_url"}:
         for value in (evil, command, f"exec:{command}", {"name": "exec", "options": {"command": command}}, [evil]):
             with permission.only():
                 _make(kind, name, {option: value})
@@ -162,58 +184,97 @@ def _make(kind: str, name: str, options: dict[str, Any]) -> None:
 
 
 def _checks(code: str, *, allowed: bool) -> None:
+    named = ("exec", "command") if ".py:" not in code else (code, "stack")
     if allowed:
-        permission.check("stack", "exec", code)
+        permission.check("stack", *named, code)
     else:
         with pytest.raises(InputError, check=coded("code-not-allowed")):
-            permission.check("stack", "exec", code)
+            permission.check("stack", *named, code)
 
 
 @pytest.mark.parametrize(
-    ("named", "code", "allowed"),
+    ("words", "code", "allowed"),
     [
-        (["--stack", "exec:./planner --fast"], "./planner --fast", True),
-        (["--stack-option", "command=./planner"], "./planner", True),
-        (["--stack-option=command=./planner"], "./planner", True),
-        (["--simulator-option", 'stack={"name": "exec", "options": {"command": "./planner"}}'], "./planner", True),
-        ([{"stack": Path("evil.py:Evil")}], "./evil.py:Evil", True),
-        (["./planner.yaml"], "./planner", False),
-        (["run", "campaign.yaml"], "campaign", False),
+        ("--stack 'exec:./planner --fast'", "./planner --fast", True),
+        ("--stack=exec:./planner", "./planner", True),
+        ("--stack-option command=./planner", "./planner", True),
+        ("--stack-option=command=./planner", "./planner", True),
+        ("""--simulator-option 'stack={"name": "exec", "options": {"command": "./planner"}}'""", "./planner", True),
+        ("compare --json nav2 embedded:runs=1,stack=./evil.py:Evil", "evil.py:Evil", True),
+        ("--stack ./evil.py:Evil", "evil.py:Evil", True),
+        ("--stack ./planner.yaml", "./planner", False),
+        ("run ./planner", "./planner", False),
+        ("run campaign.yaml", "campaign", False),
+        ("--out evil.py:Evil", "evil.py:Evil", False),
+        ("confirm evil.py:Evil 1", "evil.py:Evil", False),
+        ("report stack=evil.py:Evil", "evil.py:Evil", False),
+        ("--title exec:./planner", "./planner", False),
     ],
 )
-def test_code_is_named_whole_or_not_at_all(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, named: list[Any], code: str, allowed: bool
+def test_code_is_named_by_a_setting_that_means_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str, code: str, allowed: bool
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    with permission.only(named):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "stack=evil.py:Evil").mkdir()
+    with permission.only_in_process(permission.typed(shlex.split(words))):
         _checks(code, allowed=allowed)
 
 
 @pytest.mark.parametrize(
-    ("text", "code", "allowed"),
+    ("text", "code", "allowed", "remembered"),
     [
-        ("stack: evil.py:Evil", "{folder}/evil.py:Evil", True),
-        ("stack: ./evil.py:Evil", "{folder}/evil.py:Evil", True),
-        ("stack: evil.py:Evil", "{folder}/other/evil.py:Evil", False),
-        ("stack: exec:./planner x", "./planner x", True),
-        ("out: runs/planner", "./planner", False),
-        ("out: runs/x", "touch /x", False),
+        ("stack: evil.py:Evil", "{folder}/evil.py:Evil", True, True),
+        ("stack: ./evil.py:Evil", "{folder}/evil.py:Evil", True, True),
+        ("stack: evil.py:Evil", "{folder}/other/evil.py:Evil", False, False),
+        ("stack: evil:Evil", "evil:Evil", True, False),
+        ("stack: exec:./planner x", "./planner x", True, False),
+        ("stack: {{name: exec, options: {{command: make}}}}", "make", True, False),
+        ("stack: exec:python3 -m pkg", "python3 -m pkg", True, False),
+        ("stack: exec:./planner x", "./planner", False, False),
+        ("stack: exec:./planner x", "planner x", False, False),
+        ("out: runs/planner", "./planner", False, False),
+        ("out: evil.py:Evil", "{folder}/evil.py:Evil", False, False),
+        ("name: evil.py:Evil", "{folder}/evil.py:Evil", False, False),
+        ("# stack: exec:make", "make", False, False),
     ],
 )
 def test_a_trusted_file_allows_only_what_it_names(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, code: str, allowed: bool
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, code: str, allowed: bool, remembered: bool
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    file = tmp_path / "campaign.yaml"
-    file.write_text(text)
-    with permission.only_in_process([], trusted=file):
-        _checks(code.format(folder=tmp_path), allowed=allowed)
+    clone = tmp_path / "clone"
+    clone.mkdir()
+    (clone / "evil.py").write_text("")
+    file, code = clone / "campaign.yaml", code.format(folder=clone)
+    file.write_text(text.replace("{{", "{").replace("}}", "}"))
+    for trusted, may in ((None, False), (file, allowed), (None, remembered)):
+        with permission.only_in_process(["run", str(file)], trusted=trusted):
+            _checks(code, allowed=may)
 
 
 def test_a_damaged_memory_allows_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    (tmp_path / "rvsg").mkdir()
+    (tmp_path / "rvsg").mkdir(mode=0o700)
     for text in ("[", json.dumps(["x"]), json.dumps({"x": 1})):
-        (tmp_path / "rvsg" / "allowed-code.json").write_text(text)
+        (tmp_path / "rvsg" / "allowed.json").write_text(text)
         with permission.only(), pytest.raises(InputError, check=coded("code-not-allowed")):
-            permission.check("stack", "exec", "./planner")
+            permission.check("stack", "exec", "command", "./planner")
+
+
+@pytest.mark.parametrize(
+    "words", ["run campaign.yaml", "run --out http://his/v1", "run --model base_url=http://his/v1"]
+)
+def test_a_key_goes_only_where_its_user_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    address = "http://his/v1"
+    with permission.only_in_process(permission.typed(words.split())):
+        assert not permission.allows_key_for(address)
+    with permission.only():
+        assert not permission.allows_key_for(address)
+    with permission.only_in_process(permission.typed(["--base-url", "http://other/v1"])):
+        assert permission.allows_key_for("http://other/v1") and not permission.allows_key_for(address)
+    permission.allow_key_for("HIS:8000")
+    with permission.only():
+        assert permission.allows_key_for("http://other:80/v2") and not permission.allows_key_for("http://other:81/v1")
+        assert permission.allows_key_for("http://his:8000/v1") and not permission.allows_key_for("http://his.net:8000/")

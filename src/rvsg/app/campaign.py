@@ -234,7 +234,7 @@ class Campaign(StoredCampaign):
         config = located(config, paths_of(record.config, record.provenance.begun_in, out))
         instance = None if stack is None or isinstance(stack, str) else stack
         campaign = cls(record, config, generator=generator, simulator=simulator, stack=instance)
-        campaign._named = (stack, machine)
+        campaign._named = ({"stack": stack}, machine)
         campaign.source = folder
         return campaign
 

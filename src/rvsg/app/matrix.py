@@ -112,7 +112,7 @@ class Matrix:
         pairs = _asked(tuple(itertools.product(routes, requirements)), [key in asked for key in LISTED], known)
         folder = default.folder
         found: dict[str, Any] = {"folder": folder, "pairs": pairs, "settings": rest, "stored": known}
-        return cls(**found, paths=paths, begun_in=begun_in, named=tuple(given.values()))
+        return cls(**found, paths=paths, begun_in=begun_in, named=(given,))
 
     @classmethod
     def open(cls, folder: Path) -> Matrix:

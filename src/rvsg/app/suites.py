@@ -87,7 +87,8 @@ class Suite(SuiteFolder):
         for given, alike in groupby(chosen, lambda case: subject(case, simulator, stack)):
             cases = [self.tested(case.name) for case in alike]
             asked = given if isinstance(given, Spec) and _is_data(stack) else None
-            with permission.only(simulator, stack), simulator_of(given, stack, on_message=on_message) as made:
+            named = permission.only({"simulator": simulator, "stack": stack})
+            with named, simulator_of(given, stack, on_message=on_message) as made:
                 used = by_content(asked or Spec(made.name), made.options)
                 on_message(f"{stack_in_words(used)}, {made.name}: {counted(len(cases), 'case')}.")
                 for text in _changed_since(cases, used, self.folder):

@@ -121,7 +121,7 @@ class Tuner:
             raise UnknownName("optimiser", self.optimiser, get_args(Optimiser))
         suite = Suite.open(self.suite)
         with (
-            permission.only(self.stack, self.stack_options),
+            permission.only({"stack": self.stack}, self.stack_options),
             closing(StackChoice.of(self.stack, self.stack_options)) as choice,
         ):
             for text in choice.messages:

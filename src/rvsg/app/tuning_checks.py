@@ -342,7 +342,7 @@ class ProposalChecks:
             shrink_runs=0,
             **each.judging.model_dump(exclude={"max_runs"}),
             seed=self.tuner.seed,
-            named=(self.tuner.stack, stack.options),
+            named=({"stack": self.tuner.stack}, stack.options),
         )
 
     def _sweeps(self, setting: Candidate, importances: Mapping[str, float]) -> Iterator[Sweep]:

@@ -91,32 +91,34 @@ def command_line(verbs: Verbs, argv: Sequence[str] | None = None, moved: Mapping
     arguments = list(sys.argv[1:] if argv is None else argv)
 
     def work() -> None:
-        given, trusted = _without_trusted(arguments)
+        given, source, host = _without_permissions(arguments)
         words = ["--help" if word == ALL else word for word in given]
-        with permission.only_in_process(given, trusted=trusted):
+        if host is not None:
+            permission.allow_key_for(host)
+        with permission.only_in_process(permission.typed(given), trusted=Path(source) if source is not None else None):
             _root(verbs, moved or {}, everything=ALL in given).main(args=words, prog_name="rvsg")
 
     return guarded(work, arguments)
 
 
-def _without_trusted(arguments: Sequence[str]) -> tuple[list[str], Path | None]:
-    """Take `--allow-code-from FILE` out of a command line, where it may stand anywhere before `--`."""
+def _without_permissions(arguments: Sequence[str]) -> tuple[list[str], str | None, str | None]:
+    """Take `--allow-code-from FILE` and `--allow-key-for HOST` out of a command line, anywhere before `--`."""
     given: list[str] = []
-    found, option = None, "--allow-code-from"
+    values: dict[str, str | None] = dict.fromkeys(("--allow-code-from", "--allow-key-for"))
     rest = iter(arguments)
     for each in rest:
-        if each == "--":
-            return [*given, each, *rest], found
-        if each == option or each.startswith(f"{option}="):
-            value = next(rest, "") if each == option else each.partition("=")[2]
-            if not value:
-                raise InputError(f"{option}: name the file or folder whose code may run.", code="code-source-missing")
-            if found is not None:
+        option, mark, value = each.partition("=")
+        if option in values:
+            if not (value := value if mark else next(rest, "")):
+                raise InputError(f"{option}: its value is missing.", code="code-source-missing")
+            if values[option] is not None:
                 raise _twice(option)
-            found = Path(value)
-        else:
-            given.append(each)
-    return given, found
+            values[option] = value
+            continue
+        given.append(each)
+        if each == "--":
+            given += rest
+    return given, *values.values()
 
 
 def guarded(work: Callable[[], object], arguments: Sequence[str]) -> int:
@@ -275,6 +277,10 @@ def _root(verbs: Verbs, moved: Mapping[str, str], *, everything: bool) -> Any:
         allow_code_from: Annotated[
             str | None,
             typer.Option(metavar="FILE", help="Run code that FILE (or a campaign's folder) names; remembered."),
+        ] = None,
+        allow_key_for: Annotated[
+            str | None,
+            typer.Option(metavar="HOST", help="Send RVSG_API_KEY to HOST also where a file names it; remembered."),
         ] = None,
     ) -> None:
         """Options before the verb."""

@@ -24,6 +24,7 @@ from sqlalchemy.dialects.sqlite import insert as sqlite_insert
 from sqlalchemy.exc import ArgumentError, DatabaseError, NoSuchModuleError
 
 from rvsg.campaign.findings import Entry, Kind, remembered
+from rvsg.core import permission
 from rvsg.core.errors import FileError, InputError, StoreError, UnknownName, how_to_install
 from rvsg.core.files import write_whole
 from rvsg.core.inputs import read_text
@@ -245,6 +246,8 @@ def open_knowledge(where: str | Path | None = None, *, create: bool = True) -> K
         FileError: the file is missing or its folder cannot be made.
     """
     chosen = str(where or os.environ.get(ENVIRONMENT) or DEFAULT_PLACE)
+    if where is not None and "://" in chosen:
+        permission.check("knowledge", "base", "base", chosen)
     if "://" not in chosen and not create and not Path(chosen).exists():
         raise FileError(chosen, "there is no knowledge base here. Make one: rvsg knowledge add DIR", code="no-base")
     if "://" not in chosen:

@@ -314,7 +314,8 @@ def main() -> None:
             signal.signal(number, work.asked_to_end)
         work.pausing = work.pausing or (folder / PAUSE).exists()
         try:
-            with permission.only_in_process([work.arguments]):
+            # A key goes where its user allowed it on a command line: an address in a form may come from a file.
+            with permission.only_in_process([work.arguments], without="base_url"):
                 result = KINDS[work.kind](work)
         except RvsgError as error:
             result = {"state": "failed", "reason": str(error)}

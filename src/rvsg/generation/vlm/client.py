@@ -20,6 +20,7 @@ from functools import cache
 from typing import Any, Literal
 from urllib.parse import urlsplit
 
+from rvsg.core import permission
 from rvsg.core.errors import InputError, ModelUnavailable, how_to_install
 from rvsg.generation.vlm.model import Access, Answer, Request, Usage, estimated_input_tokens, estimated_tokens
 
@@ -74,7 +75,8 @@ class ModelClient:
     """A model by its name, e.g. `openai-chat:gpt-4.1`, `anthropic:claude-...`, `google:gemini-...`, `ollama:...`.
 
     With `base_url` any server that speaks the OpenAI protocol; its key, if it needs one, is read from the
-    environment variable RVSG_API_KEY, so that no provider's key reaches another host. `sleep` is how it waits.
+    environment variable RVSG_API_KEY, so that no provider's key reaches another host. It is sent only where the user
+    named the server (`rvsg.core.permission`). `sleep` is how it waits.
     """
 
     def __init__(
@@ -83,6 +85,7 @@ class ModelClient:
         self.name, self.options = name, options or Access()
         self._provider, self._model = named_model(name)
         self._base_url = _checked_address(self.options.base_url, self._provider)
+        self._has_key = self.options.base_url is None or permission.allows_key_for(self.options.base_url)
         self._structured = self.options.structured
         self._sleep = sleep
         self._lock = threading.Lock()
@@ -193,7 +196,7 @@ class ModelClient:
         """pydantic-ai's model object, made when it is first needed."""
         with self._lock:
             if self._made is None:
-                self._made = _client_of(self._provider, self._model, self._base_url)
+                self._made = _client_of(self._provider, self._model, self._base_url, has_key=self._has_key)
             return self._made
 
     def _answer(self, response: Any, request: Request) -> Answer:
@@ -265,6 +268,9 @@ class ModelClient:
         # The first that fits: where the service answered and will not do it, another try is of no use.
         if isinstance(error, foreign.ModelAuthenticationError):
             check = f"Check {self._key_variable()} in the environment."
+            if not self._has_key:
+                host = urlsplit(self._base_url or "").netloc
+                check = f"It got none, because only a file names it: --allow-key-for {host} allows it, also later."
             return Fault(f"the service refused the key (or found none). {check} {said}", "model-key-refused")
         if isinstance(error, foreign.ModelNotFoundError):
             check = f"Check --model{' and --base-url; most addresses end in /v1' if own else ''}"
@@ -364,7 +370,7 @@ def _checked_address(base_url: str | None, provider: str) -> str | None:
     return base_url
 
 
-def _client_of(provider: str, model: str, base_url: str | None) -> Any:
+def _client_of(provider: str, model: str, base_url: str | None, *, has_key: bool) -> Any:
     from pydantic_ai import exceptions as foreign
     from pydantic_ai.models import infer_model
 
@@ -379,7 +385,7 @@ def _client_of(provider: str, model: str, base_url: str | None) -> Any:
     from pydantic_ai.models.openai import OpenAIChatModel, OpenAIResponsesModel
     from pydantic_ai.providers.openai_compatible import OpenAICompatibleProvider
 
-    key = os.environ.get(KEY_VARIABLE) or NO_KEY
+    key = (has_key and os.environ.get(KEY_VARIABLE)) or NO_KEY
     server = OpenAICompatibleProvider("openai-compatible", base_url=base_url, api_key=key)
     kind = OpenAIResponsesModel if provider in ("openai", "openai-responses") else OpenAIChatModel
     return kind(model, provider=server)

@@ -147,7 +147,7 @@ def _named(name: str, options: Mapping[str, Any]) -> StackChoice:
         return _of_file(name, options)
     if ":" in name:
         module, _, attribute = name.rpartition(":")
-        permission.check("stack", name, name)
+        permission.check("stack", name, "stack", name)
         return _of_class(_load_class(module, attribute, name), name, options)
     raise UnknownName("stack", name, stack_names(), hint=HINT)
 
