@@ -276,11 +276,11 @@ def _root(verbs: Verbs, moved: Mapping[str, str], *, everything: bool) -> Any:
         ] = False,
         allow_code_from: Annotated[
             str | None,
-            typer.Option(metavar="FILE", help="Run code that FILE (or a campaign's folder) names; remembered."),
+            typer.Option(metavar="FILE", help="Run code that a file or folder names."),
         ] = None,
         allow_key_for: Annotated[
             str | None,
-            typer.Option(metavar="HOST", help="Send RVSG_API_KEY to HOST also where a file names it; remembered."),
+            typer.Option(metavar="HOST", help="Send RVSG_API_KEY there; remembered."),
         ] = None,
     ) -> None:
         """Options before the verb."""
