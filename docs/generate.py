@@ -1,18 +1,22 @@
 """Writes the generated pages of the documentation and checks the rest: `python docs/generate.py [--check]`.
 
 Generated: `reference/command-line.md` from the commands, `index.md` from the navigation of the site and the pages'
-headings, and the tables of settings, metrics and requirements between their marks. Checked: relative links and
-pictures. The commands that pages show are checked by tests/docs.
+headings, and the tables of settings, metrics, requirements and members of classes between their marks. Checked:
+relative links and pictures. The commands that pages show are checked by tests/docs.
 """
 
 from __future__ import annotations
 
+import ast
 import inspect
 import re
 import sys
+import textwrap
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from itertools import zip_longest
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import yaml
@@ -96,8 +100,9 @@ def table(rows: Iterable[tuple[str, str]]) -> str:
 def with_tables(page: str) -> str:
     """A page whose tables of settings, metrics and requirements are made again."""
     made = {"settings": table_of_settings, "metrics": table_of_metrics, "requirements": table_of_requirements}
+    made |= {"members": table_of_members}
     return re.sub(
-        r"(<!-- (settings|metrics|requirements): (.+?) -->\n).*?(?=<!-- end -->)",
+        r"(<!-- (settings|metrics|requirements|members): (.+?) -->\n).*?(?=<!-- end -->)",
         lambda found: found[1] + "".join("| " + " | ".join(row) + " |\n" for row in made[found[2]](found[3])),
         page,
         flags=re.DOTALL,
@@ -111,6 +116,19 @@ def table_of_settings(group: str) -> Iterator[tuple[str, ...]]:
         if setting.group == group:
             default = f"`{default_text(key)}`" if default_text(key) else "none"
             yield f"`{key}`", default, " ".join(filter(None, (setting.help, setting.more)))
+
+
+def table_of_members(name: str) -> Iterator[tuple[str, ...]]:
+    """The public fields and properties of a class, `module:Class`, from its source."""
+    yield from (("name", "default", "meaning"), ("---",) * 3)
+    body = ast.parse(textwrap.dedent(inspect.getsource(resolve_name(name)))).body[0].body  # type: ignore[attr-defined]
+    for node, after in zip_longest(body, body[1:]):
+        if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
+            yield f"`{node.name}`", "", (ast.get_docstring(node) or "").partition("\n")[0].replace("|", "\\|")
+        elif isinstance(node, ast.AnnAssign):
+            said = after.value.value if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant) else ""
+            default = f"`{ast.unparse(node.value)}`" if node.value is not None else "required"
+            yield f"`{ast.unparse(node.target)}`", default, " ".join(str(said).split())
 
 
 def table_of_metrics(source: str) -> Iterator[tuple[str, ...]]:
@@ -186,8 +204,8 @@ def main() -> int:
     check = "--check" in sys.argv[1:]
     commands = all_commands()
     made = {DOCS / "reference" / "command-line.md": command_line_page(commands), DOCS / "images" / "speed.svg": chart()}
-    for name in ("campaign-file", "metrics", "requirements"):
-        page = DOCS / "reference" / f"{name}.md"
+    for name in ("reference/campaign-file", "reference/metrics", "reference/requirements", "how-to/test-another-robot"):
+        page = DOCS / f"{name}.md"
         made[page] = with_tables(page.read_text(encoding="utf-8"))
     problems = []
     for path, text in made.items():

@@ -25,7 +25,7 @@ def test_an_error_shows_its_code_and_the_code_is_explained(capsys: pytest.Captur
 
 def test_an_explanation_holds_message_check_and_next_step() -> None:
     told = explanation("out-occupied")
-    assert "> this folder holds no campaign but other files ({listed})" in told
+    assert "> this folder holds no campaign but other files (…)" in told
     assert "Reported by `rvsg.app.folder." in told
     assert told.endswith("## What to do\n\n- Choose a new or an empty folder as --out.\n")
 

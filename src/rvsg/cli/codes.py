@@ -28,7 +28,7 @@ class Source(NamedTuple):
     what: str
     """The class of the error and its description; empty for a finding."""
     messages: tuple[str, ...]
-    """The parts of the message; values that are put in stand in braces."""
+    """The parts of the message, with … for each value that is put in."""
     where: str
     why: str
     """What the function that reports it does."""
@@ -36,7 +36,7 @@ class Source(NamedTuple):
     @property
     def steps(self) -> list[str]:
         """The sentences of the messages after what is wrong: what was expected, and the next step."""
-        sentences = [part for text in self.messages for part in re.split(r"(?<=[.?;]) (?=[A-Z{])", text)]
+        sentences = [part for text in self.messages for part in re.split(r"(?<=[.?;]) (?=[A-Z…])", text)]
         return [each for each in sentences[1:] if not each.startswith("Known: ")]
 
 
@@ -134,24 +134,14 @@ def _texts(statements: Iterable[ast.AST]) -> dict[str, list[str]]:
 
 
 def _text(node: ast.expr, local: dict[str, list[str]]) -> list[str]:
-    """Return the texts that an expression may be; values put into them stand in braces."""
+    """Return the texts that an expression may be, with … for each value that is put in."""
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
         return [node.value]
     if isinstance(node, ast.JoinedStr):
-        return ["".join(_part(each) for each in node.values)]
+        return ["".join(str(each.value) if isinstance(each, ast.Constant) else "…" for each in node.values)]
     if isinstance(node, ast.IfExp):
         return [*_text(node.body, local), *_text(node.orelse, local)]
     return local.get(node.id, []) if isinstance(node, ast.Name) else []
-
-
-def _part(node: ast.expr) -> str:
-    """Return a part of a formatted text: as it stands, or the name of its value in braces."""
-    if isinstance(node, ast.Constant):
-        return str(node.value)
-    value = node.value if isinstance(node, ast.FormattedValue) else node
-    return (
-        f"{{{value.id if isinstance(value, ast.Name) else value.attr if isinstance(value, ast.Attribute) else '...'}}}"
-    )
 
 
 def _summary(node: ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) -> str:

@@ -21,7 +21,7 @@ def robots(
     draw: Annotated[Path | None, typer.Option(metavar="DIR", help="Write a plan view of each as DIR/NAME.svg.")] = None,
     from_urdf: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Print a URDF file as a robot file, and what it lacks."),
+        typer.Option(metavar="FILE", help="Print a URDF file as a robot file, and what it lacks (extra `exchange`)."),
     ] = None,
     json: AsJson = False,
 ) -> None:
@@ -103,7 +103,7 @@ def stacks(
     """List the navigation stacks, or compare several on the same scenarios and seeds.
 
     Without an argument, list the stacks with their options; --stack of `run`, `simulate` and `suite run` takes one.
-    Name your own as module:Class, file.py:Class or exec:COMMAND; see docs/how-to/test-your-own-stack.md.
+    Name your own as module:Class, file.py:Class or exec:COMMAND; --write-clients writes examples.
     """
     from rvsg.simulation.stacks.external_process import write_clients_to
     from rvsg.simulation.stacks.stack_choice import listed_stacks

@@ -42,7 +42,7 @@ def run(
     some of the people show what these contribute, and the worst scenario of each distinct failure is shrunk.
 
     Everything is stored in the folder --out; run the same command to resume. Several routes or requirements make a
-    campaign for each pair. docs/reference/campaign-file.md explains every setting.
+    campaign for each pair. `--help-all` lists every setting.
     """
     from rvsg.app.matrix import Matrix
 

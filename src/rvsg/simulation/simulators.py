@@ -157,8 +157,8 @@ def check_robot(scenario: Scenario, simulator: Simulator) -> None:
         return
     if mission.robot_name not in simulator.robots or isinstance(mission.robot, Robot):
         hint = (
-            f'The simulator "{simulator.name}" knows no other. Another robot needs a simulator of its own: see '
-            "docs/how-to/write-a-plug-in.md."
+            f'The simulator "{simulator.name}" knows no other. Another robot needs a simulator of its own, '
+            "a plug-in of the entry point group rvsg.simulators."
         )
         raise UnknownName("robot", mission.robot_name, simulator.robots, hint=hint)
 

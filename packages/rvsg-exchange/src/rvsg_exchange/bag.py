@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.core.errors import FileError, InputError, how_to_install
+from rvsg.core.errors import InputError, how_to_install
 from rvsg.core.files import write_whole
 from rvsg.simulation.archive import LATERAL, PER_HUMAN, PER_SAMPLE, header_of, series_of
 from rvsg.simulation.run import Run, Trajectory
@@ -328,17 +328,12 @@ def write_bag(run: Run, world: World, path: Path, *, trace: Trace | None = None)
     types = rosbags_types()
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
-    if path.is_dir():
-        raise FileError(path, "this is a folder; give the name of a file, such as run.mcap.")
-    try:
-        with tempfile.TemporaryDirectory() as folder:
-            writer = Writer(Path(folder) / "bag", version=9, storage_plugin=StoragePlugin.MCAP)
-            writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-            with writer:
-                _Bag(writer, types).write(run, world, trace)
-            write_whole(path, next((Path(folder) / "bag").glob("*.mcap")).read_bytes())
-    except OSError as error:
-        raise FileError(path, f"the file cannot be written: {error.strerror or error}.") from None
+    with tempfile.TemporaryDirectory() as folder:
+        writer = Writer(Path(folder) / "bag", version=9, storage_plugin=StoragePlugin.MCAP)
+        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        with writer:
+            _Bag(writer, types).write(run, world, trace)
+        write_whole(path, next((Path(folder) / "bag").glob("*.mcap")).read_bytes())
 
 
 class _Bag(Messages):

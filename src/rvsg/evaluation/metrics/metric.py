@@ -60,10 +60,9 @@ class Metric:
 
     def __post_init__(self) -> None:
         """Refuse a bound that is none, at the place that declares it: InputError."""
-        for name, bound in (("least", self.least), ("most", self.most)):
-            if isinstance(bound, str) and (name, bound) != ("most", "time_limit"):
-                expected = 'a number, None or, for `most`, "time_limit"'
-                raise InputError(f"metric {self.id}: `{name}` is {bound!r}; expected {expected}.", code="metric-bound")
+        if isinstance(self.least, str) or (isinstance(self.most, str) and self.most != "time_limit"):
+            said = f"metric {self.id}: least and most are {self.least!r} and {self.most!r}; expected numbers or None"
+            raise InputError(f'{said}, or most="time_limit".', code="metric-bound")
 
     @property
     def formula(self) -> str:
