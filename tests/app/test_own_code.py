@@ -148,7 +148,7 @@ def test_reading_a_stored_campaign_runs_no_code(evil: str, tmp_path: Path, capsy
         assert not (tmp_path / "ran").exists(), verb
     assert (out / "report.html").exists()
     stored = rvsg.Campaign.open(out)
-    assert stored.summary().complete
+    assert stored.finished
     for verb in (f"run --out {out}", f"confirm {out}", f"trace {out} --out {runs}.trace.json"):
         main(verb.split())
         assert not (tmp_path / "ran").exists(), verb

@@ -14,7 +14,7 @@ from rvsg.app.comparison import compare_versions
 from rvsg.campaign.suite import State, compare
 from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.report.comparison_page import changes_markdown
-from rvsg.report.summary import suite_junit
+from rvsg.report.junit import suite_junit
 
 FAST = "kinematic"
 

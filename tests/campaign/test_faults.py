@@ -12,7 +12,7 @@ from rvsg.campaign.strategies import StudyStrategy
 from rvsg.core.errors import BudgetSpent, GenerationError
 from rvsg.generation.generator import Call, Proposal
 from rvsg.generation.people_sampler import box
-from rvsg.report.summary import summarise
+from rvsg.report.answer_row import ranked_scenarios
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.rules import Finding
 from rvsg.world.world import World
@@ -53,7 +53,7 @@ def test_answers_that_can_never_be_used_end_the_search_with_what_was_wrong(strat
     assert runs == 0
     assert 2 <= len(generator.briefs) <= the_plan().search_runs
     assert all(a.proposal.problems for a in attempts)
-    assert summarise(the_plan(), attempts).ranking == ()
+    assert ranked_scenarios(the_plan(), attempts) == ((), ())
 
 
 @pytest.mark.parametrize(

@@ -127,7 +127,6 @@ MEANING = {
 def test_a_demo_says_what_its_verdict_means(status: Status | None, told: str) -> None:
     verdict = SimpleNamespace(status=status, runs=15, violations=15, judged_by=DEFAULT)
     confirmed = SimpleNamespace(verdict=verdict) if status is not None else None
-    summary: Any = SimpleNamespace(confirmed=confirmed, ranking=[1, 2, 3])
-    plan: Any = SimpleNamespace(requirement=load_requirement("R1"))
-    said = what_it_means(plan, summary)
+    result: Any = SimpleNamespace(confirmed=confirmed, ranking=[1, 2, 3], requirement=load_requirement("R1"))
+    said = what_it_means(result)
     assert told in said and ("What VIOLATED means" in said) == (status is Status.INCONCLUSIVE)

@@ -8,7 +8,7 @@ from tests.report.test_page import answer, campaign
 from rvsg.campaign.attempt import Plan
 from rvsg.cli import tables
 from rvsg.cli.tables import MAP_LINES, MOST_ROWS, map_text, matrix_table, rows_table, show_answer
-from rvsg.report.answer import Answer, Elsewhere
+from rvsg.report.result import Answer, Elsewhere
 from rvsg.world.world_folder import load_world
 
 
@@ -16,7 +16,9 @@ from rvsg.world.world_folder import load_world
 def found() -> tuple[Plan, Answer]:
     ledger = MemoryLedger()
     the_plan, attempts = campaign(ledger)
-    return the_plan, answer(the_plan, attempts, ledger, stack="nav2-dwb", commands={"planner": "rvsg replay X --trace"})
+    return the_plan, answer(
+        the_plan, attempts, ledger, stack="nav2-dwb", commands=lambda _: {"planner": "rvsg replay X --trace"}
+    )
 
 
 def on_paper(table: object, width: int = 80) -> str:

@@ -59,10 +59,9 @@ class Pages(dict[str, Path]):
 
 
 def overview() -> str:
-    link, the_plan, summary, told = reported()
-    pin = Pin(link=link, campaign="route_1, R1", x=1.0, y=2.0, world=warehouse(), row=told.rows[0])
-    several = [(link, the_plan, summary, told), ("route_3-R3/report.html", the_plan, summary, told)]
-    return render_overview(several, command="rvsg run", pins=[pin])
+    link, result = reported()
+    pin = Pin(link=link, campaign="route_1, R1", x=1.0, y=2.0, world=warehouse(), row=result.answer.rows[0])
+    return render_overview([(link, result), ("route_3-R3/report.html", result)], command="rvsg run", pins=[pin])
 
 
 @pytest.fixture(scope="session")

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import html
 import re
-from typing import Any
 
 import pytest
 from rich.console import Console
 from tests.campaign.parts import MemoryLedger, warehouse
-from tests.report.test_page import _with_objectives, answer, campaign, default_campaign
+from tests.report.test_page import _with_objectives, answer, campaign, default_campaign, result_of
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.observation import INTO
@@ -17,11 +16,10 @@ from rvsg.campaign.runner import Evaluator
 from rvsg.cli import tables
 from rvsg.evaluation.detection import contacts, place_namer
 from rvsg.evaluation.sampled import sampled
-from rvsg.report.answer import _headline
 from rvsg.report.answer_row import MOVED
 from rvsg.report.overview import pins_of, render_overview
 from rvsg.report.page import render_page
-from rvsg.report.summary import summarise
+from rvsg.report.result import _headline
 
 COMMANDS = {"planner": "rvsg replay X --trace", "keep": "rvsg suite add X", "resume": "R", "repeat": "A", "more": "M"}
 
@@ -44,17 +42,15 @@ def test_every_door_shows_the_same_verdict_numbers_and_names(
 ) -> None:
     the_plan, _, ledger = default_campaign()
     attempts = attempts_with(objective)
-    told = answer(the_plan, attempts, ledger, stack="nav2-dwb", commands=COMMANDS)
+    result = result_of(the_plan, attempts, ledger, stack="nav2-dwb", commands=lambda _: COMMANDS)
+    told = result.answer
     first = told.rows[0]
     monkeypatch.setattr(tables, "console", lambda: Console(width=400))
     monkeypatch.setenv("COLUMNS", "400")
     tables.show_answer(told, page="report.html", again="rvsg run")
     terminal = " ".join(capsys.readouterr().err.split())
-    where: dict[str, Any] = {"world": warehouse(), "run_of": ledger.run}
-    page = plain(render_page(the_plan, attempts, command="rvsg run", stack="nav2-dwb", commands=COMMANDS, **where))
-    pins = pins_of("a.html", the_plan, told, **where)
-    known = ("a.html", the_plan, summarise(the_plan, attempts), told)
-    overview = plain(render_overview([known], command="rvsg run", pins=pins))
+    page = plain(render_page(result, command="rvsg run"))
+    overview = plain(render_overview([("a.html", result)], command="rvsg run", pins=pins_of("a.html", result)))
     for door in (terminal, page, overview):
         for words in (told.status, told.headline, told.title, first.share):
             assert " ".join(words.split()) in door
@@ -93,8 +89,7 @@ def test_the_headline_of_a_rarer_failure_tells_the_one_that_makes_its_status() -
     attempts = attempts_with(0.5)
     row = answer(the_plan, attempts, ledger).rows[0]
     always, rare = row.replace(often="always"), row.replace(number="9.9", often="sometimes")
-    summary = summarise(the_plan, attempts)
-    verdict = attempts[-1].verdict
-    said = _headline(the_plan, summary, [rare, always], verdict, attempts, None)
+    result, verdict = result_of(the_plan, attempts, ledger), attempts[-1].verdict
+    said = _headline(result, [rare, always], verdict, None)
     assert said.endswith(f" Always violated: {always.number}, {always.share}.")
-    assert "Always" not in _headline(the_plan, summary, [always, rare], verdict, attempts, None)
+    assert "Always" not in _headline(result, [always, rare], verdict, None)

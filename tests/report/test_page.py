@@ -17,18 +17,18 @@ from tests.report.test_page_parts import call
 
 import rvsg
 from rvsg.campaign.attempt import Attempt, Plan
-from rvsg.campaign.findings import findings
 from rvsg.campaign.strategies import RandomStrategy, StudyStrategy
 from rvsg.core.errors import InputError
 from rvsg.evaluation.realism import PEOPLE_REALISM, motions, rarest
 from rvsg.evaluation.verdict import Status, how_sure, judge, number
 from rvsg.generation.generator import Proposal
 from rvsg.generation.vlm.recording import Recording
-from rvsg.report.answer import Answer, answer_of
+from rvsg.report.answer_row import Ranked
+from rvsg.report.junit import junit_of
 from rvsg.report.page import _curse, render_page, write_runs_page
 from rvsg.report.renderer import unbroken
+from rvsg.report.result import Answer, Result
 from rvsg.report.run_facts import EDGES
-from rvsg.report.summary import Ranked, Summary, junit_of, summarise
 from rvsg.report.terminal import describe_finding
 from rvsg.scenario.brief import Brief
 from rvsg.simulation.kinematic import KinematicSimulator
@@ -56,8 +56,12 @@ def campaign(ledger: MemoryLedger, generator: object = None, strategy: type = St
     return the_plan, searched(strategy, the_plan, ledger, generator=generator)
 
 
-def page(the_plan, attempts: list[Attempt], ledger: MemoryLedger, **more: Any) -> str:
-    return render_page(the_plan, attempts, world=warehouse(), run_of=ledger.run, command="rvsg run --seed 7", **more)
+def result_of(the_plan: Plan, attempts: list[Attempt], ledger: MemoryLedger, **more: Any) -> Result:
+    return Result(the_plan, attempts, warehouse(), cache(ledger.run), **more)
+
+
+def page(the_plan: Plan, attempts: list[Attempt], ledger: MemoryLedger, **more: Any) -> str:
+    return render_page(result_of(the_plan, attempts, ledger), command="rvsg run --seed 7", **more)
 
 
 @cache
@@ -68,8 +72,7 @@ def default_campaign() -> tuple[Plan, list[Attempt], MemoryLedger]:
 
 
 def answer(the_plan: Plan, attempts: list[Attempt], ledger: MemoryLedger, **more: Any) -> Answer:
-    known, found = summarise(the_plan, attempts), findings(the_plan, attempts, run_of=ledger.run, world=warehouse())
-    return answer_of(the_plan, attempts, known, found, world=warehouse(), run_of=ledger.run, **more)
+    return result_of(the_plan, attempts, ledger, **more).answer
 
 
 @cache
@@ -128,7 +131,7 @@ def test_words_of_a_model_stay_words() -> None:
     the_plan, attempts = campaign(ledger, NastyGenerator())
     text = page(the_plan, attempts, ledger)
     assert Reader.of(text).tags.count("script") == 2 and "img" not in Reader.of(text).tags
-    assert len(_junit(the_plan, summarise(the_plan, attempts))) == the_plan.scenarios
+    assert len(_junit(result_of(the_plan, attempts, ledger))) == the_plan.scenarios
     assert data_of(text)["groups"][0]["people"][0]["name"].startswith("</script>")
 
 
@@ -142,7 +145,7 @@ def test_page_terminal_and_json_say_in_the_same_words_how_far_people_go(objectiv
     attempts = [a.replace(measurements=tuple(measured)) if a is confirmed else a for a in attempts]
     least = measured[1]
     motion = rarest(motions(ledger.run(least.run_id)))
-    (found,) = findings(the_plan, attempts, run_of=ledger.run, world=warehouse())
+    (found,) = result_of(the_plan, attempts, ledger).findings
     assert motion is not None and found.realism == f"With seed {least.seed}, {motion.sentence}"
     assert f"  {found.realism}" in list(describe_finding(found, the_plan.requirement))
     text = html.unescape(page(the_plan, attempts, ledger))
@@ -152,13 +155,13 @@ def test_page_terminal_and_json_say_in_the_same_words_how_far_people_go(objectiv
 def test_page_terminal_json_and_junit_say_in_the_same_words_how_sure_the_verdict_is() -> None:
     the_plan, made, ledger = default_campaign()
     attempts = [_with_objectives(a, 0.5) if a.purpose == "confirmation" else a for a in made]
-    summary = summarise(the_plan, attempts)
-    (found,) = findings(the_plan, attempts, run_of=ledger.run, world=warehouse())
+    summary = result_of(the_plan, attempts, ledger)
+    (found,) = result_of(the_plan, attempts, ledger).findings
     said = how_sure(found.verdict)
     assert found.model_dump(mode="json")["how_sure"] == said == found.verdict.reason
     assert said in " ".join(describe_finding(found, the_plan.requirement))
     assert unbroken(said) in html.unescape(page(the_plan, attempts, ledger))
-    case = _scenario_case(_junit(the_plan, summary), summary.ranking[0])
+    case = _scenario_case(_junit(summary), summary.ranking[0])
     assert said in "".join((*case.itertext(), *(each.attrib.get("message", "") for each in case)))
 
 
@@ -183,12 +186,12 @@ def test_every_link_of_the_page_opens_runs_that_the_replay_holds() -> None:
 def test_what_the_choice_did_is_said_as_far_as_the_numbers_carry(
     selected: tuple[float, ...], fresh: tuple[float, ...], said: str
 ) -> None:
-    the_plan, attempts, _ = default_campaign()
-    summary = summarise(the_plan, attempts)
-    assert summary.confirmed
-    best = summary.ranking[0].replace(verdict=judge(the_plan.requirement, selected))
-    confirmed = summary.confirmed.replace(verdict=judge(the_plan.requirement, fresh))
-    assert said in _curse(the_plan, summary.replace(ranking=(best,), confirmed=confirmed), best.verdict)
+    the_plan, attempts, ledger = default_campaign()
+    searched, confirmed = (
+        next(a for a in attempts if a.purpose == purpose).replace(verdict=judge(the_plan.requirement, values))
+        for purpose, values in (("search", selected), ("confirmation", fresh))
+    )
+    assert said in _curse(result_of(the_plan, attempts, ledger), confirmed, searched)
 
 
 def test_equal_campaigns_give_equal_pages_and_unfinished_or_empty_ones_a_page_too() -> None:
@@ -210,13 +213,12 @@ def test_the_replay_holds_every_run_of_every_configuration() -> None:
     assert values == sorted(values)  # R1 is worse when smaller
 
 
-def _junit(the_plan: Plan, summary: Summary) -> ET.Element:
-    names = dict.fromkeys([entry.number for entry in (*summary.ranking, *summary.further)], "Crossing")
-    return ET.fromstring(junit_of([(the_plan, summary, names)]))[0]
+def _junit(result: Result) -> ET.Element:
+    return ET.fromstring(junit_of([result]))[0]
 
 
 def _scenario_case(suite: ET.Element, entry: Ranked) -> ET.Element:
-    return next(case for case in suite if case.attrib["name"] == f"{entry.number} Crossing")
+    return next(case for case in suite if case.attrib["name"].startswith(f"{entry.number} "))
 
 
 def _properties(case: ET.Element) -> dict[str, str]:
@@ -224,11 +226,11 @@ def _properties(case: ET.Element) -> dict[str, str]:
 
 
 def test_in_junit_a_violation_of_which_fail_or_flaky_is_open_is_a_failure_that_says_so() -> None:
-    the_plan, attempts, _ = default_campaign()
+    the_plan, attempts, ledger = default_campaign()
     unsure = {"status": Status.INCONCLUSIVE, "violations": 8, "runs": 8}
     changed = [a.replace(verdict=a.verdict.replace(**unsure)) for a in attempts if a.verdict]
-    summary = summarise(the_plan, changed)
-    suite = _junit(the_plan, summary)
+    summary = result_of(the_plan, changed, ledger)
+    suite = _junit(summary)
     assert summary.violated and suite.attrib["failures"] == "1"
     confirmed, *candidates = summary.ranking
     assert "VIOLATED (FAIL or FLAKY is still open)" in _scenario_case(suite, confirmed)[-1].attrib["message"]
@@ -238,15 +240,15 @@ def test_in_junit_a_violation_of_which_fail_or_flaky_is_open_is_a_failure_that_s
 
 @pytest.mark.parametrize("status", list(Status))
 def test_in_junit_the_confirmation_decides_and_what_is_not_sure_is_skipped_with_its_reason(status: Status) -> None:
-    the_plan, attempts, _ = default_campaign()
+    the_plan, attempts, ledger = default_campaign()
     flaky = {"status": Status.FLAKY, "violations": 1}
     changed = [
         a.replace(verdict=a.verdict.replace(**(flaky | {"status": status} if a.purpose == "confirmation" else flaky)))
         for a in attempts
         if a.verdict
     ]
-    summary = summarise(the_plan, changed)
-    suite = _junit(the_plan, summary)
+    summary = result_of(the_plan, changed, ledger)
+    suite = _junit(summary)
     assert len(suite) == int(suite.attrib["tests"]) == the_plan.scenarios
     assert [len(suite.findall(f".//{tag}")) for tag in ("failure", "skipped")] == [
         int(suite.attrib[key]) for key in ("failures", "skipped")
@@ -258,14 +260,14 @@ def test_in_junit_the_confirmation_decides_and_what_is_not_sure_is_skipped_with_
         expected = {"FAIL": "failure", "FLAKY": "failure", "PASS": "system-out"}.get(status.value, "skipped")
         assert case[-1].tag == (expected if entry.state == "confirmed" else "skipped")
         assert how_sure(entry.verdict) in case[-1].attrib.get("message", "") + (case[-1].text or "")
-    alone = summarise(the_plan, [a for a in changed if a.purpose == "search"])
-    unconfirmed = _junit(the_plan, alone)
+    alone = result_of(the_plan, [a for a in changed if a.purpose == "search"], ledger)
+    unconfirmed = _junit(alone)
     assert int(unconfirmed.attrib["failures"]) == len(unconfirmed) == the_plan.scenarios
 
 
 def test_a_confirmed_scenario_shows_its_confirmation_verdict_on_the_page_in_terminal_json_and_junit() -> None:
     the_plan, attempts, ledger = default_campaign()
-    worst = summarise(the_plan, attempts).ranking[0]
+    worst = result_of(the_plan, attempts, ledger).ranking[0]
     touched = {"contacts": 2.0, "contact_longest": 1.0, "contact_speed": 0.5, "min_distance": -0.01, "completed": 1.0}
     search = [_with_objectives(a, 0.5) for a in attempts if a.purpose == "search"]
     (confirmation,) = (a for a in attempts if a.purpose == "confirmation")
@@ -273,18 +275,18 @@ def test_a_confirmed_scenario_shows_its_confirmation_verdict_on_the_page_in_term
     verdict = judge(REQUIREMENT, [2.0] * 15)
     measured = tuple(m.replace(values=touched) for m in kept.measurements)
     changed = [*search, kept.replace(verdict=verdict, measurements=measured)]
-    summary = summarise(the_plan, changed)
+    summary = result_of(the_plan, changed, ledger)
     assert [entry.state for entry in summary.ranking] == ["confirmed"] + ["candidate"] * (the_plan.scenarios - 1)
     last = summary.ranking[0]
     assert (last.scenario, last.verdict.status, last.seen.contacts.runs) == (worst.scenario, Status.PASS, 5)
 
-    told = summary.model_dump(mode="json")["ranking"][0]
+    told = summary.data()["ranking"][0]
     assert (told["state"], told["verdict"]["status"], told["seen"]["contacts"]["runs"]) == ("confirmed", "PASS", 5)
     rows = answer(the_plan, changed, ledger).rows
     told_of = [(row.status, row.violated, row.tone, row.share, row.contact) for row in rows]
     assert told_of[0] == ("PASS", "no", "warn", "0/15", "5/5"), "contact comes first, and is not green"
     assert {row.status for row in rows[1:]} == {"candidate"}
-    case = _scenario_case(_junit(the_plan, summary), last)
+    case = _scenario_case(_junit(summary), last)
     assert case[-1].tag == "system-out" and _properties(case)["contacts"] == "5 of 5 runs"
     assert _properties(case)["arrived"] == "5 of 5 runs"
     text = page(the_plan, changed, ledger)
@@ -323,7 +325,9 @@ def test_the_answer_tells_of_contact_in_configurations_other_than_the_worst() ->
     other = next(a for a in attempts if a.purpose == "search" and a.index != worst.attempt)
     touched = tuple(m.replace(values=m.values | {"contacts": 1.0}) for m in other.measurements[:1])
     changed = [a.replace(measurements=(*touched, *a.measurements[1:])) if a is other else a for a in attempts]
-    told = answer(the_plan, changed, ledger, commands={"contact": "C", "confirm": "rvsg confirm F", "planner": "P"})
+    told = answer(
+        the_plan, changed, ledger, commands=lambda _: {"contact": "C", "confirm": "rvsg confirm F", "planner": "P"}
+    )
     assert told.elsewhere is not None and told.elsewhere.runs == (touched[0].run_id,) and told.tone != "good"
     assert told.elsewhere.text.startswith("Contact in 1 of ") and "R1 does not judge contact" in told.elsewhere.text
     steps = [step.command for step in told.next]
@@ -337,13 +341,13 @@ def test_an_unconfirmed_candidate_says_the_command_that_confirms_it() -> None:
     found = re.findall(r"rvsg confirm FOLDER (\d+)", text)
     assert found == [str(row.attempt) for row in answer(the_plan, changed, ledger).rows]
     assert "rvsg confirm FOLDER" not in page(the_plan, attempts, ledger).replace("candidate", "")
-    text = render_page(the_plan, attempts, world=warehouse(), run_of=ledger.run, command="rvsg run --note '2 m' <x>")
+    text = render_page(result_of(the_plan, attempts, ledger), command="rvsg run --note '2 m' <x>")
     assert "2 m" in text[text.index("<pre>rvsg run") :][:60] and "&lt;x&gt;" in text, "the command can be copied"
 
 
 def test_a_confirmation_is_paired_with_its_scenario_whatever_its_index_says() -> None:
     the_plan, attempts, ledger = default_campaign()
-    worst = summarise(the_plan, attempts).ranking[0].attempt
+    worst = result_of(the_plan, attempts, ledger).ranking[0].attempt
     other = next(a for a in attempts if a.purpose == "search" and a.proposal.scenario is not None and a.index != worst)
     changed = [
         a.replace(confirms=None, proposal=other.proposal, brief=other.brief) if a.purpose == "confirmation" else a

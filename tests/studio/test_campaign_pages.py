@@ -33,7 +33,7 @@ def test_a_campaign_is_written_estimated_started_and_followed(show: Show, studio
     tab.wait_for_url("**/campaign?folder=runs**")
     tab.locator(".chip", has_text="finished").first.wait_for(timeout=PATIENT)
     campaign = rvsg.Campaign.open(studio.folder / "runs" / "new")
-    assert campaign.finished and campaign.summary().accounting.search_attempts == 2
+    assert campaign.finished and sum(a.purpose == "search" for a in campaign.attempts()) == 2
     tab.locator("#worst-replay .rp-map svg").wait_for(timeout=PATIENT)
     tab.wait_for_function("document.getElementById('worst-replay').replay.state().t > 0", timeout=PATIENT)
     tab.wait_for_function("document.querySelectorAll('.chart-box svg circle').length === 2", timeout=PATIENT)

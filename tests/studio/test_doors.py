@@ -57,17 +57,18 @@ def test_every_door_says_the_same_of_a_campaign(
     folder: Path, name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     campaign = rvsg.Campaign.open(folder / name)
-    told = campaign.answer
-    page = words(campaign.report().read_text(encoding="utf-8"))
+    with campaign.result() as result:
+        told = result.answer
+        page = words(campaign.report(result=result).read_text(encoding="utf-8"))
+        answer = json.loads(json.dumps(campaign.data(result)))["answer"]
+        write_junit(folder / f"{name}.xml", [result])
     monkeypatch.setattr(tables, "console", lambda: Console(width=400))
     monkeypatch.setenv("COLUMNS", "400")
     tables.show_answer(told, page="report.html", again=campaign.command)
     terminal = words(capsys.readouterr().err)
     every = words(overview(folder, [campaign])[0].read_text(encoding="utf-8"))
-    write_junit(folder / f"{name}.xml", [campaign])
     cases = {each.attrib["name"]: each for each in ET.parse(folder / f"{name}.xml").iter("testcase")}
     (found,) = [each for each in Lister(folder).listing().campaigns if each.folder == name]
-    answer = json.loads(json.dumps(campaign.result()))["answer"]
     assert (found.status, found.headline) == (told.status, told.headline) == (answer["status"], answer["headline"])
     assert answer == told.model_dump(mode="json")
     assert [each.row for each in found.failures] == list(told.failures)

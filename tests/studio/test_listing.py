@@ -34,11 +34,12 @@ def folder(kept: Path, tmp_path: Path) -> Path:
 def test_a_campaign_is_summed_up_as_its_own_summary_says(folder: Path) -> None:
     found = Lister(folder).listing()
     opened = rvsg.Campaign.open(folder / "runs" / "a")
-    summary, answer = opened.summary(), opened.answer
+    with opened.result() as result:
+        answer = result.answer
     assert [each.folder for each in found.campaigns] == ["runs/a"]
     campaign = found.campaigns[0]
-    assert campaign.attempts == summary.accounting.search_attempts
-    assert campaign.complete == summary.complete
+    assert campaign.attempts == result.accounting.search_attempts
+    assert campaign.complete == result.complete
     assert (campaign.status, campaign.headline) == (answer.status, answer.headline)
     assert tuple(each.row for each in campaign.failures) == answer.failures
 

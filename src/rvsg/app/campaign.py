@@ -29,6 +29,7 @@ from rvsg.core import permission
 from rvsg.core.errors import InputError
 from rvsg.core.files import make_folder, write_whole
 from rvsg.core.plugins import Spec, ignore
+from rvsg.report.result import is_complete
 from rvsg.simulation.simulators import tell_of_robot
 from rvsg.store.knowledge_base import KnowledgeBase
 
@@ -274,7 +275,7 @@ class Campaign(StoredCampaign):
 
         with alone_in(self.folder), self._ledger() as store:
             ledger = CachedLedger(store)
-            if not self.summary(list(store.attempts(plan.name))).complete:
+            if not is_complete(plan, list(store.attempts(plan.name))):
                 self.prepare(tell)
             wired.generator.watch(lambda news: note(ModelCall(campaign=plan.name, news=news)))
             workers = jobs or jobs_of(self.config)
@@ -411,12 +412,15 @@ def learn_campaign(base: KnowledgeBase, source: Campaign | str | Path) -> int:
     """Add what one campaign, or those in a folder, teach; return how many entries are new."""
     if not isinstance(source, Campaign):
         return sum(learn_campaign(base, campaign) for campaign in campaigns_below(Path(source)))
-    entries = entries_of_campaign(
-        source.attempts(),
-        source.findings,
-        source.plan.mission,
-        source.requirement,
-        source.world.floor_id,
-        source.record.simulator.name,
-    )
+    with source.result() as result:
+        entries = list(
+            entries_of_campaign(
+                result.attempts,
+                result.findings,
+                source.plan.mission,
+                source.requirement,
+                source.world.floor_id,
+                source.record.simulator.name,
+            )
+        )
     return base.add(entries, origin=f"campaign {source.name}")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rvsg.app.folder import BEST
 from rvsg.app.settings import MACHINE, OF_START, OF_THE_CALL, RUNS, TEST, CampaignConfig, option_of, settings
-from rvsg.report.summary import Summary
+from rvsg.report.result import Result
 
 
 def command_for(config: CampaignConfig, *, out: Path | None = None) -> str:
@@ -47,12 +47,12 @@ def confirm_command(folder: Path, attempt: int) -> str:
     return shlex.join(["rvsg", "confirm", str(folder), str(attempt)])
 
 
-def next_commands(config: CampaignConfig, summary: Summary) -> dict[str, str]:
-    """Return the commands of next steps, by the names that `rvsg.report.answer` gives them."""
+def next_commands(config: CampaignConfig, result: Result) -> dict[str, str]:
+    """Return the commands of next steps, by the names that `rvsg.report.result` gives them."""
     folder, requirement, other = config.folder, config.requirement, _without_recording(config)
-    scenarios = sum(entry.state == "confirmed" for entry in summary.ranking)
-    verdict = summary.confirmed.verdict if summary.confirmed else None
-    each = max(summary.accounting.confirmation_runs, verdict.runs * scenarios if verdict else 0)
+    scenarios = sum(entry.state == "confirmed" for entry in result.ranking)
+    verdict = result.confirmed.verdict if result.confirmed else None
+    each = max(result.accounting.confirmation_runs, verdict.runs * scenarios if verdict else 0)
     kept = ["--suite", "suite", *(("--requirement", requirement) if requirement != "R1" else ())]
     return {
         "resume": resume_command(config),

@@ -13,7 +13,7 @@ import re
 import shlex
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,8 +45,9 @@ from rvsg.core.errors import FileError, InputError, RvsgError
 from rvsg.core.files import make_folder, write_whole
 from rvsg.core.inputs import exists, parse_json, read_text
 from rvsg.core.plugins import find_format, ignore
+from rvsg.report.junit import junit_of
 from rvsg.report.overview import Pin, Reported, pins_of, write_overview
-from rvsg.report.summary import junit_of
+from rvsg.report.result import Result
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.world.world_folder import load_world
 
@@ -208,8 +209,8 @@ class Matrix:
 
     def report(self) -> Path:
         """Write the overview that leads to the report of each campaign; return its path."""
-        found = self.campaigns()
-        return report_all(self.folder, found, self.commands(), missing=len(self.all_pairs) - len(found))
+        campaigns = self.campaigns()
+        return report_all(self.folder, campaigns, self.commands(), missing=len(self.all_pairs) - len(campaigns))
 
     def _values(self) -> list[dict[str, Any]]:
         """Return the settings of each campaign, checked."""
@@ -237,20 +238,15 @@ def report_all(folder: Path, campaigns: Sequence[Campaign], command: str, *, mis
         command: The commands that repeat them.
         missing: How many more have not begun.
     """
-    page = folder / REPORT
-    if campaigns:
-        reported = [
-            (f"{each.folder.name}/{each.page().name}", each.plan, each.summary(), each.answer) for each in campaigns
-        ]
-        pins = [pin for each, known in zip(campaigns, reported, strict=True) for pin in _pins(each, known)]
+    page, reported, pins = folder / REPORT, list[Reported](), list[Pin]()
+    for campaign in campaigns:
+        link = f"{campaign.folder.name}/{campaign.page().name}"
+        with campaign.result() as result:
+            reported.append((link, result))
+            pins += pins_of(link, result)
+    if reported:
         write_overview(page, reported, command=command, missing=missing, pins=pins)
     return page
-
-
-def _pins(campaign: Campaign, reported: Reported) -> list[Pin]:
-    link, plan, _, answer = reported
-    with campaign.reading() as ledger:
-        return pins_of(link, plan, answer, campaign.shown_world, ledger.run)
 
 
 def folders_in(folder: Path) -> list[Path]:
@@ -375,28 +371,23 @@ def folders_of(store: Path, *, begin: str) -> list[Path]:
     return paths
 
 
-def reported(
-    paths: Sequence[Path], *, html: Path | None = None, world: str | None = None, optional: bool = False
-) -> tuple[list[Campaign], list[Path]]:
-    """Write the page of every campaign of some folders; return the campaigns and their pages.
+def campaigns_of(paths: Sequence[Path], *, html: Path | None = None, optional: bool = False) -> dict[Campaign, Path]:
+    """Return the campaigns of some folders with the pages that their reports are written to.
 
     Args:
-        html: where the page is written, of one campaign; by default beside it.
-        world: where the world is now, if it was moved.
+        html: the page, of one campaign; by default beside it.
         optional: whether a store without a campaign is allowed.
 
     Raises:
         InputError: `html` names one page for several campaigns.
     """
-    campaigns = [each for path in paths for each in campaigns_in(path, optional=optional)]
+    campaigns = [campaign for path in paths for campaign in campaigns_in(path, optional=optional)]
     if len(campaigns) > 1 and html is not None:
         raise InputError(
             f"{paths[0]}: {len(campaigns)} campaigns have a page each; --html names one. Report one at a time."
         )
     several = len(campaigns) > len(paths)
-    linked = len(paths) > 1
-    pages = [each.report(html or each.page(several=several), world=world, overview=linked) for each in campaigns]
-    return campaigns, pages
+    return {campaign: html or campaign.page(several=several) for campaign in campaigns}
 
 
 def overview(folder: Path, campaigns: Sequence[Campaign]) -> tuple[Path, Matrix | None]:
@@ -410,10 +401,9 @@ def overview(folder: Path, campaigns: Sequence[Campaign]) -> tuple[Path, Matrix 
     return report_all(folder, campaigns, "\n".join(campaign.command for campaign in campaigns)), None
 
 
-def write_junit(path: Path, campaigns: Sequence[Campaign]) -> None:
+def write_junit(path: str | Path, results: Iterable[Result]) -> None:
     """Write the verdicts of campaigns as JUnit XML, a test suite for each."""
-    named = ((c.plan, c.summary(), {row.number: row.name for row in c.answer.rows}) for c in campaigns)
-    write_whole(path, junit_of(named))
+    write_whole(Path(path), junit_of(results))
 
 
 def write_study_tables(stores: Sequence[Path], out: Path) -> list[str]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from rvsg.app.campaign import Campaign
 from rvsg.campaign.attempt import Attempt, Measurement
+from rvsg.campaign.findings import worst_confirmation
 from rvsg.campaign.ranking import best_attempt
 from rvsg.campaign.run_set import RunSet, simulate
 from rvsg.core.errors import FileError, InputError, UnknownName
@@ -85,7 +86,7 @@ def _stored(campaign: Campaign, run: str | None) -> tuple[Scenario, Measurement,
 
 def _worst(campaign: Campaign, attempts: list[Attempt]) -> tuple[Attempt, Measurement]:
     requirement = campaign.requirement
-    chosen = campaign.summary().confirmed or best_attempt(attempts, requirement)
+    chosen = worst_confirmation(attempts, requirement) or best_attempt(attempts, requirement)
     if chosen is None or not chosen.measurements:
         raise InputError(f"{campaign.folder}: this campaign holds no run yet.")
 

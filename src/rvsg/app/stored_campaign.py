@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,19 +16,17 @@ from rvsg.app.settings import CampaignConfig, safe_name
 from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.drive_alone import stored_alone
 from rvsg.campaign.execution import runs_of
-from rvsg.campaign.feedback import MapCell, failure_map
-from rvsg.campaign.findings import DistinctFailure, Finding, distinct_failures, findings, worst_confirmation
+from rvsg.campaign.findings import Finding
 from rvsg.campaign.ledger import Ledger
-from rvsg.campaign.ranking import Front, best_attempt, candidates, front_of, search_attempts, standing
+from rvsg.campaign.ranking import best_attempt, search_attempts
 from rvsg.core.errors import InputError, NothingJudged
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec
-from rvsg.evaluation.verdict import Verdict, counted
+from rvsg.evaluation.verdict import counted
 from rvsg.generation.vlm.recording import CALLS, Recording
-from rvsg.report.answer import Answer, answer_of
 from rvsg.report.page import render_page
 from rvsg.report.replay_data import traces_beside
-from rvsg.report.summary import Summary, summarise
+from rvsg.report.result import Answer, Result, is_complete
 from rvsg.scenario.builder import scenario_json
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
@@ -122,7 +120,7 @@ class StoredCampaign:
     @property
     def finished(self) -> bool:
         """Return whether everything planned is done."""
-        return self.summary().complete
+        return is_complete(self.plan, self.attempts())
 
     @property
     def resumable(self) -> bool:
@@ -134,71 +132,62 @@ class StoredCampaign:
         with self.reading() as ledger:
             return list(ledger.attempts(self.name))
 
+    @contextlib.contextmanager
+    def result(self, *, world: World | str | Path | None = None) -> Iterator[Result]:
+        """Open the store once, to be read, and yield what the campaign says so far.
+
+        Ask the result for its parts within the `with` block; those that were asked for stay afterwards.
+
+        Raises:
+            InputError: `world` is another one, or its route has changed since the campaign was run.
+        """
+        place = self.shown_world if world is None else world_of(self.plan.mission, world)
+        if world is not None:
+            self._check_route(place)
+
+        def commands(result: Result) -> dict[str, str]:
+            return next_commands(self.config, result) if self.resumable else {}
+
+        name, typed = stack_name(self.record.simulator), Path(self.config.stack or "").name
+        with self.reading() as ledger:
+            run_of = cache(ledger.run)
+            try:
+                yield Result(
+                    self.plan,
+                    list(ledger.attempts(self.name)),
+                    place,
+                    run_of,
+                    alone=stored_alone(ledger, self.plan),
+                    stack=f"{name} ({typed})" if typed and typed != Path(name).name else name,
+                    commands=commands,
+                    changes=self.changes,
+                )
+            finally:
+                run_of.cache_clear()
+
     def candidates(self) -> list[Attempt]:
         """Return the configurations that violated in the search and are not confirmed yet, worst first."""
-        attempts = self.attempts()
-        confirmed = {a.scenario_id for a in attempts if a.purpose == "confirmation"}
-        violating = [a for a in candidates(attempts, self.requirement) if standing(a, self.requirement)[0] > 0.0]
-        return [a for a in violating if a.scenario_id not in confirmed]
+        with self.result() as result:
+            return result.candidates
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Every confirmation with what it means, the worst first."""
-        with self.reading() as ledger:
-            attempts = list(ledger.attempts(self.name))
-            return findings(self.plan, attempts, run_of=ledger.run, world=self.shown_world)
-
-    @property
-    def distinct_failures(self) -> tuple[DistinctFailure, ...]:
-        """The confirmed violations, grouped by where and how the robot fails; the worst group first."""
-        return distinct_failures(self.findings)
-
-    @property
-    def failure_map(self) -> tuple[MapCell, ...]:
-        """The worst configuration of the search for every kind of encounter, the worst first."""
-        with self.reading() as ledger:
-            attempts = list(ledger.attempts(self.name))
-            return failure_map(attempts, self.requirement, run_of=ledger.run, world=self.shown_world)
-
-    @property
-    def front(self) -> Front | None:
-        """The Pareto front of its requirements and its hypervolume; None if it has only one requirement."""
-        return front_of(self.plan, self.attempts()) if self.plan.also else None
-
-    def result(self) -> dict[str, Any]:
-        """Return what was found as JSON-able data, as `rvsg run --json` prints it."""
-        confirmed = self.findings
-        found = {"confirmed": [finding.model_dump(mode="json") for finding in confirmed]}
-        found["distinct_failures"] = [each.model_dump(mode="json") for each in distinct_failures(confirmed)]
-        found["candidates"] = [
-            {"attempt": a.index, "scenario": a.brief.scenario_index, "command": confirm_command(self.folder, a.index)}
-            for a in self.candidates()
-        ]
-        found["failure_map"] = [cell.model_dump(mode="json") for cell in self.failure_map]
-        front = self.front
-        answer = {"answer": self.answer.model_dump(mode="json")}
-        several = {"front": front.model_dump(mode="json") if front is not None else None}
-        kept = {"out": str(self.folder), "report": str(self.folder / REPORT), "command": self.command}
-        return self.summary().model_dump(mode="json", exclude={"confirmed"}) | found | answer | several | kept
+        with self.result() as result:
+            return result.findings
 
     @property
     def answer(self) -> Answer:
-        """What the campaign says, in finished text; every page and the terminal show it."""
-        with self.reading() as ledger:
-            attempts, run_of = list(ledger.attempts(self.name)), cache(ledger.run)
-            found = findings(self.plan, attempts, run_of=run_of, world=self.shown_world)
-            known = summarise(self.plan, attempts)
-            return answer_of(
-                self.plan, attempts, known, found, world=self.shown_world, run_of=run_of, **self._beside(ledger, known)
-            )
+        """What the campaign says, in finished text."""
+        with self.result() as result:
+            return result.answer
 
-    def _beside(self, ledger: Ledger, known: Summary) -> dict[str, Any]:
-        """Return what the answer tells besides the attempts."""
-        commands = next_commands(self.config, known) if self.resumable else {}
-        name, given = stack_name(self.record.simulator), Path(self.config.stack or "").name
-        stack = f"{name} ({given})" if given and given != Path(name).name else name
-        alone = stored_alone(ledger, self.plan)
-        return {"alone": alone, "stack": stack, "commands": commands, "changes": self.changes}
+    def data(self, result: Result) -> dict[str, Any]:
+        """Return a result as JSON-able data with commands, as `rvsg run --json` prints it."""
+        told = result.data()
+        for candidate in told["candidates"]:
+            candidate["command"] = confirm_command(self.folder, candidate["attempt"])
+        return told | {"out": str(self.folder), "report": str(self.folder / REPORT), "command": self.command}
 
     def runs(self) -> Iterator[Run]:
         """Return every run of the campaign, one at a time, in the order of the attempts."""
@@ -207,24 +196,20 @@ class StoredCampaign:
             for run_id in dict.fromkeys(ids):
                 yield ledger.run(run_id)
 
-    def summary(self, attempts: Sequence[Attempt] | None = None) -> Summary:
-        """Return what was found so far as plain data, or what some of its attempts found."""
-        return summarise(self.plan, self.attempts() if attempts is None else attempts)
-
-    def check_judged(self) -> None:
+    def check_judged(self, result: Result) -> None:
         """Check that something is known of the robot, before "no violation" is taken for an answer.
 
         Raises:
             NothingJudged: no proposal was a valid scenario, or the requirement has no value in any run (as where
                 the stack under test failed in all of them).
         """
-        searched = search_attempts(self.attempts())
-        if self.summary(searched).ranking:
+        if result.ranking:
             return
+        searched = search_attempts(result.attempts)
         if not searched:
             raise NothingJudged(f"{self.folder}: nothing was judged: no attempt is stored. Run the campaign first.")
         if runs := runs_of(searched):
-            first = next(self.runs())
+            first = result.run_of(next(m.run_id for attempt in searched for m in attempt.measurements))
             fault = f" ({first.stack_fault})" if first.stack_fault else ""
             why = (
                 f"{self.requirement.name} has no value in any of {counted(runs, 'run')}; the first ended so: "
@@ -244,53 +229,42 @@ class StoredCampaign:
             )
         raise NothingJudged(f"{self.folder}: nothing was judged: {why}, and run it with another --out.")
 
-    @property
-    def verdict(self) -> Verdict | None:
-        """The verdict of the confirmation that says most against the robot; None before any."""
-        confirmed = self.summary().confirmed
-        return confirmed.verdict if confirmed else None
-
     def report(
-        self, path: str | Path | None = None, *, world: World | str | Path | None = None, overview: bool = False
+        self,
+        path: str | Path | None = None,
+        *,
+        world: World | str | Path | None = None,
+        overview: bool = False,
+        result: Result | None = None,
     ) -> Path:
         """Write the report page, and the worst scenario beside it; return the page's path.
 
         Args:
             overview: link to the overview of the folder that holds this one, which is linked anyway where it exists.
+            result: what the campaign says, where it is known already.
 
         Raises:
-            InputError: `world` is another one, or its route has changed since the campaign was run.
+            InputError: as `result`.
         """
-        page = Path(path) if path is not None else self.page()
-        place = self.shown_world if world is None else world_of(self.plan.mission, world)
-        if world is not None:
-            self._check_route(place)
-        with self.reading() as ledger:
-            attempts = list(ledger.attempts(self.name))
-            above = self.folder.parent
-            known = (above / MATRIX).exists() or (store_of(above) is None and (above / REPORT).is_file())
-            text = render_page(
-                self.plan,
-                attempts,
-                world=place,
-                run_of=ledger.run,
-                command=self.command,
-                simulator=described(self.record.simulator),
-                **self._beside(ledger, summarise(self.plan, attempts)),
-                overview=f"../{REPORT}" if page.parent == self.folder and (overview or known) else "",
-                traces=traces_beside(page, {m.run_id for attempt in attempts for m in attempt.measurements}),
-                recording=self.recording,
-                replayed=self.config.replay is not None,
-            )
+        if result is None:
+            with self.result(world=world) as result:
+                return self.report(path, overview=overview, result=result)
+        page, above = Path(path) if path is not None else self.page(), self.folder.parent
+        linked = overview or (above / MATRIX).exists() or (store_of(above) is None and (above / REPORT).is_file())
+        text = render_page(
+            result,
+            command=self.command,
+            simulator=described(self.record.simulator),
+            overview=f"../{REPORT}" if page.parent == self.folder and linked else "",
+            traces=traces_beside(page, {m.run_id for attempt in result.attempts for m in attempt.measurements}),
+            recording=self.recording,
+            replayed=self.config.replay is not None,
+        )
         write_whole(page, text)
-        best = self._worst(attempts)
+        best = result.confirmed or best_attempt(result.attempts, self.requirement)
         if path is None and best is not None and best.proposal.scenario is not None:
             write_whole(self.folder / BEST, scenario_json(best.proposal.scenario, self.found_with))
         return page
-
-    def _worst(self, attempts: Sequence[Attempt]) -> Attempt | None:
-        """Return the most severe confirmation; without one the candidate that ranks first."""
-        return worst_confirmation(attempts, self.requirement) or best_attempt(attempts, self.requirement)
 
     @property
     def recording(self) -> Recording | None:

@@ -149,6 +149,11 @@ class Attempt(Record):
         return self.brief.scenario_index
 
     @property
+    def number(self) -> str:
+        """Scenario and configuration, from 1, e.g. `3.2`."""
+        return f"{self.brief.scenario_index + 1}.{self.brief.configuration_index + 1}"
+
+    @property
     def scenario_id(self) -> str | None:
         """The content id of the configuration; None where nothing valid was proposed."""
         return self.proposal.scenario.id if self.proposal.scenario else None

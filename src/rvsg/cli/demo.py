@@ -15,8 +15,7 @@ from rvsg.cli.options import AsJson, JobsPerCore
 from rvsg.core.errors import InputError, UnknownName
 
 if TYPE_CHECKING:
-    from rvsg.campaign.attempt import Plan
-    from rvsg.report.summary import Summary
+    from rvsg.report.result import Result
 
 app = verb()
 
@@ -95,18 +94,20 @@ def show_stored(recording: Path, out: Path, *, as_json: bool) -> None:
         write_whole(out / LEDGER, lzma.decompress((recording / STORED).read_bytes()))
     copy_inputs({"replay": recording.name}, {recording.name: str(recording)}, out, anew=False)
     campaign = Campaign.open(out)
-    if not campaign.summary().complete:
+    if not campaign.finished:
         raise InputError(
             f"{out}: this campaign is not finished. Finish it: rvsg demo {recording.name} --simulate --out {out}. Or "
             "show the stored one in another folder.",
             code="demo-unfinished",
         )
-    page = campaign.report()
-    if as_json:
-        print_json(campaign.result())
-    say(f"Recorded campaign {recording.name}: its runs are stored, made by RVSG {campaign.record.provenance.version}.")
-    show_answer(campaign.answer, page=str(page), again=f"rvsg demo {recording.name} --simulate")
-    say(what_it_means(campaign.plan, campaign.summary()))
+    with campaign.result() as result:
+        page = campaign.report(result=result)
+        if as_json:
+            print_json(campaign.data(result))
+        version = campaign.record.provenance.version
+        say(f"Recorded campaign {recording.name}: its runs are stored, made by RVSG {version}.")
+        show_answer(result.answer, page=str(page), again=f"rvsg demo {recording.name} --simulate")
+        say(what_it_means(result))
 
 
 def shipped_recordings() -> tuple[str, ...]:
@@ -128,14 +129,15 @@ def recording_folder(name: str | None) -> Path:
     return _RECORDINGS / (name or shipped[0])
 
 
-def what_it_means(plan: Plan, summary: Summary) -> str:
+def what_it_means(result: Result) -> str:
     """Return what the verdict says and what it does not say, for a reader who sees one for the first time."""
     from rvsg.evaluation.verdict import Status, counted, number, still_open
     from rvsg.report.answer_row import status_of
 
-    confirmed, name = summary.confirmed, plan.requirement.name
-    tried = "the model's " + (counted(len(summary.ranking), "scenario") if len(summary.ranking) != 1 else "scenario")
-    worst = f"the worst of {tried}" if len(summary.ranking) != 1 else tried
+    confirmed, requirement = result.confirmed, result.requirement
+    name = requirement.name
+    tried = "the model's " + (counted(len(result.ranking), "scenario") if len(result.ranking) != 1 else "scenario")
+    worst = f"the worst of {tried}" if len(result.ranking) != 1 else tried
     verdict = confirmed.verdict if confirmed is not None else None
     if verdict is None:
         return (
@@ -143,7 +145,7 @@ def what_it_means(plan: Plan, summary: Summary) -> str:
             "being bad, so they overstate the failure. --confirmations 20 confirms the worst one."
         )
     runs = counted(verdict.runs, "confirmation run")
-    limit = number(plan.requirement.limit, plan.requirement.unit) if plan.requirement.limit is not None else "its limit"
+    limit = number(requirement.limit, requirement.unit) if requirement.limit is not None else "its limit"
     said = {
         Status.PASS: (
             f"in {runs} of the worst scenario of the search, the robot kept {name} ({limit}). That holds for this "

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,6 +15,7 @@ from rvsg.cli.options import AsJson, FailOnViolation, JobsPerCore, Junit, Verbos
 
 if TYPE_CHECKING:
     from rvsg.app.campaign import Campaign
+    from rvsg.report.result import Result
 
 
 app = verb()
@@ -45,61 +47,62 @@ def report(
     For a folder of several campaigns, write the page of each and an overview with links.
     """
     from rvsg.app.folder import holds_several
-    from rvsg.app.matrix import folders_of, reported, write_junit, write_study_tables
+    from rvsg.app.matrix import campaigns_of, folders_of, write_junit, write_study_tables
     from rvsg.app.view import SUFFIX, unpack_campaign
 
     store = unpack_campaign(store) if store.suffix == SUFFIX and store.is_file() else store
-    several = holds_several(store)
+    several, told = holds_several(store), list[dict[str, Any]]()
     paths = folders_of(store, begin=as_started(shlex.join(["rvsg", "run", "--out", str(store)])))
     if tables is not None:
         for note in write_study_tables([*paths, *(also or ())], tables):
             say(f"  {note}")
         say(f"Tables: {tables}/published and {tables}/honest (rq1, rq2, rq3 as csv, md, tex; a figure with matplotlib)")
-    campaigns, pages = reported(paths, html=html, world=world, optional=tables is not None)
+    pages = campaigns_of(paths, html=html, optional=tables is not None)
+    shown: list[tuple[Campaign, Result]] = []
+    for campaign, page in pages.items():
+        with campaign.result(world=world) as result:
+            campaign.report(page, overview=len(paths) > 1, result=result)
+            shown.append((campaign, result))
+            if json:
+                told.append(campaign.data(result))
+            if fail_on_violation:
+                campaign.check_judged(result)
+            if not several:
+                _show(campaign, result, page, verbose=verbose)
     if junit:
-        write_junit(junit, campaigns)
-    if json and campaigns:
-        found = [campaign.result() for campaign in campaigns]
-        print_json({"campaigns": found} if several or len(found) > 1 else found[0])
+        write_junit(junit, [result for _, result in shown])
+    if told:
+        print_json({"campaigns": told} if several or len(told) > 1 else told[0])
     if several:
-        _show_all(store, campaigns)
-    else:
-        for campaign, page in zip(campaigns, pages, strict=True):
-            _show(campaign, page, verbose=verbose)
-    if fail_on_violation:
-        for campaign in campaigns:
-            campaign.check_judged()
-        if any(campaign.summary().violated for campaign in campaigns):
-            raise typer.Exit(1)
+        _show_all(store, shown)
+    if fail_on_violation and any(result.violated for _, result in shown):
+        raise typer.Exit(1)
 
 
-def _show(campaign: Campaign, page: Path, *, verbose: bool) -> None:
+def _show(campaign: Campaign, result: Result, page: Path, *, verbose: bool) -> None:
     """Print the answer of one campaign; for an unfinished one, its progress and how to resume it."""
     from rvsg.cli.tables import how_far, show_answer, show_findings
 
-    plan, summary = campaign.plan, campaign.summary()
     if verbose:
-        show_findings(campaign)
-    if not summary.complete:
+        show_findings(result)
+    if not result.complete:
         resume = _resume(campaign.folder) if campaign.resumable else ""
-        say(f"The campaign is not finished: {how_far(plan, summary)}.{resume}")
-    show_answer(campaign.answer, page=str(page), again=campaign.command)
+        say(f"The campaign is not finished: {how_far(result)}.{resume}")
+    show_answer(result.answer, page=str(page), again=campaign.command)
 
 
-def _show_all(folder: Path, campaigns: list[Campaign]) -> None:
+def _show_all(folder: Path, shown: Sequence[tuple[Campaign, Result]]) -> None:
     """Write the overview of several campaigns; print their table and which of them are unfinished."""
     from rvsg.app.matrix import overview
     from rvsg.cli.tables import how_far, matrix_table
 
-    page, matrix = overview(folder, campaigns)
-    found = [(campaign.plan, campaign.summary()) for campaign in campaigns]
-    say(matrix_table([(campaign.plan, campaign.answer) for campaign in campaigns]))
-    unfinished = [(campaign, *each) for campaign, each in zip(campaigns, found, strict=True) if not each[1].complete]
-    for campaign, plan, summary in unfinished:
+    page, matrix = overview(folder, [campaign for campaign, _ in shown])
+    say(matrix_table([(result.plan, result.answer) for _, result in shown]))
+    unfinished = [(campaign, result) for campaign, result in shown if not result.complete]
+    for campaign, result in unfinished:
         resume = _resume(campaign.folder) if matrix is None and campaign.resumable else ""
-        name = f"{plan.mission.route.name} {plan.requirement.name}"
-        say(f"{name} is not finished: {how_far(plan, summary)}.{resume}")
-    if missing := len(matrix.all_pairs) - len(found) if matrix is not None else 0:
+        say(f"{result.plan.mission.route.name} {result.requirement.name} is not finished: {how_far(result)}.{resume}")
+    if missing := len(matrix.all_pairs) - len(shown) if matrix is not None else 0:
         say(f"{missing} more {'has' if missing == 1 else 'have'} not started.")
     if matrix is not None and (unfinished or missing):
         say(_resume(matrix.folder).lstrip())
@@ -132,8 +135,9 @@ def confirm(
 
     opened = rvsg.Campaign.open(campaign)
     made = opened.confirm(candidate, runs=runs, jobs=jobs)
-    finding = next(each for each in opened.findings if each.confirmation == made.index)
-    page = opened.report()
+    with opened.result() as result:
+        finding = next(finding for finding in result.findings if finding.confirmation == made.index)
+        page = opened.report(result=result)
     if json:
         print_json(finding.model_dump(mode="json"))
     for line in describe_finding(finding, opened.requirement):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import time
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,8 +19,8 @@ from rvsg.cli.options import AsJson, Verbose, setting_options
 if TYPE_CHECKING:
     from rvsg.app.campaign import Campaign
     from rvsg.app.matrix import Matrix
-    from rvsg.campaign.attempt import Attempt, Plan
-    from rvsg.report.summary import Summary
+    from rvsg.campaign.attempt import Attempt
+    from rvsg.report.result import Result
 
 
 app = verb()
@@ -63,24 +64,29 @@ def run_campaign_of(
     *,
     as_json: bool,
     verbose: bool = False,
-    remark: Callable[[Plan, Summary], str] | None = None,
+    remark: Callable[[Result], str] | None = None,
 ) -> int:
     """Run or resume the campaign of a campaign file and options, show its results, and return the exit code."""
+    from rvsg.app.matrix import write_junit
+
     started = time.monotonic()
     campaign = run_one(from_file, given)
-    summary = campaign.summary()
-    _show(campaign, summary, time.monotonic() - started, as_json=as_json, verbose=verbose)
-    campaign.check_judged()
-    if remark is not None:
-        say(remark(campaign.plan, summary))
-    return 1 if campaign.config.fail_on_violation and summary.violated else 0
+    with campaign.result() as result:
+        campaign.report(result=result)
+        if campaign.config.junit:
+            write_junit(campaign.config.junit, [result])
+        _show_lost(result.attempts)
+        _show(campaign, result, time.monotonic() - started, as_json=as_json, verbose=verbose)
+        campaign.check_judged(result)
+        if remark is not None:
+            say(remark(result))
+        return 1 if campaign.config.fail_on_violation and result.violated else 0
 
 
 def run_one(from_file: dict[str, Any], given: dict[str, Any]) -> Campaign:
-    """Run or resume a campaign and write its report."""
+    """Run or resume a campaign."""
     from rvsg.app.campaign import Campaign
     from rvsg.app.folder import store_of
-    from rvsg.app.matrix import write_junit
     from rvsg.core.files import check_writable
 
     asked = effective(None, from_file, given)
@@ -89,10 +95,6 @@ def run_one(from_file: dict[str, Any], given: dict[str, Any]) -> Campaign:
     resumed = asked.folder.is_dir() and store_of(asked.folder) is not None
     campaign = Campaign.create(file=from_file, on_message=say, **given)
     _run(campaign, resumed=resumed)
-    campaign.report()
-    if campaign.config.junit:
-        write_junit(Path(campaign.config.junit), [campaign])
-    _show_lost(campaign.attempts())
     return campaign
 
 
@@ -156,7 +158,7 @@ def _what_it_does(campaign: Campaign) -> str:
     return f"{title}, on {plan.mission.world}, {plan.mission.route.name}: {search}{then}."
 
 
-def _show_lost(attempts: list[Attempt]) -> None:
+def _show_lost(attempts: Sequence[Attempt]) -> None:
     """Print how many attempts have no scenario and why, and which replies of a model were unusable."""
     from rvsg.campaign.execution import calls_of
     from rvsg.evaluation.verdict import counted
@@ -172,17 +174,17 @@ def _show_lost(attempts: list[Attempt]) -> None:
         say(unusable)
 
 
-def _show(campaign: Campaign, summary: Summary, spent_s: float, *, as_json: bool, verbose: bool) -> None:
+def _show(campaign: Campaign, result: Result, spent_s: float, *, as_json: bool, verbose: bool) -> None:
     """Print the answer with the path of the report and the command that repeats the campaign."""
     from rvsg.app.folder import REPORT
     from rvsg.cli.tables import show_answer, show_findings
     from rvsg.evaluation.verdict import counted
 
-    folder, account = campaign.folder, summary.accounting
+    folder, account = campaign.folder, result.accounting
     if as_json:
-        print_json(campaign.result())
+        print_json(campaign.data(result))
     if verbose:
-        show_findings(campaign)
+        show_findings(result)
         say(
             f"{counted(account.search_runs, 'run')} of search, {account.confirmation_runs} of confirmation, "
             f"{account.baseline_runs} without some of the people and {account.shrinking_runs} to shrink, in "
@@ -197,7 +199,7 @@ def _show(campaign: Campaign, summary: Summary, spent_s: float, *, as_json: bool
         )
     for note in campaign.notes:
         say(note)
-    show_answer(campaign.answer, page=str(folder / REPORT), again=campaign.command)
+    show_answer(result.answer, page=str(folder / REPORT), again=campaign.command)
 
 
 def run_matrix(matrix: Matrix, *, as_json: bool) -> int:
@@ -226,16 +228,18 @@ def run_matrix(matrix: Matrix, *, as_json: bool) -> int:
     except KeyboardInterrupt:
         raise Interrupted(f"Interrupted. Resume with: {resume}") from None
     matrix.report()
-    done = [each for each in campaigns if str(each.folder) not in failed]
-    _show_all(matrix, campaigns, done, time.monotonic() - started, as_json=as_json)
-    for folder, (message, _) in failed.items():
-        say(f"{Path(folder).name}: not finished. {message}")
-    if failed:
-        say(f"Resume the others with: {resume}")
-        return max(code for _, code in failed.values())
-    for campaign in done:
-        campaign.check_judged()
-    violated = any(each.summary().violated for each in done)
+    done = [campaign for campaign in campaigns if str(campaign.folder) not in failed]
+    with ExitStack() as stack:
+        results = [(campaign, stack.enter_context(campaign.result())) for campaign in done]
+        _show_all(matrix, results, len(campaigns), time.monotonic() - started, as_json=as_json)
+        for folder, (message, _) in failed.items():
+            say(f"{Path(folder).name}: not finished. {message}")
+        if failed:
+            say(f"Resume the others with: {resume}")
+            return max(code for _, code in failed.values())
+        for campaign, result in results:
+            campaign.check_judged(result)
+    violated = any(result.violated for _, result in results)
     return 1 if matrix.settings.get("fail_on_violation") and violated else 0
 
 
@@ -269,22 +273,22 @@ def _run_all(matrix: Matrix, campaigns: Sequence[Campaign], check: Callable[[], 
 
 
 def _show_all(
-    matrix: Matrix, campaigns: Sequence[Campaign], done: Sequence[Campaign], spent_s: float, *, as_json: bool
+    matrix: Matrix, results: Sequence[tuple[Campaign, Result]], count: int, spent_s: float, *, as_json: bool
 ) -> None:
     from rvsg.app.folder import REPORT
     from rvsg.app.matrix import write_junit
     from rvsg.cli.tables import matrix_table
 
     if junit := matrix.settings.get("junit"):
-        write_junit(Path(junit), done)
+        write_junit(junit, [result for _, result in results])
     if as_json:
-        overview = {"out": str(matrix.folder), "report": str(matrix.folder / REPORT), "command": matrix.commands()}
-        found = [
-            each.result() | {"route": each.plan.mission.route.name, "requirement": each.requirement.name}
-            for each in done
+        told = [
+            campaign.data(result) | {"route": result.plan.mission.route.name, "requirement": result.requirement.name}
+            for campaign, result in results
         ]
-        print_json({"campaigns": found, **overview})
-    say(matrix_table([(each.plan, each.answer) for each in done]))
-    say(f"{len(done)} of {len(campaigns)} campaigns done in {spent_s:.0f} s; stored in {matrix.folder}")
+        overview = {"out": str(matrix.folder), "report": str(matrix.folder / REPORT), "command": matrix.commands()}
+        print_json({"campaigns": told, **overview})
+    say(matrix_table([(result.plan, result.answer) for _, result in results]))
+    say(f"{len(results)} of {count} campaigns done in {spent_s:.0f} s; stored in {matrix.folder}")
     say(f"Reports: {matrix.folder / REPORT}")
     say(f"Repeat it with: {matrix.commands(as_started)}")

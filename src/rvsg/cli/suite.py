@@ -128,7 +128,7 @@ def run(
     """
     from rvsg import Suite
     from rvsg.core.files import check_writable, write_text
-    from rvsg.report.summary import suite_junit
+    from rvsg.report.junit import suite_junit
     from rvsg.report.terminal import describe_case
 
     if junit is not None:

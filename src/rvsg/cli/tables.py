@@ -14,14 +14,12 @@ from rich.text import Text
 from rvsg.campaign.attempt import Plan
 from rvsg.cli.console import as_started, console, say
 from rvsg.evaluation.verdict import counted, number
-from rvsg.report.answer import Answer
 from rvsg.report.answer_row import Row, Tone
-from rvsg.report.summary import Summary
+from rvsg.report.result import Answer, Result
 from rvsg.report.terminal import describe_finding
 from rvsg.world.world import OCCUPIED, UNKNOWN, Route, World
 
 if TYPE_CHECKING:
-    from rvsg.app.campaign import Campaign
     from rvsg.campaign.ranking import Front
 
 STYLES: dict[Tone, str] = {"bad": "bold red", "warn": "yellow", "good": "green", "quiet": "dim"}
@@ -151,10 +149,10 @@ def rows_table(rows: Sequence[Row], width: int) -> Table:
     return table
 
 
-def matrix_table(found: Sequence[tuple[Plan, Answer]]) -> Table:
+def matrix_table(answers: Sequence[tuple[Plan, Answer]]) -> Table:
     """Return the table of several campaigns, with the most severe configuration of each."""
     table, rows, elsewhere = Table(box=SIMPLE_HEAD, pad_edge=False, caption_justify="left"), [], False
-    for plan, answer in found:
+    for plan, answer in answers:
         name, verdict = f"{plan.mission.route.name} {plan.requirement.name}", Text(answer.status, STYLES[answer.tone])
         row = answer.rows[0] if answer.rows else None
         what = f"\n{row.name}" if row is not None and row.counts else ""
@@ -174,20 +172,20 @@ def matrix_table(found: Sequence[tuple[Plan, Answer]]) -> Table:
     return table
 
 
-def how_far(plan: Plan, summary: Summary) -> str:
+def how_far(result: Result) -> str:
     """Return how far an unfinished campaign came."""
-    done = summary.accounting.search_attempts
+    plan, done = result.plan, result.accounting.search_attempts
     if done >= plan.attempts:
         return f"all {counted(done, 'attempt')} of the search, the confirmation is not finished"
     return f"{done} of {counted(plan.attempts, 'attempt')} of the search"
 
 
-def show_findings(campaign: Campaign) -> None:
+def show_findings(result: Result) -> None:
     """Print every finding in full, and the front of a strategy that has one."""
-    for finding in campaign.findings:
-        for line in describe_finding(finding, campaign.requirement):
+    for finding in result.findings:
+        for line in describe_finding(finding, result.requirement):
             say(line)
-    if (front := campaign.front) is not None:
+    if (front := result.front) is not None:
         show_front(front)
 
 

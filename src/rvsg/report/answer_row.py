@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from typing import Literal
+from typing import Annotated, Literal
 
-from rvsg.campaign.attempt import Attempt, Measurement
-from rvsg.campaign.findings import Finding, Smallest
-from rvsg.campaign.observation import mode_of, usual
+from pydantic import Field
+
+from rvsg.campaign.attempt import Attempt, Measurement, Plan
+from rvsg.campaign.findings import Finding, Severity, Smallest, severity_of
+from rvsg.campaign.observation import FailureMode, usual
+from rvsg.campaign.ranking import confirmations, confirmed_candidate, ranking, search_attempts
 from rvsg.core.records import Record
 from rvsg.evaluation.detection import contacts, place_namer
 from rvsg.evaluation.run_events import Contact, place_name
 from rvsg.evaluation.sampled import sampled
 from rvsg.evaluation.verdict import (
     OPEN_STATUS,
+    SafetySummary,
     Status,
     Verdict,
     counted,
@@ -22,9 +26,10 @@ from rvsg.evaluation.verdict import (
     number,
     percent,
     still_open,
+    summarise_safety,
     violated,
 )
-from rvsg.report.summary import Ranked, Standing
+from rvsg.report.words import in_short
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
@@ -43,6 +48,88 @@ LISTED = 3
 """People that are named as a cause; of more, their number."""
 MANY = 4
 """Of more people than this, none may explain a violation alone."""
+
+
+Standing = Literal["confirmed", "candidate", "not violated"]
+
+
+class Ranked(Record):
+    """A scenario in its place: one of its configurations and how that did. Indices count from 0.
+
+    Where configurations of the scenario are confirmed it is the worst of these, by its confirmation runs; else the
+    worst of the search.
+    """
+
+    rank: int
+    """From 1, the most severe first; of a further configuration of a scenario 0."""
+    scenario: int
+    configuration: int
+    configurations: int
+    attempt: int
+    scenario_id: str
+    description: str
+    state: Standing
+    """A candidate violated the requirement in the search and is not confirmed."""
+    verdict: Verdict
+    """Of the confirmation runs where it is confirmed, else of the runs of the search."""
+    seen: SafetySummary
+    """What these runs show beside the requirement."""
+    severity: Annotated[Severity, Field(exclude=True)]
+
+    @property
+    def number(self) -> str:
+        """Scenario and configuration, from 1, e.g. `3.2`."""
+        return f"{self.scenario + 1}.{self.configuration + 1}"
+
+    @property
+    def place(self) -> tuple[int, Severity]:
+        """Where it stands, larger first: confirmed violations and contacts, candidates, other confirmed ones, the rest.
+
+        What is not confirmed comes later, however severe: the search selected it for being extreme.
+        """
+        bad = violated(self.verdict) or self.seen.contacts.runs > 0
+        confirmed = 3 if bad else 1
+        return {"confirmed": confirmed, "candidate": 2, "not violated": 0}[self.state], self.severity
+
+
+def ranked_scenarios(plan: Plan, attempts: Sequence[Attempt]) -> tuple[tuple[Ranked, ...], tuple[Ranked, ...]]:
+    """Return an entry for each scenario in order, and the other confirmed configurations."""
+    searched = search_attempts(attempts)
+    by_scenario: dict[int, list[tuple[Attempt, Attempt]]] = {}
+    for attempt in confirmations(attempts):
+        candidate = confirmed_candidate(attempt, attempts)
+        if candidate is not None and attempt.verdict is not None:
+            by_scenario.setdefault(candidate.brief.scenario_index, []).append((candidate, attempt))
+    shown: list[Ranked] = []
+    further: list[Ranked] = []
+    for best in ranking(attempts, plan.requirement):
+        confirmed = by_scenario.get(best.brief.scenario_index, [])
+        entries = [_ranked(*each, searched, plan) for each in confirmed] or [_ranked(best, None, searched, plan)]
+        entries.sort(key=lambda entry: entry.place, reverse=True)
+        shown.append(entries[0])
+        further += entries[1:]
+    shown.sort(key=lambda entry: entry.place, reverse=True)
+    return tuple(entry.replace(rank=place) for place, entry in enumerate(shown, 1)), tuple(further)
+
+
+def _ranked(candidate: Attempt, confirmation: Attempt | None, searched: Sequence[Attempt], plan: Plan) -> Ranked:
+    scenario, shown = candidate.proposal.scenario, confirmation or candidate
+    assert scenario is not None and shown.verdict is not None
+    tried = sum(other.brief.scenario_index == candidate.brief.scenario_index for other in searched)
+    state: Standing = "confirmed" if confirmation else "candidate" if shown.verdict.violations else "not violated"
+    return Ranked(
+        rank=0,
+        scenario=candidate.brief.scenario_index,
+        configuration=candidate.brief.configuration_index,
+        configurations=tried,
+        attempt=candidate.index,
+        scenario_id=scenario.id,
+        description=scenario.description or in_short(scenario),
+        state=state,
+        verdict=shown.verdict,
+        seen=summarise_safety([measured.values for measured in shown.measurements]),
+        severity=severity_of(shown, plan.requirement),
+    )
 
 
 class Row(Record):
@@ -138,7 +225,7 @@ def tone_of(verdict: Verdict, touched: int) -> Tone:
     return "bad" if violated(verdict) else "warn" if touched else "good" if verdict.status is Status.PASS else "quiet"
 
 
-class _Shown:
+class _ShownRun:
     """The run that shows a configuration best, and what it shows."""
 
     def __init__(
@@ -147,12 +234,13 @@ class _Shown:
         requirement: Requirement,
         world: World,
         run_of: Callable[[str], Run],
+        mode_of: Callable[[str], FailureMode | None],
     ) -> None:
         touched = [m for m in measurements if (m.values.get("contacts") or 0.0) > 0.0]
         bad = [m for m in measurements if m.objective is not None and requirement.violated_by(m.objective)]
         chosen = touched if touched and 2 * len(touched) >= len(bad) else bad or list(measurements)
         runs = {m.run_id: run_of(m.run_id) for m in chosen}
-        modes = {run_id: mode_of(run, world) for run_id, run in runs.items()}
+        modes = {run_id: mode_of(run_id) for run_id in runs}
         self.mode = usual(modes.values())
         usual_ones = [m for m in chosen if modes[m.run_id] == self.mode] or chosen
         met = {m.run_id: each[0] for m in touched if (each := _contacts(run_of(m.run_id), world))}
@@ -202,16 +290,18 @@ def row_of(
     requirement: Requirement,
     world: World,
     run_of: Callable[[str], Run],
+    mode_of: Callable[[str], FailureMode | None],
     finding: Finding | None = None,
 ) -> Row:
     """Return the row of a configuration.
 
     Args:
         shown: The attempt whose runs are shown.
+        mode_of: Returns how the run of an id fails.
         finding: What its confirmation means; None without one.
     """
     verdict, seen = entry.verdict, entry.seen
-    best = _Shown(shown.measurements, requirement, world, run_of)
+    best = _ShownRun(shown.measurements, requirement, world, run_of, mode_of)
     cause, caused = cause_of(finding) if finding is not None else ("–", "not confirmed")
     bounds = verdict.violation_interval
     gap = metres(seen.least_clearance_m) if seen.least_clearance_m is not None else "–"

@@ -8,7 +8,7 @@ from __future__ import annotations
 import base64
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -20,18 +20,16 @@ from markupsafe import escape
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from rvsg.campaign.attempt import Plan
 from rvsg.campaign.exploration import Coverage
 from rvsg.core.errors import InputError
 from rvsg.core.files import check_writable, write_whole
 from rvsg.evaluation.verdict import counted
-from rvsg.report.answer import Answer
 from rvsg.report.answer_row import Row
 from rvsg.report.renderer import render
+from rvsg.report.result import Result
+from rvsg.report.run_facts import row_at
 from rvsg.report.stills import Turn, pin_radius, plan_markup, spread
-from rvsg.report.summary import Summary
 from rvsg.report.words import limit_in_words, robot_words, shown_at
-from rvsg.simulation.run import Run
 from rvsg.world.drawing import png_bytes
 from rvsg.world.drawing.floor_plan import draw_plan
 from rvsg.world.drawing.sheet import font
@@ -39,7 +37,7 @@ from rvsg.world.drawing.svg import floor_plan
 from rvsg.world.passages import line_of
 from rvsg.world.world import World
 
-Reported = tuple[str, Plan, Summary, Answer]
+Reported = tuple[str, Result]
 """Where the report of a campaign is, seen from the overview's folder, and what it is of."""
 
 
@@ -61,14 +59,15 @@ class Pin:
         return f"{quote(self.link)}#run={self.row.run}&t={shown_at(self.row.moment_s)}"
 
 
-def pins_of(link: str, plan: Plan, answer: Answer, world: World, run_of: Callable[[str], Run]) -> list[Pin]:
+def pins_of(link: str, result: Result) -> list[Pin]:
     """Return a pin for every failure of a campaign, the most severe first."""
-    campaign, found = f"{plan.mission.route.name}, {plan.requirement.name}", []
-    for row in answer.failures:
-        path = run_of(row.run).trajectory
-        k = min(int(np.searchsorted(path.t, row.moment_s - 1e-9)), len(path) - 1)
-        found.append(Pin(link=link, campaign=campaign, x=float(path.x[k]), y=float(path.y[k]), world=world, row=row))
-    return found
+    campaign, pins = f"{result.plan.mission.route.name}, {result.requirement.name}", []
+    for row in result.answer.failures:
+        run = result.run_of(row.run)
+        k, path = row_at(run, row.moment_s), run.trajectory
+        x, y = float(path.x[k]), float(path.y[k])
+        pins.append(Pin(link=link, campaign=campaign, x=x, y=y, world=result.world, row=row))
+    return pins
 
 
 def write_overview(path: Path, reported: Sequence[Reported], **how: Any) -> None:
@@ -90,37 +89,37 @@ def render_overview(
         missing: How many more have not begun.
         pins: Where the findings happen; the page has a map for each of their worlds.
     """
-    missions = [plan.mission for _, plan, *_ in reported]
+    missions = [result.plan.mission for _, result in reported]
     return render(
         "overview.html",
         title=f"{counted(len(reported), 'campaign')} in {' and '.join(_worlds(reported))}",
         robot="; ".join(dict.fromkeys(robot_words(mission) for mission in missions)),
-        stack="; ".join(dict.fromkeys(stack for *_, told in reported for stack in told.setup[3:])),
+        stack="; ".join(dict.fromkeys(stack for _, result in reported for stack in result.answer.setup[3:])),
         missing=missing,
         headline=_headline(reported),
         matrix=_matrix(reported),
         maps=_maps(pins),
         pins=pins,
-        rows=[_row(*each) | {"world": Path(each[1].mission.world).name} for each in reported],
+        rows=[_row(link, result) for link, result in reported],
         several=len(_worlds(reported)) > 1,
         command=escape(command),
     )
 
 
 def _worlds(reported: Sequence[Reported]) -> list[str]:
-    return list(dict.fromkeys(Path(plan.mission.world).name for _, plan, *_ in reported))
+    return list(dict.fromkeys(Path(result.plan.mission.world).name for _, result in reported))
 
 
 def _matrix(reported: Sequence[Reported]) -> dict[str, Any]:
     """Return routes by requirements: what each campaign found, with its badges."""
     several = len(_worlds(reported)) > 1
-    requirements = list(dict.fromkeys(plan.requirement.name for _, plan, *_ in reported))
+    requirements = list(dict.fromkeys(result.requirement.name for _, result in reported))
     cells: dict[str, dict[str, list[dict[str, Any]]]] = {}
-    for link, plan, _, answer in reported:
-        mission = plan.mission
+    for link, result in reported:
+        mission = result.plan.mission
         route = f"{Path(mission.world).name}, {mission.route.name}" if several else mission.route.name
-        cells.setdefault(route, {}).setdefault(plan.requirement.name, []).append(
-            {"link": quote(link), "answer": answer}
+        cells.setdefault(route, {}).setdefault(result.requirement.name, []).append(
+            {"link": quote(link), "answer": result.answer}
         )
     rows = [{"route": route, "cells": [found.get(name, []) for name in requirements]} for route, found in cells.items()]
     return {"requirements": requirements, "rows": rows}
@@ -166,7 +165,8 @@ def _map(id_: str, world: World, pins: Sequence[tuple[int, Pin]]) -> dict[str, A
 
 def _headline(reported: Sequence[Reported]) -> dict[str, str]:
     """Return how many campaigns violate their requirement, and how many do not, with and without contact."""
-    ends = Counter("contact" if a.violated == "no" and a.tone == "warn" else a.violated for *_, a in reported)
+    answers = [result.answer for _, result in reported]
+    ends = Counter("contact" if a.violated == "no" and a.tone == "warn" else a.violated for a in answers)
     kinds = (
         ("yes", "bad", "violated"),
         ("contact", "warn", "not violated, but with contact"),
@@ -176,21 +176,22 @@ def _headline(reported: Sequence[Reported]) -> dict[str, str]:
     )
     said = [f"{ends[end]} {words}" for end, _, words in kinds if ends[end]]
     tone, chip = next((tone, words) for end, tone, words in kinds if ends[end])
-    accounts = [summary.accounting for _, _, summary, _ in reported]
+    accounts = [result.accounting for _, result in reported]
     runs = counted(sum(each.search_runs + each.confirmation_runs for each in accounts), "simulated run")
     text = f"Of {counted(len(reported), 'campaign')}: {'; '.join(said)}. {runs}."
     return {"tone": tone, "chip": chip, "text": text}
 
 
-def _row(link: str, plan: Plan, summary: Summary, answer: Answer) -> dict[str, Any]:
+def _row(link: str, result: Result) -> dict[str, Any]:
     """Return the row of a campaign: its most severe configuration."""
-    account = summary.accounting
+    account, answer, mission = result.accounting, result.answer, result.plan.mission
     return {
         "link": quote(link),
-        "route": plan.mission.route.name,
+        "world": Path(mission.world).name,
+        "route": mission.route.name,
         "answer": answer,
         "first": answer.rows[0] if answer.rows else None,
-        "limit": limit_in_words(plan.requirement) or "–",
+        "limit": limit_in_words(result.requirement) or "–",
         "runs": f"{account.search_runs} + {account.confirmation_runs}",
     }
 

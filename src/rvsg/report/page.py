@@ -7,29 +7,26 @@ campaigns give equal pages.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cache
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup, escape
 
 from rvsg.campaign.attempt import BY_HAND, Attempt, Plan
-from rvsg.campaign.feedback import MapCell, failure_map, separable
-from rvsg.campaign.findings import findings
+from rvsg.campaign.feedback import MapCell, separable
 from rvsg.campaign.observation import met
 from rvsg.campaign.ranking import rule
 from rvsg.campaign.run_set import Judgement, RunSet
 from rvsg.core.errors import InputError
 from rvsg.core.files import check_writable, write_whole
 from rvsg.core.records import Pose
-from rvsg.evaluation.verdict import Verdict, counted, how_sure, number, why_ended
+from rvsg.evaluation.verdict import counted, how_sure, number, why_ended
 from rvsg.generation.people_sampler import added
 from rvsg.generation.vlm.recording import Recording
-from rvsg.report.answer import answer_of, answer_of_runs
 from rvsg.report.charts import confirmation_chart, search_chart
 from rvsg.report.page_contents import (
-    Shown,
+    PageContents,
     at,
     group_label,
     in_order,
@@ -43,10 +40,10 @@ from rvsg.report.page_contents import (
 )
 from rvsg.report.renderer import component, render, script_safe
 from rvsg.report.replay_data import ReplayGroup, replay_payload
+from rvsg.report.result import Result, answer_of_runs
 from rvsg.report.run_facts import AttemptFacts, RunFacts, facts_of, run_facts
 from rvsg.report.stills import frame, plan_markup
-from rvsg.report.summary import Summary, summarise, tried_of
-from rvsg.report.words import direction, limit_in_words, quantity, robot_words, shown_at, under_test, untimed
+from rvsg.report.words import direction, limit_in_words, quantity, robot_words, shown_at, tried_of, under_test, untimed
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.scenario.world_lookup import as_world, world_of
@@ -96,7 +93,7 @@ MOST_CARDS = 6
 """Failures that the page shows as cards at once; more of them wait in a fold."""
 
 
-def failure_cards(shown: Shown) -> list[dict[str, Any]]:
+def failure_cards(shown: PageContents) -> list[dict[str, Any]]:
     """Return a card for every failure, else for the most severe scenario: row, picture of the moment, and story."""
     runs = {run.id: (run, facts) for facts in shown.facts for run in facts.runs}
     found = []
@@ -123,44 +120,32 @@ ALIKE = 0.01
 
 
 def render_page(
-    plan: Plan,
-    attempts: Sequence[Attempt],
+    result: Result,
     *,
-    world: World,
-    run_of: Callable[[str], Run],
     command: str,
     simulator: str = "",
     overview: str = "",
     traces: Sequence[Mapping[str, Any]] = (),
     recording: Recording | None = None,
     replayed: bool = False,
-    **beside: Any,
 ) -> str:
     """Return the page of a campaign, finished or not.
 
     Args:
-        run_of: Finds a run by its id.
         command: The command that repeats the campaign.
         overview: The address of the overview this campaign belongs to, seen from the page.
         traces: Traces of runs of the campaign, as `trace_view` makes them; the replay shows them.
         recording: The calls of a model, where they are kept.
         replayed: Whether the model answered earlier, in another campaign.
-        beside: What the answer takes besides the attempts, as `answer_of` names it.
     """
-    run_of = cache(run_of)  # facts, findings and the table of encounters ask for the same runs
-    summary, found = summarise(plan, attempts), findings(plan, attempts, run_of=run_of, world=world)
-    shown = Shown(
-        plan=plan,
-        world=world,
-        attempts=attempts,
-        summary=summary,
-        facts=facts_of(attempts, plan.requirement, world, run_of),
-        findings=found,
-        floor=floor_plan(world, tooltips=False),
-        answer=answer_of(plan, attempts, summary, found, world=world, run_of=run_of, **beside),
+    plan, requirement, attempts = result.plan, result.requirement, result.attempts
+    shown = PageContents(
+        result=result,
+        answer=result.answer,
+        facts=facts_of(attempts, requirement, result.world, result.run_of),
+        floor=floor_plan(result.world, tooltips=False),
     )
-    requirement = plan.requirement
-    confirmed, candidate = summary.confirmed, shown.candidate
+    confirmed, candidate = result.confirmed, shown.candidate
     final = confirmed.verdict if confirmed is not None else None
     drawn = candidate is not None and confirmed is not None and final is not None and final.objectives
     return render(
@@ -168,14 +153,14 @@ def render_page(
         **_shared(shown, in_order(shown)),
         plan=plan,
         limit=limit_in_words(requirement),
-        summary=summary,
+        result=result,
         sure=how_sure(final) if final is not None else "",
         ended=why_ended(final) if final is not None else "",
-        curse=_curse(plan, summary, candidate.verdict if candidate else None),
+        curse=_curse(result, confirmed, candidate),
         confirmation_svg=confirmation_chart(plan, candidate, confirmed) if candidate and confirmed and drawn else "",
         scenarios=scenario_rows(shown),
-        evidence=[(finding, shown.answer.row(finding.confirmation)) for finding in found],
-        broken=broken(failure_map(attempts, requirement, run_of=run_of, world=world)),
+        evidence=[(finding, shown.answer.row(finding.confirmation)) for finding in result.findings],
+        broken=broken(result.failure_map),
         met=met,
         tried_of=tried_of,
         rule=rule(requirement),
@@ -191,9 +176,9 @@ def render_page(
     )
 
 
-def _shared(shown: Shown, replayed: Sequence[AttemptFacts], *, given: bool = False) -> dict[str, Any]:
+def _shared(shown: PageContents, replayed: Sequence[AttemptFacts], *, given: bool = False) -> dict[str, Any]:
     """Return what the pages of campaigns and of runs both show; `given` runs belong to no campaign."""
-    plan, world, floor, answer = shown.plan, shown.world, shown.floor, shown.answer
+    plan, world, floor, answer = shown.result.plan, shown.result.world, shown.floor, shown.answer
     mission, requirement = plan.mission, plan.requirement
     data = data_of(replayed, mission=mission, requirement=requirement, world=world, floor=floor, given=given)
     if answer.rows:
@@ -215,14 +200,15 @@ def _shared(shown: Shown, replayed: Sequence[AttemptFacts], *, given: bool = Fal
     }
 
 
-def _curse(plan: Plan, summary: Summary, selected: Verdict | None) -> str:
+def _curse(result: Result, confirmed: Attempt | None, candidate: Attempt | None) -> str:
     """Return how the confirmation mean compares with the mean in the search by which the scenario was selected."""
-    fresh = summary.confirmed.verdict if summary.confirmed else None
+    selected, fresh = (attempt.verdict if attempt is not None else None for attempt in (candidate, confirmed))
     if selected is None or selected.mean is None or fresh is None or fresh.mean is None:
         return ""
-    unit, count = plan.requirement.unit, summary.accounting.search_attempts
+    requirement, count = result.requirement, result.accounting.search_attempts
+    unit = requirement.unit
     mean = "mean up to the time limit" if selected.censored or fresh.censored else "mean"
-    lost = plan.requirement.badness(selected.mean) - plan.requirement.badness(fresh.mean)
+    lost = requirement.badness(selected.mean) - requirement.badness(fresh.mean)
     said = (
         f"One of {count} configurations of the search: {counted(len(selected.objectives), 'run')} with a {mean} of "
         f"{number(selected.mean, unit)}. "
@@ -277,15 +263,11 @@ def write_runs_page(
     facts = AttemptFacts(attempt=attempt, runs=told)
     plan = Plan(name=BY_HAND, mission=mission, requirement=requirement)
     by_id = {run.id: run for run in runs}
-    shown = Shown(
-        plan=plan,
-        world=where,
-        attempts=[attempt],
-        summary=summarise(plan, []),
-        facts=[facts],
-        findings=(),
-        floor=floor_plan(where, tooltips=False),
+    shown = PageContents(
+        result=Result(plan, [attempt], where, by_id.__getitem__),
         answer=answer_of_runs(plan, attempt, world=where, run_of=by_id.__getitem__),
+        facts=[facts],
+        floor=floor_plan(where, tooltips=False),
     )
     text = render(
         "runs.html",

@@ -6,75 +6,68 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rvsg.campaign.attempt import Attempt, Plan
-from rvsg.campaign.findings import Finding
+from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.ranking import best_attempt, confirmed_candidate, search_attempts
 from rvsg.evaluation.verdict import metres, number, outcome_in_words, percent, value_in_words
 from rvsg.generation.generator import Call
 from rvsg.generation.vlm.recording import RecordedCall, Recording
-from rvsg.report.answer import Answer
 from rvsg.report.answer_row import status_of
 from rvsg.report.replay_data import distinct_colours, people_colours
+from rvsg.report.result import Answer, Result
 from rvsg.report.run_facts import AttemptFacts, footprint_of
 from rvsg.report.stills import Look, Turn
-from rvsg.report.summary import Summary, configuration_number, in_short
 from rvsg.report.terminal import describe_calls
-from rvsg.report.words import shown_at
+from rvsg.report.words import in_short, shown_at
 from rvsg.scenario.brief import Feedback
 from rvsg.scenario.scenario import Attention, Behaviour, Human
 from rvsg.world.drawing.svg import FloorPlan
-from rvsg.world.world import World
 
 
 @dataclass(frozen=True, kw_only=True)
-class Shown:
-    """What the parts of the page share."""
+class PageContents:
+    """What the parts of a page share."""
 
-    plan: Plan
-    world: World
-    attempts: Sequence[Attempt]
-    summary: Summary
-    facts: Sequence[AttemptFacts]
-    findings: Sequence[Finding]
-    floor: FloorPlan
+    result: Result
     answer: Answer
+    facts: Sequence[AttemptFacts]
+    floor: FloorPlan
 
     @property
     def confirmed(self) -> AttemptFacts | None:
         """The confirmation runs of the first finding."""
-        wanted = self.summary.confirmed
+        wanted = self.result.confirmed
         return next((f for f in self.facts if wanted is not None and f.attempt.index == wanted.index), None)
 
     @property
     def candidate(self) -> Attempt | None:
         """The configuration of the search that the first finding confirms."""
-        confirmed = self.summary.confirmed
-        return confirmed_candidate(confirmed, self.attempts) if confirmed is not None else None
+        confirmed = self.result.confirmed
+        return confirmed_candidate(confirmed, self.result.attempts) if confirmed is not None else None
 
     @property
     def subject(self) -> AttemptFacts | None:
         """What the page tells of: the confirmed finding, else the worst candidate."""
-        best = best_attempt(self.attempts, self.plan.requirement)
+        best = best_attempt(self.result.attempts, self.result.requirement)
         return self.confirmed or next((f for f in self.facts if best and f.attempt.index == best.index), None)
 
 
-def look_of(shown: Shown, facts: AttemptFacts) -> Look:
+def look_of(shown: PageContents, facts: AttemptFacts) -> Look:
     """Return how still pictures of these runs are drawn."""
     runs = [each.run for each in facts.runs]
     return Look(
         turn=Turn.of(shown.floor.matrix),
         view_box=shown.floor.view_box,
-        outline=footprint_of(runs[0], shown.plan.mission.robot_record),
+        outline=footprint_of(runs[0], shown.result.plan.mission.robot_record),
         colours=people_colours(runs),
     )
 
 
-def in_order(shown: Shown) -> list[AttemptFacts]:
+def in_order(shown: PageContents) -> list[AttemptFacts]:
     """Sort: the subject first, then other confirmations, then the search by rank, then the rest.
 
     A configuration that the search measured several times, each time in more runs, is shown with all of them.
     """
-    rank = {entry.attempt: entry.rank for entry in shown.summary.ranking}
+    rank = {entry.attempt: entry.rank for entry in shown.result.ranking}
     subject = shown.subject
     return sorted(
         _fullest(shown.facts, shown.subject),
@@ -115,7 +108,7 @@ def group_label(facts: AttemptFacts) -> str:
     """Return what a set of runs is called in menus and tables."""
     attempt = facts.attempt
     verdict = attempt.verdict
-    scenario = configuration_number(attempt)
+    scenario = attempt.number
     match attempt.purpose:
         case "baseline":
             return "Mission without people"
@@ -167,9 +160,9 @@ def at(run_id: str, t_s: float | None = None) -> str:
     return f"#run={run_id}" + (f"&t={shown_at(t_s)}" if t_s is not None else "")
 
 
-def scenario_rows(shown: Shown) -> list[dict[str, Any]]:
+def scenario_rows(shown: PageContents) -> list[dict[str, Any]]:
     """Return every scenario and every further confirmed configuration: its row, and what belongs to its fold."""
-    attempts = {attempt.index: attempt for attempt in shown.attempts}
+    attempts = {attempt.index: attempt for attempt in shown.result.attempts}
     by_index = {each.attempt.index: each for each in shown.facts}
     rows = []
     for row in shown.answer.rows:
@@ -189,9 +182,9 @@ def scenario_rows(shown: Shown) -> list[dict[str, Any]]:
     return rows
 
 
-def run_rows(shown: Shown) -> list[dict[str, Any]]:
+def run_rows(shown: PageContents) -> list[dict[str, Any]]:
     """Return every recorded run of the campaign, for the table at the end."""
-    unit = shown.plan.requirement.unit
+    unit = shown.result.requirement.unit
     return [row | {"of": group_label(facts)} for facts in in_order(shown) for row in run_rows_of(facts, unit)]
 
 
@@ -262,15 +255,15 @@ WIDTH_M, WIDEST = 0.12, 3
 """Width of a planned path; those drawn under others are wider, up to so many times more, so that all are seen."""
 
 
-def thinking(shown: Shown, recording: Recording | None) -> list[dict[str, Any]]:
+def thinking(shown: PageContents, recording: Recording | None) -> list[dict[str, Any]]:
     """Return one entry for each scenario of the search, with its configurations in their order."""
     conversations = Conversations(recording)
-    unit = shown.plan.requirement.unit
-    made = [attempt.proposal.scenario for attempt in shown.attempts if attempt.proposal.scenario]
+    unit = shown.result.requirement.unit
+    made = [attempt.proposal.scenario for attempt in shown.result.attempts if attempt.proposal.scenario]
     colours = distinct_colours(max((len(scenario.people.humans) for scenario in made), default=0))
     found: dict[int, dict[str, Any]] = {}
     before: dict[int, Sequence[Human]] = {}
-    for attempt in search_attempts(shown.attempts):
+    for attempt in search_attempts(shown.result.attempts):
         index, proposal, scenario = attempt.brief.scenario_index, attempt.proposal, attempt.proposal.scenario
         humans = scenario.people.humans if scenario else ()
         entry = found.setdefault(index, {"scenario": index, "description": "", "configurations": []})
@@ -324,10 +317,10 @@ def _calls(calls: Sequence[Call]) -> str:
 
 
 def _paths(
-    humans: Sequence[Human], before: Sequence[Human], shown: Shown, colours: Sequence[str]
+    humans: Sequence[Human], before: Sequence[Human], shown: PageContents, colours: Sequence[str]
 ) -> list[dict[str, Any]]:
     """Return the planned paths on the floor plan, and those of the configuration before that differ."""
-    at = {w.name: (w.x, w.y) for w in shown.world.grid.waypoints}
+    at = {w.name: (w.x, w.y) for w in shown.result.world.grid.waypoints}
     turn = Turn.of(shown.floor.matrix)
 
     def names(human: Human) -> list[str]:

@@ -12,7 +12,7 @@ from rvsg.evaluation.statistics import Sensitivity
 from rvsg.evaluation.story import Sentence
 from rvsg.evaluation.verdict import counted, number
 from rvsg.scenario.requirement import Requirement
-from rvsg.scenario.scenario import Mission
+from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.scenario.variation import Range
 from rvsg.simulation.run import Run
 
@@ -45,6 +45,16 @@ def limit_in_words(requirement: Requirement) -> str:
 def shown_at(t_s: float) -> str:
     """Return the tenth of a second at which the replay shows what happens at a time: the first that is not before."""
     return f"{math.ceil(10 * t_s - 1e-6) / 10:.1f}"
+
+
+def in_short(scenario: Scenario) -> str:
+    """Return what everybody does first, for a scenario without a description."""
+    return "; ".join(f"{human.name}: {human.tasks[0].name}" for human in scenario.people.humans)
+
+
+def tried_of(tried: int, planned: int) -> str:
+    """Return how many configurations were tried, of how many; a strategy that plans in runs may try more."""
+    return f"{tried} of {planned}" if tried <= planned else str(tried)
 
 
 def dependence(each: Sensitivity, of: Range, *, flat: bool) -> str:

@@ -28,8 +28,8 @@ from rvsg.campaign.execution import Event, Message, RunFinished
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import path_inside
 from rvsg.evaluation.story import story_of
-from rvsg.report.answer import Answer
 from rvsg.report.film import shot_of_run, strip
+from rvsg.report.result import Answer
 from rvsg.report.terminal import describe_case, describe_judgement
 from rvsg.report.words import limit_in_words
 from rvsg.robots.robot import shipped_robots

@@ -16,14 +16,15 @@ from pydantic import Field, ValidationError
 from rvsg.app.campaign import Campaign, campaigns_in
 from rvsg.app.folder import LEDGER, MATRIX, STORE
 from rvsg.app.input_files import INPUTS
-from rvsg.campaign.execution import calls_of
+from rvsg.campaign.execution import account, calls_of
 from rvsg.campaign.ranking import search_attempts
 from rvsg.campaign.suite_folder import HEAD
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import write_whole
 from rvsg.core.records import Record
 from rvsg.report.answer_row import Row
-from rvsg.report.summary import summarise, tried_of
+from rvsg.report.result import is_complete
+from rvsg.report.words import tried_of
 
 DEEPEST = 6
 """Levels of folders below the one that is listed."""
@@ -301,20 +302,18 @@ def _changed_s(folder: Path) -> float:
 
 
 def _found(campaign: Campaign, place: str, changed: float) -> FoundCampaign:
-    attempts = campaign.attempts()
-    summary = summarise(campaign.plan, attempts)
-    account = summary.accounting
-    calls = calls_of(search_attempts(attempts))
-    scenarios = {each.attempt: each.scenario_id for each in (*summary.ranking, *summary.further)}
     said: dict[str, Any] = {}
     try:
-        answer = campaign.answer
-    except InputError as error:  # its world has changed since
-        said["problem"] = str(error)
+        with campaign.result() as result:
+            attempts, answer = result.attempts, result.answer
+    except InputError as error:  # its world is not there any more
+        attempts, said["problem"] = campaign.attempts(), str(error)
     else:
+        scenarios = {entry.attempt: entry.scenario_id for entry in result.entries}
         said = {"status": answer.status, "tone": answer.tone, "headline": answer.headline}
         said["elsewhere"] = answer.elsewhere.text if answer.elsewhere is not None else ""
         said["failures"] = tuple(FoundFailure(row=r, scenario_id=scenarios[r.attempt]) for r in answer.failures)
+    summary, calls = account(attempts), calls_of(search_attempts(attempts))
     return FoundCampaign(
         folder=place,
         name=campaign.name,
@@ -322,14 +321,14 @@ def _found(campaign: Campaign, place: str, changed: float) -> FoundCampaign:
         route=campaign.plan.mission.route.name,
         requirement=campaign.requirement.name,
         generator=campaign.config.generator_name,
-        complete=summary.complete,
-        attempts=account.search_attempts,
+        complete=is_complete(campaign.plan, attempts),
+        attempts=summary.search_attempts,
         planned=campaign.plan.attempts,
-        runs=account.search_runs + account.confirmation_runs + account.baseline_runs,
-        calls=account.calls,
+        runs=summary.search_runs + summary.confirmation_runs + summary.baseline_runs,
+        calls=summary.calls,
         calls_s=sum(call.latency_s for call in calls),
         model=calls[0].model if calls else "",
-        cost_usd=account.cost_usd,
+        cost_usd=summary.cost_usd,
         changed_s=changed,
         scenarios=frozenset(a.proposal.scenario.id for a in attempts if a.proposal.scenario and a.measurements),
         **said,

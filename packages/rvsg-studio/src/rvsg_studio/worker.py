@@ -96,9 +96,9 @@ def run_campaign(work: Work) -> dict[str, Any]:
     for _ in campaign.run(observe=partial(tell_event, work, CampaignProgress(campaign.plan, campaign.attempts()))):
         if work.pausing:
             campaign.cancel()
-    summary = campaign.summary()
-    campaign.report()
-    return {"state": "finished" if summary.complete else "paused", "violated": summary.violated}
+    with campaign.result() as result:
+        campaign.report(result=result)
+    return {"state": "finished" if result.complete else "paused", "violated": result.violated}
 
 
 def run_matrix(work: Work) -> dict[str, Any]:
@@ -131,7 +131,7 @@ def run_matrix(work: Work) -> dict[str, Any]:
     matrix.report()
     if failed:
         return {"state": "failed", "reason": "\n".join(failed)}
-    return {"state": "finished" if all(each.summary().complete for each in campaigns) else "paused"}
+    return {"state": "finished" if all(each.finished for each in campaigns) else "paused"}
 
 
 def tell_event(work: Work, progress: CampaignProgress, event: Event, **where: str) -> None:

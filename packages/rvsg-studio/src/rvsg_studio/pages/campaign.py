@@ -15,7 +15,7 @@ from rvsg.app.matrix import Matrix
 from rvsg.campaign.ranking import best_attempt
 from rvsg.evaluation.verdict import counted
 from rvsg.report.charts import search_chart
-from rvsg.report.summary import tried_of
+from rvsg.report.words import tried_of
 from rvsg_studio.frame import Page, actions, address, chip, link, load, page, rate, route, section, svg, table, tag
 from rvsg_studio.listing import FoundCampaign
 from rvsg_studio.pages.finding import State, job_buttons, known
@@ -59,7 +59,7 @@ class Live:
         self._following: str | None = None
         self._last = ""
         self._buttons_for: tuple[bool, bool, bool] | None = None
-        tag("p", " · ".join((self.answer.title, *self.answer.setup)), cls="soft")
+        tag("p", " · ".join((self.result.answer.title, *self.result.answer.setup)), cls="soft")
         self.said = tag("div")
         with tag("div", cls="st-status"):
             self.chip = tag("span", "", cls="chip")
@@ -91,8 +91,7 @@ class Live:
         self.timer = ui.timer(EVERY_S, made.guarded(self._follow))
 
     def _take(self, state: State) -> None:
-        self.campaign, self.attempts, self.answer = state
-        self.summary = self.campaign.summary(self.attempts)
+        self.campaign, self.result = state
 
     def _job(self) -> Job | None:
         """The newest job on this campaign, or on the folder of campaigns that it stands in."""
@@ -136,14 +135,14 @@ class Live:
 
     def _show(self, job: Job | None) -> None:
         self._status(job)
-        chart = search_chart(self.campaign.plan, self.attempts)
+        chart = search_chart(self.campaign.plan, self.result.attempts)
         self.course.clear()
         with self.course:
             if chart:
                 svg(chart)
             else:
                 tag("p", "No configuration is measured yet.", cls="soft")
-        texts = [each.proposal.reasoning for each in self.attempts if each.purpose == "search"]
+        texts = [each.proposal.reasoning for each in self.result.attempts if each.purpose == "search"]
         self.reasoning.set_text(next((text for text in reversed(texts) if text), "No reasoning yet."))
         self._worst()
         self._answer()
@@ -151,13 +150,13 @@ class Live:
 
     def _status(self, job: Job | None) -> None:
         self._last = job.state if job is not None else ""
-        plan, account = self.campaign.plan, self.summary.accounting
+        plan, account = self.campaign.plan, self.result.accounting
         running = job is not None and job.running
         words = job.state if job is not None else "not finished"
         if not running:
-            words = "running" if self._held else "finished" if self.summary.complete else words
+            words = "running" if self._held else "finished" if self.result.complete else words
             where = "another process, such as `rvsg run`, runs this campaign; Ctrl-C there pauses it"
-            newest = STAGES[self.attempts[-1].purpose] if self.attempts else "prepare"
+            newest = STAGES[self.result.attempts[-1].purpose] if self.result.attempts else "prepare"
             self.stage.set_text(f"{newest} · {where}" if self._held else "")
         self.chip.set_text(words)
         self.chip.classes(replace=f"chip{' bad' if words == 'failed' else ''}")
@@ -167,7 +166,7 @@ class Live:
         tried = tried_of(account.search_attempts, plan.attempts)
         self.progress.set_text(f"{tried} configurations tried, {made} of {plan.search_runs} search runs, "
                                f"{account.confirmation_runs} of at most {plan.confirmations} to confirm")  # fmt: skip
-        share = 1.0 if self.summary.complete else min(1.0, made / max(1, plan.search_runs)) * 0.9
+        share = 1.0 if self.result.complete else min(1.0, made / max(1, plan.search_runs)) * 0.9
         self.bar._props["value"] = f"{share:.3f}"
         self.bar.update()
         self.spend.set_text(self._spent(job))
@@ -180,7 +179,7 @@ class Live:
         self._buttons(job)
 
     def _spent(self, job: Job | None) -> str:
-        account = self.summary.accounting
+        account = self.result.accounting
         if not account.calls:
             return "no model called"
         cost = "cost unknown" if account.cost_usd is None else f"{account.cost_usd:.2f} USD"
@@ -189,7 +188,7 @@ class Live:
 
     def _buttons(self, job: Job | None) -> None:
         running = job is not None and job.running
-        wanted = (running, self.summary.complete, self._held)
+        wanted = (running, self.result.complete, self._held)
         if self._buttons_for == wanted:
             return
         self._buttons_for = wanted
@@ -197,10 +196,10 @@ class Live:
         with self.actions:
             if running and job is not None:
                 job_buttons(self.page, job, self.news.set_text, command="Ctrl-C in `rvsg run`")
-            elif not self.summary.complete and not self._held:
+            elif not self.result.complete and not self._held:
                 self.page.button("Resume", self._resume, cls="st-primary",
                                  command=resume_command(self.campaign.config))  # fmt: skip
-            if self.attempts:
+            if self.result.attempts:
                 self.page.button("Write the report", self._report, command=f"rvsg report {self.folder}")
 
     def _resume(self) -> None:
@@ -216,7 +215,7 @@ class Live:
         self.page.say(f"Written: {self.workspace.relative(Path(written))}")
 
     def _worst(self) -> None:
-        worst = best_attempt(self.attempts, self.campaign.requirement)
+        worst = best_attempt(self.result.attempts, self.campaign.requirement)
         if worst is not None and worst.index != self._shown_worst:
             self._shown_worst = worst.index
             shown = {"campaign": self.folder, "name": self.campaign.name, "attempt": worst.index}
@@ -225,14 +224,14 @@ class Live:
 
     def _answer(self) -> None:
         """Show what the campaign says: its headline, the robot alone, and contact in other configurations."""
-        alone, elsewhere = self.answer.alone, self.answer.elsewhere
+        alone, elsewhere = self.result.answer.alone, self.result.answer.elsewhere
         self.said.clear()
         with self.said:
             with tag("p"):
-                chip(self.answer.status, self.answer.tone)
-                tag("strong", f" {self.answer.headline}")
-            if self.answer.changes:
-                tag("p", self.answer.changes, cls="strip warn")
+                chip(self.result.answer.status, self.result.answer.tone)
+                tag("strong", f" {self.result.answer.headline}")
+            if self.result.answer.changes:
+                tag("p", self.result.answer.changes, cls="strip warn")
             if alone is not None:
                 tag("p", f"Alone: {alone.warning or alone.text}", cls=f"strip{' warn' if alone.warning else ''}")
             if elsewhere is not None:
@@ -242,7 +241,7 @@ class Live:
         """List the failures, what else is confirmed, and the candidates; each can be confirmed on its own page."""
         self.rows.clear()
         with self.rows:
-            for row in self.answer.shown:
+            for row in self.result.answer.shown:
                 with tag("div", cls="st-row"):
                     with tag("span", cls="st-row-head"):
                         chip(row.status, row.tone)
@@ -252,7 +251,7 @@ class Live:
                          attempt=str(index))  # fmt: skip
                     touch = f"contact {row.contact}"
                     tag("span", touch, cls=f"small{' st-wrong' if row.contacts else ''}")
-            tag("p", self.answer.rest, cls="soft small")
+            tag("p", self.result.answer.rest, cls="soft small")
 
 
 class Cells:

@@ -17,8 +17,8 @@ from rvsg.campaign.attempt import Attempt
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.plugins import ignore
 from rvsg.evaluation.verdict import how_sure
-from rvsg.report.answer import Answer, answer_of_runs
 from rvsg.report.answer_row import Row
+from rvsg.report.result import Result, answer_of_runs
 from rvsg.report.words import shown_at
 from rvsg.scenario.builder import save_scenario, without_people
 from rvsg_exchange import formats as exchange
@@ -98,8 +98,8 @@ def add(workspace: Workspace) -> None:
             lay_out(made, shown, listing.failures)
 
 
-State = tuple[rvsg.Campaign, list[Attempt], Answer]
-"""A campaign as it is stored now."""
+State = tuple[rvsg.Campaign, Result]
+"""A campaign as it is stored now, with its answer."""
 
 
 def known(workspace: Workspace, folder: str, name: str) -> State:
@@ -110,18 +110,22 @@ def known(workspace: Workspace, folder: str, name: str) -> State:
 
     def made() -> State:
         campaign = rvsg.Campaign.open(path, name or None)
-        return campaign, campaign.attempts(), campaign.answer
+        with campaign.result() as result:
+            assert result.answer, "asked for while the store is open"
+        return campaign, result
 
     return workspace.kept(("answer", folder, name), path, made)
 
 
 def read(workspace: Workspace, folder: str, name: str, index: int) -> Shown:
     """Read an attempt of a campaign, with what its campaign says of it."""
-    campaign, attempts, answer = known(workspace, folder, name)
-    attempt = next((a for a in attempts if a.index == index), None)
+    campaign, result = known(workspace, folder, name)
+    attempt = next((a for a in result.attempts if a.index == index), None)
     if attempt is None or attempt.proposal.scenario is None or attempt.verdict is None:
         raise InputError(f"There is no attempt {index} with a valid scenario in {folder}.")
-    row = next((r for r in answer.rows if index == (r.attempt if r.confirmation is None else r.confirmation)), None)
+    row = next(
+        (r for r in result.answer.rows if index == (r.attempt if r.confirmation is None else r.confirmation)), None
+    )
     if row is None:  # another configuration of its scenario is more severe
         with campaign.reading() as ledger:
             row = answer_of_runs(campaign.plan, attempt, world=campaign.shown_world, run_of=ledger.run).rows[0]
@@ -131,8 +135,8 @@ def read(workspace: Workspace, folder: str, name: str, index: int) -> Shown:
         attempt=attempt,
         row=row,
         note=notes_of(workspace.path(folder)).findings.get(attempt.proposal.scenario.id, Note()),
-        confirmed=any(a.scenario_id == attempt.scenario_id and a.purpose == "confirmation" for a in attempts),
-        changes=answer.changes,
+        confirmed=any(a.scenario_id == attempt.scenario_id and a.purpose == "confirmation" for a in result.attempts),
+        changes=result.changes,
     )
 
 

@@ -1,19 +1,32 @@
-"""The answer of a campaign: what happened, to whom, where, how often, why, how sure, and what to do next.
+"""The result of a campaign: what its attempts say, computed once with the error rates of its own verdicts.
 
-One record, made in one place, that the report, the overview, the terminal, JSON and the studio show. All of its text
-is finished and its numbers are formatted, so that every door says the same.
+Page, overview, terminal, JSON, JUnit and studio render one `Result`. Its `answer` says in finished words and formatted
+numbers what happened, to whom, where, how often, why, how sure, and what to do next.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.drive_alone import DroveAlone, drove_alone
-from rvsg.campaign.findings import Finding, severity_of
-from rvsg.campaign.ranking import confirmations
+from rvsg.campaign.execution import Accounting, account, runs_of
+from rvsg.campaign.feedback import MapCell, failure_map
+from rvsg.campaign.findings import (
+    DistinctFailure,
+    Finding,
+    distinct_failures,
+    findings,
+    severity_of,
+    worst_confirmation,
+)
+from rvsg.campaign.observation import FailureMode, mode_of
+from rvsg.campaign.ranking import Front, candidates, confirmations, front_of, measured, search_attempts, standing
 from rvsg.core.records import Record
 from rvsg.evaluation.metrics import find_metric
 from rvsg.evaluation.verdict import (
@@ -27,17 +40,18 @@ from rvsg.evaluation.verdict import (
 )
 from rvsg.report.answer_row import (
     Often,
+    Ranked,
     Row,
     Tone,
     Violated,
     how_often,
     is_violated,
+    ranked_scenarios,
     row_of,
     share_of,
     status_of,
     tone_of,
 )
-from rvsg.report.summary import Ranked, Summary, configuration_number
 from rvsg.report.words import limit_in_words
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
@@ -118,59 +132,169 @@ class Answer(Record):
         return next(row for row in self.rows if row.confirmation == confirmation)
 
 
-def answer_of(
-    plan: Plan,
-    attempts: Sequence[Attempt],
-    summary: Summary,
-    found: Sequence[Finding],
-    *,
-    world: World,
-    run_of: Callable[[str], Run],
-    alone: Attempt | None = None,
-    stack: str = "",
-    commands: Mapping[str, str] | None = None,
-    changes: str = "",
-) -> Answer:
-    """Return the answer of a campaign, finished or not.
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What a campaign says, finished or not. Every part is computed when it is asked for first, and kept.
 
     Args:
-        found: The findings of its confirmations.
-        run_of: Finds a run by its id.
-        alone: The runs of the robot without people.
-        stack: The stack under test.
-        commands: Commands of next steps by name: `contact`, `confirm`, `keep`, `planner`, `more`, `resume`.
-        changes: What has changed since it ran.
+        run_of: finds a run by its id; parts that need runs are asked for while it can.
+        alone: the runs of the robot without people.
+        stack: the stack under test.
+        commands: gives the commands of next steps by name: `contact`, `confirm`, `keep`, `planner`, `more`, `resume`.
+        changes: what has changed since it ran.
     """
-    requirement, by_index = plan.requirement, {attempt.index: attempt for attempt in attempts}
-    by_scenario = {attempt.scenario_id: attempt for attempt in confirmations(attempts)}
-    findings = {finding.confirmation: finding for finding in found}
-    rows = []
-    listed = (*summary.ranking, *summary.further)
-    for entry in sorted(listed, key=lambda entry: entry.place, reverse=True):
-        shown = by_scenario[entry.scenario_id] if entry.state == "confirmed" else by_index[entry.attempt]
-        rows.append(row_of(entry, shown, requirement, world, run_of, findings.get(shown.index)))
-    elsewhere = _elsewhere(rows, attempts, requirement)
-    drove = drove_alone(plan, alone) if alone is not None else None
-    strongest = max((e.verdict for e in listed if e.state == "confirmed"), key=_strength, default=None)
-    status, is_, often = _status(summary, strongest, requirement)
-    touched = sum(row.contacts for row in rows) + (elsewhere is not None)
-    return Answer(
-        status=status,
-        violated=is_,
-        often=often,
-        tone=tone_of(strongest, touched) if strongest is not None else "warn" if touched else "quiet",
-        title=f"{requirement.name}: {requirement.title}",
-        setup=_setup(plan.mission, plan.mission.world, stack),
-        headline=_headline(plan, summary, rows, strongest, attempts, drove),
-        counts=_counts(rows),
-        figures=_figures(rows[0], requirement) if rows else (),
-        changes=changes,
-        alone=drove,
-        elsewhere=elsewhere,
-        next=_next_steps(plan, summary, rows, elsewhere, strongest, commands or {}),
-        rows=tuple(rows),
-        rest=_rest(summary),
-    )
+
+    plan: Plan
+    attempts: Sequence[Attempt]
+    world: World
+    run_of: Callable[[str], Run]
+    alone: Attempt | None = None
+    stack: str = ""
+    commands: Callable[[Result], Mapping[str, str]] = lambda _: {}
+    changes: str = ""
+
+    @property
+    def requirement(self) -> Requirement:
+        """The requirement, with its limit worked out for the route."""
+        return self.plan.requirement
+
+    @cached_property
+    def _modes(self) -> dict[str, FailureMode | None]:
+        return {}
+
+    def mode_of(self, run_id: str) -> FailureMode | None:
+        """Return how a run fails if it does."""
+        if run_id not in self._modes:
+            self._modes[run_id] = mode_of(self.run_of(run_id), self.world)
+        return self._modes[run_id]
+
+    @property
+    def complete(self) -> bool:
+        """Whether everything planned is done."""
+        return is_complete(self.plan, self.attempts)
+
+    @cached_property
+    def accounting(self) -> Accounting:
+        """Runs, calls of a model and what they cost."""
+        return account(self.attempts)
+
+    @cached_property
+    def entries(self) -> tuple[Ranked, ...]:
+        """Every scenario by its most severe configuration in its place, then other confirmed configurations."""
+        ranked, further = ranked_scenarios(self.plan, self.attempts)
+        return (*ranked, *further)
+
+    @property
+    def ranking(self) -> tuple[Ranked, ...]:
+        """One entry for each scenario, as `Ranked.place` orders them."""
+        return tuple(entry for entry in self.entries if entry.rank)
+
+    @property
+    def further(self) -> tuple[Ranked, ...]:
+        """Other confirmed configurations of the same scenarios."""
+        return tuple(entry for entry in self.entries if not entry.rank)
+
+    @cached_property
+    def confirmed(self) -> Attempt | None:
+        """The most severe confirmation."""
+        return worst_confirmation(self.attempts, self.requirement)
+
+    @property
+    def violated(self) -> bool:
+        """Whether any confirmation violates the requirement, or without a confirmation any verdict of the search."""
+        decided = [a.verdict for a in confirmations(self.attempts) if a.verdict]
+        return any(violated(verdict) for verdict in decided or [entry.verdict for entry in self.ranking])
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """Every confirmation with what it means, the worst first."""
+        return findings(self.plan, self.attempts, run_of=self.run_of, world=self.world, mode_of_run=self.mode_of)
+
+    @property
+    def distinct_failures(self) -> tuple[DistinctFailure, ...]:
+        """The confirmed violations, grouped by where and how the robot fails; the worst group first."""
+        return distinct_failures(self.findings)
+
+    @property
+    def candidates(self) -> list[Attempt]:
+        """The configurations that violated in the search and are not confirmed yet, worst first."""
+        confirmed = {a.scenario_id for a in self.attempts if a.purpose == "confirmation"}
+        violating = [a for a in candidates(self.attempts, self.requirement) if standing(a, self.requirement)[0] > 0.0]
+        return [a for a in violating if a.scenario_id not in confirmed]
+
+    @cached_property
+    def failure_map(self) -> tuple[MapCell, ...]:
+        """The worst configuration of the search for every kind of encounter, the worst first."""
+        return failure_map(self.attempts, self.requirement, run_of=self.run_of, world=self.world)
+
+    @property
+    def front(self) -> Front | None:
+        """The Pareto front of its requirements and its hypervolume; None if it has only one requirement."""
+        return front_of(self.plan, self.attempts) if self.plan.also else None
+
+    @cached_property
+    def answer(self) -> Answer:
+        """What the campaign says, in finished text."""
+        requirement, by_index = self.requirement, {attempt.index: attempt for attempt in self.attempts}
+        by_scenario = {attempt.scenario_id: attempt for attempt in confirmations(self.attempts)}
+        meanings = {finding.confirmation: finding for finding in self.findings}
+        rows = []
+        for entry in sorted(self.entries, key=lambda entry: entry.place, reverse=True):
+            shown = by_scenario[entry.scenario_id] if entry.state == "confirmed" else by_index[entry.attempt]
+            rows.append(
+                row_of(entry, shown, requirement, self.world, self.run_of, self.mode_of, meanings.get(shown.index))
+            )
+        elsewhere = _elsewhere(rows, self.attempts, requirement)
+        drove = drove_alone(self.plan, self.alone) if self.alone is not None else None
+        verdicts = (entry.verdict for entry in self.entries if entry.state == "confirmed")
+        strongest = max(verdicts, key=_strength, default=None)
+        status, is_, often = _status(self, strongest)
+        touched = sum(row.contacts for row in rows) + (elsewhere is not None)
+        return Answer(
+            status=status,
+            violated=is_,
+            often=often,
+            tone=tone_of(strongest, touched) if strongest is not None else "warn" if touched else "quiet",
+            title=f"{requirement.name}: {requirement.title}",
+            setup=_setup(self.plan.mission, self.plan.mission.world, self.stack),
+            headline=_headline(self, rows, strongest, drove),
+            counts=_counts(rows),
+            figures=_figures(rows[0], requirement) if rows else (),
+            changes=self.changes,
+            alone=drove,
+            elsewhere=elsewhere,
+            next=_next_steps(self, rows, elsewhere, strongest),
+            rows=tuple(rows),
+            rest=_rest(self.ranking),
+        )
+
+    def data(self) -> dict[str, Any]:
+        """Return it as JSON-able data."""
+        front = self.front
+        return {
+            "campaign": self.plan.name,
+            "complete": self.complete,
+            "ranking": [entry.model_dump(mode="json") for entry in self.ranking],
+            "further": [entry.model_dump(mode="json") for entry in self.further],
+            "violated": self.violated,
+            "accounting": self.accounting.model_dump(mode="json"),
+            "confirmed": [finding.model_dump(mode="json") for finding in self.findings],
+            "distinct_failures": [failure.model_dump(mode="json") for failure in self.distinct_failures],
+            "candidates": [{"attempt": a.index, "scenario": a.brief.scenario_index} for a in self.candidates],
+            "failure_map": [cell.model_dump(mode="json") for cell in self.failure_map],
+            "answer": self.answer.model_dump(mode="json"),
+            "front": front.model_dump(mode="json") if front is not None else None,
+        }
+
+
+def is_complete(plan: Plan, attempts: Sequence[Attempt]) -> bool:
+    """Return whether everything planned is done: the search, and its confirmation with the mission without people."""
+    if plan.confirmations and measured(attempts):
+        return any(a.purpose == "baseline" for a in attempts)
+    searched = search_attempts(attempts)
+    if all(a.runs in (0, plan.repeats) for a in searched):
+        return len(searched) >= plan.attempts
+    return runs_of(searched) >= plan.search_runs
 
 
 def answer_of_runs(plan: Plan, attempt: Attempt, *, world: World, run_of: Callable[[str], Run]) -> Answer:
@@ -191,7 +315,9 @@ def answer_of_runs(plan: Plan, attempt: Attempt, *, world: World, run_of: Callab
         seen=seen,
         severity=severity_of(attempt, requirement),
     )
-    row = row_of(entry, attempt, requirement, world, run_of).replace(cause="–", caused="not tried")
+    row = row_of(entry, attempt, requirement, world, run_of, lambda run_id: mode_of(run_of(run_id), world)).replace(
+        cause="–", caused="not tried"
+    )
     often = f"{row.share} runs violate {requirement.name}" if row.bounds else f"There is no limit of {requirement.name}"
     touch = f"; {row.contact} touch a person" if row.contacts else ""
     return Answer(
@@ -222,39 +348,32 @@ def _strength(verdict: Verdict) -> tuple[bool, bool, bool, float]:
     return violated(verdict), verdict.status is Status.FAIL, verdict.status is not Status.PASS, often
 
 
-def _status(summary: Summary, strongest: Verdict | None, requirement: Requirement) -> tuple[str, Violated, Often]:
-    if not summary.ranking:
+def _status(result: Result, strongest: Verdict | None) -> tuple[str, Violated, Often]:
+    if not result.ranking:
         return "no result", "open", "not settled"
-    if requirement.threshold is None:
+    if result.requirement.threshold is None:
         return "no limit", "no limit", "not settled"
     if strongest is None:
-        found = any(entry.state == "candidate" for entry in summary.ranking)
-        return "not confirmed" if found else "nothing found", "open", "not settled"
+        candidate = any(entry.state == "candidate" for entry in result.ranking)
+        return "not confirmed" if candidate else "nothing found", "open", "not settled"
     return status_of(strongest), is_violated(strongest), how_often(strongest)
 
 
-def _headline(
-    plan: Plan,
-    summary: Summary,
-    rows: Sequence[Row],
-    strongest: Verdict | None,
-    attempts: Sequence[Attempt],
-    alone: DroveAlone | None,
-) -> str:
+def _headline(result: Result, rows: Sequence[Row], strongest: Verdict | None, alone: DroveAlone | None) -> str:
     """Return the most severe failure in a sentence, or what was found instead."""
-    requirement, account = plan.requirement, summary.accounting
-    if not summary.ranking:
+    requirement, account = result.requirement, result.accounting
+    if not result.ranking:
         tried = counted(account.search_attempts, "configuration")
-        problems = Counter(problem.reason for attempt in attempts for problem in attempt.proposal.problems)
+        problems = Counter(problem.reason for attempt in result.attempts for problem in attempt.proposal.problems)
         why = "".join(f" Most often: {reason}" for reason, _ in problems.most_common(1))
         return f"No valid scenario was simulated in {tried}, so nothing is known of the robot.{why}"
     if requirement.threshold is None:
-        worst = summary.ranking[0]
+        worst = result.ranking[0]
         said = value_in_words(worst.verdict, requirement.unit)
         return f"{requirement.name} has no limit, so nothing violates it; the worst scenario measures {said}."
     if strongest is None:
         runs = counted(account.search_runs, "run")
-        done = "" if summary.complete else f"The campaign is not finished ({runs} so far). "
+        done = "" if result.complete else f"The campaign is not finished ({runs} so far). "
         if found := sum(row.state == "candidate" for row in rows):
             many = f"{counted(found, 'candidate')}, none confirmed; the first"
             touch = f"; {rows[0].contact} touch a person" if rows[0].contacts else ""
@@ -315,7 +434,7 @@ def _elsewhere(rows: Sequence[Row], attempts: Sequence[Attempt], requirement: Re
     touches: dict[str, dict[str, bool]] = {}
     found, confirmed = dict[str, int](), set[str]()
     for attempt in attempts:
-        number = configuration_number(attempt)
+        number = attempt.number
         if attempt.purpose not in ("search", "confirmation") or (rows and number == rows[0].number):
             continue
         met = {m.run_id: (m.values.get("contacts") or 0.0) > 0.0 for m in attempt.measurements}
@@ -345,19 +464,15 @@ FEW_RUNS = 10
 
 
 def _next_steps(
-    plan: Plan,
-    summary: Summary,
-    rows: Sequence[Row],
-    elsewhere: Elsewhere | None,
-    strongest: Verdict | None,
-    commands: Mapping[str, str],
+    result: Result, rows: Sequence[Row], elsewhere: Elsewhere | None, strongest: Verdict | None
 ) -> tuple[NextStep, ...]:
     """Return up to three steps that fit what was found, the most urgent first."""
+    commands = result.commands(result)
     candidate = next((row for row in rows if row.state == "candidate"), None)
     shown = any(row.counts for row in rows)
     touched = elsewhere is not None or any(row.contacts for row in rows)
-    steps = [("resume", "Finish the campaign", "")] if not summary.complete else []
-    if touched and plan.requirement.metric != "contacts":
+    steps = [("resume", "Finish the campaign", "")] if not result.complete else []
+    if touched and result.requirement.metric != "contacts":
         steps.append(("contact", "Judge contact itself", ""))
     if elsewhere is not None and elsewhere.attempt >= 0:
         steps.append(("confirm", f"Confirm the contact in {elsewhere.number}", f" {elsewhere.attempt}"))
@@ -373,8 +488,8 @@ def _next_steps(
     return tuple(known)[:3]
 
 
-def _rest(summary: Summary) -> str:
-    left = sum(entry.state == "not violated" for entry in summary.ranking)
+def _rest(ranking: Sequence[Ranked]) -> str:
+    left = sum(entry.state == "not violated" for entry in ranking)
     return (
         f"{counted(left, 'more scenario')} {'was' if left == 1 else 'were'} not violated in the search." if left else ""
     )
