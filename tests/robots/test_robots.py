@@ -55,6 +55,21 @@ def test_the_default_robot_has_not_changed() -> None:
     assert load_robot("tiago_omni").id == "robot-d5ef08763146854c"
 
 
+def test_the_navigation_of_a_steered_vehicle_follows_from_its_size(tmp_path: Path) -> None:
+    body = {
+        "footprint": [[1.75, 0.4], [-0.45, 0.4], [-0.45, -0.4], [1.75, -0.4]],
+        "lidars": [PLAIN["lidars"][0] | {"x": 1.7}],
+    }
+    steered = {"drive": {"kind": "ackermann", "wheelbase_m": 1.3, "max_steering_rad": 1.1}}
+    own = {"navigation": {"costmaps": {"local_size_m": 4.0}}}
+    robot, round_one, given = (load_robot(written(tmp_path, **body, **each)) for each in (steered, {}, steered | own))
+    assert robot.navigation.dwb.check_footprint and robot.navigation.behaviours.goal_tolerance_rad > math.pi
+    assert 0.5 * robot.navigation.costmaps.local_size_m > robot.turning_radius_m + 1.5
+    assert robot.replace(name="other").navigation == robot.navigation
+    assert given.navigation == robot.navigation.replace(costmaps=robot.navigation.costmaps.replace(local_size_m=4.0))
+    assert round_one.navigation == load_robot(written(tmp_path)).navigation
+
+
 def test_a_robot_file_is_read(tmp_path: Path) -> None:
     robot = load_robot(written(tmp_path))
     assert (robot.length_m, robot.width_m, robot.radius_m) == pytest.approx((0.6, 0.4, 0.3))

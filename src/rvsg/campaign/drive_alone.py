@@ -108,7 +108,8 @@ def drove_alone(plan: Plan, attempt: Attempt) -> DroveAlone:
         wrong.append(f"needs {number(time_s, 's')} of the limit of {number(limit_s, 's')}")
     wrong += [f"violates {plan.requirement.name} in {violations} of {len(judged)} runs"] if violations else []
     wrong += [f"touches an obstacle in {hits} of {counted(len(measured), 'run')}"] if hits else []
-    warning = f"Without people, the robot {' and '.join(wrong)}. {CHECK}" if wrong else ""
+    turns = plan.mission.robot_record.turning_note if late and plan.mission.robot_record else ""
+    warning = f"Without people, the robot {' and '.join(wrong)}. {turns}{CHECK}" if wrong else ""
     return DroveAlone(
         runs=len(measured),
         arrived=len(arrived),

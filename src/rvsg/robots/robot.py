@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import Field, model_validator
 
@@ -170,6 +170,12 @@ BESIDE_M = 0.05
 """A lidar farther outside of the body than this is doubtful, but may stand on an arm."""
 FAR_M = 2.0
 """A lidar is mounted at most this far outside of the body."""
+
+
+AHEAD_M = 1.8
+"""A steered vehicle sees this far beyond its reach, so that it turns early."""
+BESIDE_WAY_M = 0.475
+"""A steered vehicle prefers ways with this much free floor beside it."""
 
 
 class Drive(Record):
@@ -358,6 +364,37 @@ class Robot(Record):
                 "navigation.dwb.check_footprint: true, or a footprint that holds the body as it turns."
             )
         return tuple(found)
+
+    @property
+    def turning_note(self) -> str:
+        """Why a way may not fit a robot that cannot turn on the spot; empty for others."""
+        if math.isinf(self.drive.max_curvature):
+            return ""
+        return (
+            f"{self.name} turns in circles of at least {1.0 / self.drive.max_curvature:.1f} m radius, which its global "
+            "planner does not allow for: a way with tighter turns does not fit it. "
+        )
+
+    @model_validator(mode="after")
+    def _fit_navigation(self) -> Self:
+        """Derive from a steered vehicle what its navigation leaves open: Nav2's defaults are for small round robots."""
+        if math.isinf(self.drive.max_curvature):
+            return self
+        front = rectangle(self.outline)[1][0] - 0.15  # it keeps to the path, not the fixed axle
+        seen = min(10.0, math.ceil(2.0 * (self.turning_radius_m + AHEAD_M)) / 2.0)
+        beside = 0.5 * self.width_m + BESIDE_WAY_M
+        maps = {"local_size_m": 2.0 * seen, "obstacle_range_m": seen, "clearing_range_m": seen + 0.5}
+        derived: dict[str, dict[str, Any]] = {
+            "dwb": {"check_footprint": True, "rotate_to_goal_scale": 0.0, "forward_point_m": round(max(0.1, front), 3)},
+            "costmaps": {**maps, "local_inflation_m": beside, "global_inflation_m": beside},
+            "behaviours": {"goal_tolerance_m": max(0.25, 0.25 * self.length_m), "goal_tolerance_rad": 3.2},
+        }
+        sections = {}
+        for name, values in derived.items():
+            part = getattr(self.navigation, name)
+            sections[name] = part.replace(**{key: values[key] for key in values.keys() - part.model_fields_set})
+        object.__setattr__(self, "navigation", self.navigation.replace(**sections))
+        return self
 
     @model_validator(mode="after")
     def _sound(self) -> Self:

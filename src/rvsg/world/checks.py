@@ -495,14 +495,9 @@ def drive_routes(s: Subject, trial: Trial) -> None:
         key = ("routes", names.index(route.name))
         if any(remark.serious and remark.key[:2] == key for remark in s.remarks):
             continue
-        turns = ""
+        turns = "" if s.driver is None else s.driver.turning_note
         if s.driver is not None:
             route, _ = fitted(route, s.driver, s.world)
-            if not math.isinf(s.driver.drive.max_curvature):
-                turns = (
-                    f"{s.driver.name} turns in circles of at least {1.0 / s.driver.drive.max_curvature:.1f} m radius, "
-                    "which its global planner does not allow for: a way with tighter turns does not fit it. "
-                )
         drive = trial.drive(s.world, route)
         at = f"({drive.x:.1f}, {drive.y:.1f}), near {s.world.grid.nearest(drive.x, drive.y)}"
         if not drive.arrived:

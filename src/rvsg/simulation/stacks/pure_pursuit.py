@@ -59,7 +59,10 @@ class PurePursuitSettings(Nav2Settings):
 
 
 OPTIONS = [name for name in PurePursuitSettings.model_fields if name not in Nav2Settings.model_fields]
-Numbers = cast(Any, namedtuple("Numbers", [*OPTIONS, "inscribed", "circumscribed", "goal_m", "period_s", "footprint"]))
+Numbers = cast(
+    Any,
+    namedtuple("Numbers", [*OPTIONS, "inscribed", "circumscribed", "goal_m", "period_s", "footprint", "most_curved"]),
+)
 """The options, by their names, and the robot as the kernels read them."""
 
 
@@ -199,7 +202,7 @@ def pursue(
     if p.use_fixed_curvature_lookahead:
         qx, qy = carrot(local, begin, p.curvature_lookahead_dist, x, y)
         hx, hy = cos * (qx - x) + sin * (qy - y), cos * (qy - y) - sin * (qx - x)
-    curvature = curvature_to(hx, hy)
+    curvature = min(p.most_curved, max(-p.most_curved, curvature_to(hx, hy)))
     sign = -1.0 if p.allow_reversing and cx < 0.0 else 1.0
     carrot_m = math.hypot(cx, cy)
     heading = math.atan2(hy, hx)
@@ -242,21 +245,28 @@ class PurePursuit(Configured):
     def prepare(self, tell: Callable[[str], None]) -> None:
         """Compile or load the kernel."""
         square = np.array([(0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2), (0.2, -0.2)])
-        self._numbers = self.numbers(square, 0.2, 0.3, 0.25, 0.05)
+        self._numbers = self.numbers(square, 0.2, 0.3, 0.25, 0.05, math.inf)
         plan = np.array([[1.0, 1.0], [1.2, 1.0]])
         pursue(plan, np.zeros((60, 60), np.uint8), 0.0, 0.0, 0.05, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, self._numbers)
 
-    def numbers(self, footprint: Floats, inscribed: float, circumscribed: float, goal_m: float, period_s: float) -> Any:
-        """Return the options with what the robot adds to them."""
+    def numbers(
+        self, footprint: Floats, inscribed: float, circumscribed: float, goal_m: float, period_s: float, curved: float
+    ) -> Any:
+        """Return the options with what the robot adds to them; a steered one never turns on the spot."""
         options = self.settings.model_dump(include={*OPTIONS})
+        if not math.isinf(curved):
+            options["use_rotate_to_heading"] = False
+            if "lookahead_dist" not in self.settings.model_fields_set:
+                options["lookahead_dist"] = max(self.settings.lookahead_dist, 1.0 / curved)
         return Numbers(**options, inscribed=inscribed, circumscribed=circumscribed, goal_m=goal_m, period_s=period_s,
-                       footprint=footprint)  # fmt: skip
+                       footprint=footprint, most_curved=min(1e9, curved))  # fmt: skip
 
     def reset(self, task: Task) -> None:
         """Keep the robot's numbers."""
         outline = padded(task.robot.footprint, task.robot.padding_m)
         corners, goal_m = np.array(outline, np.float64), task.robot.navigation.behaviours.goal_tolerance_m
-        self._numbers = self.numbers(corners, distance(outline, 0.0, 0.0), reach(outline), goal_m, task.period_s)
+        curved, inner = task.robot.drive.max_curvature, distance(outline, 0.0, 0.0)
+        self._numbers = self.numbers(corners, inner, reach(outline), goal_m, task.period_s, curved)
 
     def command(self, seen: LocalObservation) -> tuple[float, float] | None:
         """Return the command of regulated pure pursuit."""
@@ -363,6 +373,8 @@ WAITS_S = 3600.0
 """Nav2's progress checker leaves it alone for so long."""
 SAME_GOAL_M = 0.5
 """Plans that end within this distance lead to the same goal."""
+PASSED = 40
+"""Of so many points of the kept plan, about a metre, the one that is nearest to the vehicle begins the rest of it."""
 
 
 class StopAndGoSettings(PurePursuitSettings):
@@ -392,6 +404,7 @@ class StopAndGo(PurePursuit):
     """
 
     name: ClassVar[str] = "stop-and-go"
+    version = "4"
     title: ClassVar[str] = "Pure pursuit under a safety field that slows and stops; it does not drive around people"
     Settings: ClassVar[type[Nav2Settings]] = StopAndGoSettings
 
@@ -425,13 +438,18 @@ class StopAndGo(PurePursuit):
         """Return the command of pure pursuit, slowed down by what the field sees."""
         if not len(self._plan) or math.dist(self._plan[-1], seen.plan[-1]) > SAME_GOAL_M:
             self._plan = seen.plan.copy()
+        x, y, _ = seen.pose
+        self._plan = self._plan[np.hypot(*(self._plan[:PASSED] - (x, y)).T).argmin() :]
         v, w = self.pursue(seen, self._plan) or (0.0, 0.0)
         if v <= 0.0:
             return v, w
         gap, s = self._gap(seen), self.settings
-        if gap < s.protective_m:
+        # The field ends at the goal: else a wall behind the goal would keep the vehicle from it.
+        rest = np.hypot(*np.diff(self._plan, axis=0).T).sum() + math.dist(self._plan[-1], seen.goal[:2])
+        stop, slow = (min(1.0, rest / s.warning_m) * field for field in (s.protective_m, s.warning_m))
+        if gap < stop:
             return 0.0, 0.0
-        share = min(1.0, max(s.creep, (gap - s.protective_m) / (s.warning_m - s.protective_m)))
+        share = min(1.0, max(s.creep, (gap - stop) / max(1e-9, slow - stop)))
         return v * share, w * share
 
     def _gap(self, seen: LocalObservation) -> float:
