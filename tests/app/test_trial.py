@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,11 +12,12 @@ import pytest
 from tests.simulation.test_people_arrive import gap_world
 
 from rvsg.core.records import Pose
+from rvsg.robots.robot import Robot, load_robot, shipped_robots
 from rvsg.simulation.route_trial import SimulatedTrial
 from rvsg.world.checks import check_world
-from rvsg.world.routes import Drive, Hop, propose_routes, route_notes
+from rvsg.world.routes import Drive, Hop, fitted, propose_routes, route_notes
 from rvsg.world.world import Route, World
-from rvsg.world.world_folder import SHIPPED, load_world
+from rvsg.world.world_folder import SHIPPED, load_world, shipped_worlds
 
 
 def drive(**changes: Any) -> Drive:
@@ -61,6 +63,12 @@ def test_a_route_is_driven_once_and_a_damaged_result_made_again(world: World, tm
     kept.write_text("{")
     assert trial.drive(world, world.route("route_1")) == found
     assert kept.read_text() != "{"
+
+
+def test_a_stack_that_is_asked_for_drives_and_its_results_are_its_own(world: World, tmp_path: Path) -> None:
+    route, stacks = world.route("route_1"), (None, "nav2-rpp", "stop-and-go")
+    times = [SimulatedTrial(None, stack, cache=tmp_path).drive(world, route).time_s for stack in stacks]
+    assert len(set(times)) == len(list(tmp_path.iterdir())) == len(stacks)
 
 
 def test_a_goal_outside_the_building_is_a_drive_that_does_not_arrive(world: World) -> None:
@@ -112,3 +120,43 @@ def test_the_proposals_differ_and_each_has_a_note(world: World) -> None:
     routes = propose_routes(world)
     assert len({route.via for route in routes}) == 3
     assert len(route_notes(replace(world, routes=routes), ScriptedTrial())) == 3
+
+
+def drives(robot: str, stack: str, place: str, route: str) -> Drive:
+    world, driver = load_world(place), load_robot(robot)
+    return SimulatedTrial(driver, stack).drive(world, fitted(world.route(route), driver, world)[0])
+
+
+@pytest.mark.parametrize(
+    ("robot", "stack", "place", "route"),
+    [
+        *((robot, "stop-and-go", "warehouse", "route_1") for robot in sorted(shipped_robots())),
+        ("tiago_omni", "stop-and-go", "office", "route_1"),
+        ("tugger", "nav2-rpp", "warehouse", "route_1"),
+        ("tugger", "social", "warehouse", "route_1"),
+    ],
+)
+def test_a_shipped_robot_arrives_with_a_shipped_stack(robot: str, stack: str, place: str, route: str) -> None:
+    assert drives(robot, stack, place, route).arrived
+
+
+def test_a_long_tractor_drives_with_what_follows_from_its_size(world: World) -> None:
+    tugger = load_robot("tugger").model_dump(mode="json", exclude={"navigation", "safety_zones"})
+    size = {"footprint": [[1.75, 0.4], [-0.45, 0.4], [-0.45, -0.4], [1.75, -0.4]]}
+    drive = {"kind": "ackermann", "wheelbase_m": 1.3, "max_steering_rad": 1.1}
+    lidars = [tugger["lidars"][0] | {"x": 1.7}, tugger["lidars"][1] | {"x": -0.4}]
+    tractor = Robot.model_validate_json(json.dumps(tugger | size | {"drive": drive, "lidars": lidars}))
+    assert SimulatedTrial(tractor).drive(world, fitted(world.route("route_3"), tractor, world)[0]).arrived
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("stack", ["nav2-dwb", "nav2-dwb-humble", "nav2-mppi", "nav2-rpp", "social", "stop-and-go"])
+@pytest.mark.parametrize("place", shipped_worlds())
+@pytest.mark.parametrize("robot", sorted(shipped_robots()))
+def test_every_shipped_pair_arrives_or_its_turning_circle_is_the_reason(robot: str, place: str, stack: str) -> None:
+    driver, folder = load_robot(robot), SHIPPED / place
+    for route in load_world(place).routes:
+        if not drives(robot, stack, place, route.name).arrived:
+            assert driver.turning_note and place != "warehouse"
+            found = check_world(folder, trial=ScriptedTrial(LOST), robot=driver)
+            assert any(remark.serious and driver.turning_note in str(remark) for remark in found)

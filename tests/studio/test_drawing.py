@@ -118,7 +118,12 @@ def test_a_route_is_drawn_and_the_simulator_drives_it(show: Show, office: Path, 
     assert made.name not in {route.name for route in rvsg.load_world("office").routes}
     assert (made.start.x, made.start.y, made.goal.x, made.goal.y) == pytest.approx((*ends[0], *ends[1]), abs=0.3)
     assert tab.get_by_text("m wide").count() == 1
-    assert "the goal was reached" in tab.get_by_text("With nobody about: ").inner_text()
+    said = tab.get_by_text("With nobody about: ").inner_text()
+    assert "the goal was reached" in said
+    tab.get_by_label("Stack", exact=True).fill("nav2-rpp")
+    tab.keyboard.press("Tab")
+    tab.get_by_text(said).wait_for(state="detached", timeout=PATIENT)
+    assert tab.get_by_text("With nobody about: ").inner_text() != said
 
 
 @pytest.mark.exhaustive

@@ -194,6 +194,7 @@ class CampaignConfig(Record):
         Setting(
             "Navigation stack under test: a name (`rvsg stacks`) or a file.",
             TEST,
+            label="Stack",
             more="Or a command; see [Test your own stack](../how-to/test-your-own-stack.md).",
             default=f"{DEFAULT_STACK}, or that of the profile",
             common=True,

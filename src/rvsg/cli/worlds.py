@@ -30,6 +30,7 @@ Robot = Annotated[
     str | None,
     typer.Option(help="A shipped robot (`rvsg robots`) or a robot file. [tiago_omni]"),
 ]
+Stack = Annotated[str | None, typer.Option(help="A stack (`rvsg stacks`) or a parameter file that drives. [nav2-dwb]")]
 NoSimulation = Annotated[bool, typer.Option("--no-simulation", help="Do not try routes and hops in the simulator.")]
 
 
@@ -57,6 +58,7 @@ def new(
         ),
     ] = None,
     robot: Robot = None,
+    stack: Stack = None,
     free_thresh: Annotated[
         float | None,
         typer.Option(hidden=True, min=0, max=1, help="With --map: use this instead of the map's free_thresh."),
@@ -121,7 +123,7 @@ def new(
     from rvsg.world.world_folder import world_summary
 
     driver = other_robot(robot)
-    trial = None if no_simulation else trial_of(driver, progress=say)
+    trial = None if no_simulation else trial_of(driver, stack, progress=say)
     created, remarks = create_world(
         folder,
         map_file=map_file,
@@ -174,6 +176,7 @@ def copy(
 def check(
     world: WorldName = ".",
     robot: Robot = None,
+    stack: Stack = None,
     no_simulation: NoSimulation = False,
     json: AsJson = False,
 ) -> None:
@@ -190,7 +193,7 @@ def check(
     from rvsg.world.world_folder import folder_named, load_world
 
     driver = other_robot(robot)
-    trial = None if no_simulation else trial_of(driver, progress=say)
+    trial = None if no_simulation else trial_of(driver, stack, progress=say)
     remarks = check_world(folder_named(world), trial=trial, robot=driver)
     _show_remarks(remarks)
     if json:
@@ -210,7 +213,7 @@ def check(
     if any(remark.serious for remark in remarks):
         raise typer.Exit(2)
     if routes := load_world(world).routes:
-        driven = ["--robot", robot] if robot else []
+        driven = [word for option, name in (("--robot", robot), ("--stack", stack)) if name for word in (option, name)]
         words = ["rvsg", "run", "--world", world, "--route", routes[0].name, *driven]
         say(f"Next: {as_started(shlex.join(words))}")
 

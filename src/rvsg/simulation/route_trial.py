@@ -24,7 +24,8 @@ from rvsg.core.records import content_id
 from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
 from rvsg.scenario.scenario import ROBOT, HumanConfiguration, Mission, Scenario
 from rvsg.simulation.run import Outcome
-from rvsg.simulation.simulators import Simulator, make_simulator
+from rvsg.simulation.simulators import Simulator, make_simulator, simulator_of
+from rvsg.simulation.stacks.stack_choice import StackLike
 from rvsg.world.routes import Drive, Hop
 from rvsg.world.space import human_space
 from rvsg.world.world import Route, World
@@ -47,11 +48,14 @@ _HOPS = TypeAdapter(tuple[Hop, ...])
 
 
 def trial_of(
-    robot: str | Path | Robot | None = None, *, progress: Callable[[str], None] = lambda _: None
+    robot: str | Path | Robot | None = None,
+    stack: StackLike | None = None,
+    *,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> SimulatedTrial:
     """Return a trial with a robot (a record, the name of a shipped one or a file) whose results are kept."""
     record = robot if robot is None or isinstance(robot, Robot) else load_robot(robot)
-    return SimulatedTrial(record, progress=progress, cache=cache_folder())
+    return SimulatedTrial(record, stack, progress=progress, cache=cache_folder())
 
 
 def cache_folder() -> Path:
@@ -64,6 +68,7 @@ class SimulatedTrial:
 
     Args:
         robot: The robot that drives; None: the default robot.
+        stack: The navigation stack that drives it; None: the default one.
         progress: Called with a line for people before each part of the work.
         cache: The folder in which results are kept; None: they are not kept.
     """
@@ -71,11 +76,13 @@ class SimulatedTrial:
     def __init__(
         self,
         robot: Robot | None = None,
+        stack: StackLike | None = None,
         *,
         progress: Callable[[str], None] = lambda _: None,
         cache: Path | None = None,
     ) -> None:
         self.robot = robot
+        self.stack = stack
         self.progress = progress
         self.cache = cache
 
@@ -93,7 +100,8 @@ class SimulatedTrial:
         if known is not None:
             return known
         self.progress(f"Driving {route.name} {route.purpose}".rstrip() + ", with nobody about")
-        run = self._prepared.run(scenario, world, seed=SEED)
+        with simulator_of("embedded", self.stack, on_message=self.progress) as prepared:
+            run = prepared.run(scenario, world, seed=SEED)
         path = run.trajectory
         drive = Drive(
             arrived=run.outcome is Outcome.REACHED,
@@ -119,7 +127,7 @@ class SimulatedTrial:
         key = content_id("hops", self._floor(world) | {"hops": [list(hop) for hop in hops], "where": where})
         known = self._known(key, _HOPS)
         if known is None:
-            self._simulator.prepare(self.progress)
+            make_simulator("embedded").prepare(self.progress)
             self.progress(f"Walking the {len(hops)} hops beside obstacles, with nobody else about")
             known = tuple((way[0], way[1]) for way in not_walked(world, hops))
             self._keep(key, known)
@@ -127,13 +135,8 @@ class SimulatedTrial:
 
     @cached_property
     def _simulator(self) -> Simulator:
-        return make_simulator("embedded")
-
-    @cached_property
-    def _prepared(self) -> Simulator:
-        """The simulator ready to run; compiling it is not needed for results that are kept."""
-        self._simulator.prepare(self.progress)
-        return self._simulator
+        """The simulator, not prepared: compiling it is not needed for results that are kept."""
+        return make_simulator("embedded", self.stack)
 
     def _floor(self, world: World) -> dict[str, object]:
         """Return what every result depends on."""

@@ -36,12 +36,16 @@ from rvsg.report.renderer import component, look
 from rvsg.report.replay_data import distinct_colours, people_colours
 from rvsg.report.run_facts import footprint_of
 from rvsg.report.stills import Look, Turn, area_colours, frame
+from rvsg.robots.robot import shipped_robots
 from rvsg.scenario.builder import check_valid, load_scenario_in, save_scenario
 from rvsg.scenario.requirement import Requirement, shipped_requirements
 from rvsg.scenario.world_lookup import world_of
-from rvsg.simulation.route_trial import trial_of
+from rvsg.simulation.route_trial import SimulatedTrial, trial_of
+from rvsg.simulation.stacks.stack_choice import stack_names
+from rvsg.world.creation import other_robot
 from rvsg.world.drawing.svg import floor_plan
 from rvsg.world.edits import begin_doors
+from rvsg.world.routes import fitted
 from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.model_questions import AskedModel, asked_model, keep_model, picture_of_call
 from rvsg_studio.question import Question, number_of, question_of, text_of
@@ -101,12 +105,21 @@ def world(workspace: Workspace, given: Question) -> dict[str, Any]:
     """Return what the editor of a world shows."""
     place = world_place(workspace, given)
     done, undone = history_of(workspace, given).steps
-    return editable_world(place) | {"undo": done, "redo": undone}
+    drivers = {"robots": [*shipped_robots()], "stacks": stack_names()}
+    return editable_world(place) | {"undo": done, "redo": undone} | drivers
 
 
 def world_check(workspace: Workspace, given: Question) -> list[dict[str, Any]]:
     """Return what the check finds in a world."""
-    return remarks_on(world_place(workspace, given), trial=trial_of() if given.drive else None)
+    trial = trial_asked(workspace, given) if given.drive else None
+    return remarks_on(world_place(workspace, given), trial=trial, robot=trial.robot if trial else None)
+
+
+def trial_asked(workspace: Workspace, given: Question) -> SimulatedTrial:
+    """Return a trial with the robot and the stack of a question: each a name, or a file in the workspace."""
+    names, asked = ("", *shipped_robots(), *stack_names()), (given.robot, given.stack)
+    robot, stack = (name if name in names else workspace.existing(name) for name in asked)
+    return trial_of(other_robot(robot or None), stack or None)
 
 
 def world_edit(workspace: Workspace, given: Question) -> dict[str, Any]:
@@ -134,7 +147,9 @@ def _world_step(step: Callable[[History], None]) -> Answer:
 def world_drive(workspace: Workspace, given: Question) -> dict[str, Any]:
     """Drive a route with nobody about and return how it went."""
     loaded = rvsg.load_world(world_place(workspace, given))
-    return trial_of().drive(loaded, loaded.route(text_of(given, "route"))).model_dump(mode="json")
+    trial, route = trial_asked(workspace, given), loaded.route(text_of(given, "route"))
+    fit = route if trial.robot is None else fitted(route, trial.robot, loaded)[0]
+    return trial.drive(loaded, fit).model_dump(mode="json")
 
 
 def history_of(workspace: Workspace, given: Question) -> History:

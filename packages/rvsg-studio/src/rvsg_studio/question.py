@@ -28,6 +28,8 @@ class Question(Record):
     world: str | None = None
     route: str | None = None
     drive: bool = False
+    robot: str = ""
+    stack: str = ""
     change: dict[str, Any] | None = None
     together: str = ""
     scenario: str | dict[str, Any] = ""

@@ -16,6 +16,7 @@ from rvsg.core.documents import read_yaml
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import write_whole
 from rvsg.core.inputs import read_text
+from rvsg.robots.robot import Robot
 from rvsg.world.checks import check_world
 from rvsg.world.drawing.svg import rectangles
 from rvsg.world.edits import Edit, edit_world
@@ -73,7 +74,7 @@ def editable_world(name: str | Path) -> dict[str, Any]:
     }
 
 
-def remarks_on(name: str | Path, *, trial: Trial | None = None) -> list[dict[str, Any]]:
+def remarks_on(name: str | Path, *, trial: Trial | None = None, robot: Robot | None = None) -> list[dict[str, Any]]:
     """Return what `rvsg world check` finds, each with the place it is about and a fix, if one is known.
 
     Args:
@@ -81,7 +82,7 @@ def remarks_on(name: str | Path, *, trial: Trial | None = None) -> list[dict[str
     """
     folder = folder_of_world(name)
     found = []
-    for remark in check_world(folder, trial=trial):
+    for remark in check_world(folder, trial=trial, robot=robot):
         problem = remark.problem
         said = {"serious": remark.serious, "code": remark.code, "key": list(remark.key)}
         said |= {"message": problem.message, "file": problem.path.name, "line": problem.line}

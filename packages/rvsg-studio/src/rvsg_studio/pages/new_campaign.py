@@ -332,7 +332,6 @@ class Form:
         named = {
             "world": self.worlds,
             "route": routes_of(str(values["world"])),
-            "robot": shipped_robots(),
             "strategy": plugins.names("strategy"),
         }
         choices = {key: {name: name for name in names} for key, names in named.items()}
@@ -348,6 +347,10 @@ class Form:
         for key, setting in listed.items():
             self._several(key, setting.label, choices[key], values)
         self._form(shown, choices, values)
+        for key, names in {"robot": shipped_robots(), "stack": plugins.names("stack")}.items():
+            with tag("datalist", id=f"st-{key}s"):
+                for name in names:
+                    tag("option", value=name)
 
     def _form(self, shown: dict[str, Setting], choices: dict[str, dict[str, str]], values: dict[str, Any]) -> None:
         with tag("div", cls="st-form"):
@@ -361,7 +364,7 @@ class Form:
                         attributes = {"inputmode": "numeric"} if kind is int else {"step": "any"}
                         number_input(value, changed, kind, **attributes)
                     else:
-                        text_input(value, changed, autocomplete="off")
+                        text_input(value, changed, autocomplete="off", list=f"st-{key}s")
 
     def _several(self, key: str, label: str, options: dict[str, str], values: dict[str, Any]) -> None:
         """Boxes to tick; more than one route or requirement makes a campaign for each pair."""

@@ -365,12 +365,23 @@
     }
 
     /* beside the map */
+    const driver = { robot: "", stack: "" };
+    /** Ask for the robot and the stack that drive: a name, or a file of the folder. */
+    function askDriver(parent) {
+      const row = html(parent, "div", { class: "st-numbers" });
+      ["robot", "stack"].forEach(function (key) {
+        const list = html(row, "datalist", { id: "st-" + key + "s" }), label = key === "robot" ? "Robot" : "Stack";
+        data[key + "s"].forEach(function (each) { html(list, "option", { value: each }); });
+        const made = labelled(row, label, html(null, "input", { value: driver[key], list: "st-" + key + "s", placeholder: "default", autocomplete: "off", "data-field": label }));
+        made.addEventListener("change", function () { driver[key] = made.value.trim(); drives.clear(); showSelected(); });
+      });
+    }
     /** Have the simulator drive a route with nobody about, and say how long it takes. */
     function drive(route, told) {
       const key = JSON.stringify(route);
       if (!drives.has(key)) {
         told.textContent = "The simulator drives it\u2026";
-        drives.set(key, send("/data/world-drive", { world: name, route: route.name }));
+        drives.set(key, send("/data/world-drive", Object.assign({ world: name, route: route.name }, driver)));
       }
       drives.get(key).then(function (run) {
         told.textContent = "With nobody about: " + run.outcome + ", after " + run.time_s.toFixed(1) + " s of " + route.time_limit_s + " s" + (run.touched_s.length ? "; it touches an obstacle " + (run.touched_s.length === 1 ? "once" : run.touched_s.length + " times") : "") + ".";
@@ -417,6 +428,7 @@
         input("Purpose", selected, entry.purpose, function (v) { return { purpose: v }; });
         input("Time limit, s", selected, entry.time_limit_s, function (v) { return { time_limit_s: +v }; }, { type: "number", min: 1 });
         html(selected, "p", { class: "small" }, entry.length_m + " m long; narrowest place " + (entry.narrowest_m === null ? "unknown" : entry.narrowest_m + " m wide") + ".");
+        askDriver(selected);
         drive(entry, html(selected, "p", { class: "small", role: "status" }));
         const row = html(selected, "p", { class: "st-actions" });
         if (data.editable) button(row, "Remove", function () { change("remove route", { name: entry.name }); }, { class: "st-button st-danger" });
@@ -439,7 +451,7 @@
       const drive = button(remarkBox, "Drive the routes, too", function () {
         drive.disabled = true; drive.textContent = "Driving and walking\u2026";
         const turn = ++checking;
-        ask("/data/world-check" + query + "&drive=1").then(function (found) { if (turn === checking) { remarks = found; showRemarks(); } }).catch(fail);
+        ask("/data/world-check" + query + "&drive=1&" + new URLSearchParams(driver)).then(function (found) { if (turn === checking) { remarks = found; showRemarks(); } }).catch(fail);
       }, { class: "st-button st-small", title: "The robot drives every route and a person walks every hop in the simulator" });
       if (data) draw();
     }
