@@ -59,10 +59,7 @@ class PurePursuitSettings(Nav2Settings):
 
 
 OPTIONS = [name for name in PurePursuitSettings.model_fields if name not in Nav2Settings.model_fields]
-Numbers = cast(
-    Any,
-    namedtuple("Numbers", [*OPTIONS, "inscribed", "circumscribed", "goal_m", "period_s", "footprint", "most_curved"]),
-)
+Numbers = cast(Any, namedtuple("Numbers", [*OPTIONS, "inscribed", "circumscribed", "goal_m", "period_s", "footprint"]))
 """The options, by their names, and the robot as the kernels read them."""
 
 
@@ -202,7 +199,7 @@ def pursue(
     if p.use_fixed_curvature_lookahead:
         qx, qy = carrot(local, begin, p.curvature_lookahead_dist, x, y)
         hx, hy = cos * (qx - x) + sin * (qy - y), cos * (qy - y) - sin * (qx - x)
-    curvature = min(p.most_curved, max(-p.most_curved, curvature_to(hx, hy)))
+    curvature = curvature_to(hx, hy)
     sign = -1.0 if p.allow_reversing and cx < 0.0 else 1.0
     carrot_m = math.hypot(cx, cy)
     heading = math.atan2(hy, hx)
@@ -259,7 +256,7 @@ class PurePursuit(Configured):
             if "lookahead_dist" not in self.settings.model_fields_set:
                 options["lookahead_dist"] = max(self.settings.lookahead_dist, 1.0 / curved)
         return Numbers(**options, inscribed=inscribed, circumscribed=circumscribed, goal_m=goal_m, period_s=period_s,
-                       footprint=footprint, most_curved=min(1e9, curved))  # fmt: skip
+                       footprint=footprint)  # fmt: skip
 
     def reset(self, task: Task) -> None:
         """Keep the robot's numbers."""
