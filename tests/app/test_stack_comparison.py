@@ -10,9 +10,9 @@ from tests.cli.commands import Terminal
 import rvsg
 from rvsg.app.comparison import compare_stacks, write_comparison
 from rvsg.campaign.suite import CaseResult, SuiteResult, compare, state_of
-from rvsg.core.errors import InputError
+from rvsg.core.errors import InputError, NothingJudged
 from rvsg.evaluation.verdict import judge
-from rvsg.report.comparison_page import comparison_page
+from rvsg.report.comparison_page import comparison_page, ranking_rows
 from rvsg.scenario.requirement import Requirement
 
 LIMIT = Requirement(name="X", title="x", text="x", metric="min_distance", worse="smaller", limit=0.5)
@@ -55,6 +55,15 @@ def test_the_ranking_and_the_paired_differences() -> None:
     assert equal is not None and equal.difference == 0.0 and equal.runs == (10, 10)
     page = comparison_page(found)
     assert all(f">{name}</th>" in page for name in ("better", "partly", "worse")) and "<script" not in page
+
+
+def test_a_stack_without_a_judged_run_has_no_rank_and_is_named() -> None:
+    crashed, driven = score("crashed", {"a": [None] * 12}), score("driven", {"a": [True] * 12})
+    found = compare([crashed, driven], ranked=True)
+    assert [each.version for each in found.variants] == ["driven", "crashed"]
+    assert [row[0] for row in ranking_rows(found)] == ["1", "not judged"]
+    with pytest.raises(NothingJudged, match="crashed"):
+        crashed.check_judged()
 
 
 def test_what_cannot_be_compared_is_one_error(terminal: Terminal, tmp_path: Path) -> None:

@@ -53,3 +53,22 @@ def test_a_scenario_moves_to_a_world_whose_grid_has_shifted(terminal: Terminal) 
     new = load_world(Path("new"))
     assert there.mission.world_id == new.id == world_of(there.mission, Path("new")).id
     terminal("simulate moved.json --world new --simulator kinematic --out r.jsonl")
+
+
+def test_a_barred_way_is_repaired_where_asked(terminal: Terminal) -> None:
+    place = load_world(Path("old"))
+    save_scenario(scenario(place, place.routes[0].name, [walk("P", "G4", "H4")]), Path("s.json"))
+    (x, y), (across, up) = place.grid.position("G4"), place.grid.position("H4")
+    middle = f"center: [{(x + across) / 2}, {(y + up) / 2}, 0.4]"
+    change("objects.yaml", "objects:\n", f"objects:\n  - {{name: crate, box: {{{middle}, size: [0.2, 0.2, 0.8]}}}}\n")
+    assert "--repair" in terminal("scenario migrate s.json --world new --out moved.json", code=2)
+    assert "P" in terminal("scenario migrate s.json --world new --repair --out moved.json")
+    terminal("simulate moved.json --world new --simulator kinematic --out r.jsonl")
+
+
+def test_a_campaign_whose_world_has_another_content_says_so_by_the_name_that_was_typed(terminal: Terminal) -> None:
+    command = "run --world new --simulator kinematic --strategy random --scenarios 1 --refinements 0 --repeats 1 "
+    terminal(f"{command} --confirmations 0 --out runs")
+    change("labels.yaml", "name: Lounge,", "name: Quiet Corner,")
+    said = terminal(f"{command} --confirmations 0 --out runs", code=2)
+    assert "world: 'new', whose content has changed since" in said

@@ -136,7 +136,8 @@ def differences(known: Mapping[str, Any], asked: Mapping[str, Any], prefix: str 
         if isinstance(a, dict) and isinstance(b, dict):
             found |= differences(a, b, f"{prefix}{key}.")
         elif a != b:
-            found[f"{prefix}{key}"] = f"{a!r}, now {b!r}"
+            same = isinstance(a, str) and str(Path(a).absolute()) == b  # `as_stored` names another content so
+            found[f"{prefix}{key}"] = f"{a!r}, whose content has changed since" if same else f"{a!r}, now {b!r}"
     return found
 
 

@@ -291,10 +291,13 @@ def compare(
 
     Args:
         error_rate: probability of one false alarm among the cases of a pair.
-        ranked: order the variants from the least share of violating runs to the largest, those that never arrive last.
+        ranked: order the variants from the least share of violating runs to the largest; those that never arrive
+            or are never judged come last.
     """
     if ranked:
-        variants = sorted(variants, key=lambda each: (not each.arrived, each.share, each.failed, each.version))
+        variants = sorted(
+            variants, key=lambda each: (not each.judged, not each.arrived, each.share, each.failed, each.version)
+        )
     pairs = tuple(_pair(first, second, error_rate) for first, second in combinations(variants, 2))
     return Comparison(source=source or variants[0].suite, variants=tuple(variants), pairs=pairs)
 
