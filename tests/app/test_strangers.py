@@ -7,7 +7,6 @@ import os
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -114,9 +113,8 @@ def jobs_of(folder: Path, asked: dict[str, dict[str, Any]]) -> dict[str, Any]:
 
     jobs = Jobs(folder.parent / "jobs", folder)
     ids = {kind: jobs.start(kind, title="", command="", target=kind, **given).id for kind, given in asked.items()}
-    end = time.monotonic() + 600.0
-    while any(jobs.get(job).running for job in ids.values()) and time.monotonic() < end:
-        time.sleep(0.2)
+    for child in [*jobs._children.values()]:
+        child.wait(600.0)
     return {kind: jobs.get(job).result for kind, job in ids.items()}
 
 
