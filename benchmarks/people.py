@@ -34,7 +34,7 @@ from rvsg.simulation.embedded.people.behaviour import tick
 from rvsg.simulation.embedded.people.crowd import Anticipation, PeopleOptions, initial
 from rvsg.simulation.embedded.profiles import body_radius_m, people_options, profile
 from rvsg.simulation.embedded.simulator import simulate_agents
-from rvsg.simulation.run import RobotContact
+from rvsg.simulation.events import Contact
 from rvsg.world.grid import GridSpec
 from rvsg.world.lattice import build_world
 from rvsg.world.occupancy import occupancy_from_objects
@@ -290,7 +290,7 @@ def before_the_robot(profile_name: str, attention: Attention = Attention.ATTENTI
         passed.append(float(distance[row]))
         velocity = np.diff(places[:, 1], axis=0) / step
         peaks.append(float(np.hypot(*(np.diff(velocity[2 : row + 5], axis=0) / step).T).max()))
-        contacts += any(isinstance(event, RobotContact) for event in run.events)
+        contacts += any(isinstance(event, Contact) for event in run.events)
     return {
         "n": number,
         "onset_s_p25_p50_p75": np.percentile(onsets, (25, 50, 75)).round(1).tolist(),

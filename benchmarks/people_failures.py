@@ -23,7 +23,7 @@ import rvsg
 from rvsg.core.plugins import Spec
 from rvsg.evaluation.verdict import violated
 from rvsg.scenario.scenario import HUNAVSIM_RADIUS_M
-from rvsg.simulation.run import RobotContact
+from rvsg.simulation.events import Contact
 
 PROFILES = ("hunavsim", "default")
 REQUIREMENTS = ("R1", "R3")
@@ -50,7 +50,7 @@ def repeated(scenario: rvsg.Scenario, requirement: str, world: Any) -> dict[str,
         simulator = Spec("embedded", {"profile": name})
         runs = rvsg.simulate(scenario, range(FIRST_SEED, FIRST_SEED + RUNS), world=world, simulator=simulator)
         verdict = rvsg.judge(runs, requirement, world=world).verdict
-        touched = sum(any(isinstance(event, RobotContact) for event in run.events) for run in runs)
+        touched = sum(any(isinstance(event, Contact) for event in run.events) for run in runs)
         found[name] = {"violated": violated(verdict), "violations": verdict.violations, "contact_runs": touched}
     return found
 

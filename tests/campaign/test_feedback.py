@@ -16,7 +16,8 @@ from rvsg.evaluation.story import story_of
 from rvsg.evaluation.verdict import Verdict, judge
 from rvsg.generation.result_facts import feedback_facts
 from rvsg.scenario.brief import Brief, Feedback, PersonAt, Row
-from rvsg.simulation.run import Recovery, Run
+from rvsg.simulation.events import Recovery
+from rvsg.simulation.run import Run
 
 
 def verdict(*values: float) -> Verdict:

@@ -10,30 +10,30 @@ from tests.evaluation.runs import run_of, trajectory
 
 from rvsg.evaluation.detection import EncounterKind, encounters_of, events_of
 from rvsg.evaluation.metrics import measure
-from rvsg.evaluation.run_events import (
+from rvsg.evaluation.sampled import Sampled
+from rvsg.evaluation.story import story_of
+from rvsg.evaluation.verdict import MEASURED, summarise_safety
+from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task
+from rvsg.simulation import events as recorded
+from rvsg.simulation.embedded.simulator import EmbeddedSimulator
+from rvsg.simulation.events import (
     EVENTS,
     Abort,
     Arrival,
     BlockedGoal,
     Contact,
-    Event,
     HardBrake,
     NearMiss,
     PersonPaused,
     PersonReached,
     PersonStuck,
+    RecordedEvent,
+    RunEvent,
     StandStill,
     TimeOut,
-    place_name,
 )
-from rvsg.evaluation.sampled import Sampled
-from rvsg.evaluation.story import story_of
-from rvsg.evaluation.verdict import MEASURED, summarise_safety
-from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task
-from rvsg.simulation import run as recorded
-from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.simulation.kinematic import KinematicSimulator
-from rvsg.simulation.run import Outcome, RobotContact
+from rvsg.simulation.run import Outcome
 from rvsg.world.world import Route, World
 from rvsg.world.world_folder import load_world
 
@@ -186,10 +186,10 @@ def simulated(scenario: Scenario):
 def test_people_arrive_and_pause_as_their_tasks_say() -> None:
     _, events = simulated(to_and_fro(pauses=(Pause(at="H15", duration_s=3.0),), speed_m_s=1.0))
     reached = [event for event in events if isinstance(event, PersonReached)]
-    assert next((event.task, event.place.waypoint) for event in reached) == ("out", "H15")
+    assert next((event.task, event.waypoint) for event in reached) == ("out", "H15")
     assert {event.task for event in reached} == {"out", "back"}
     paused = [event for event in events if isinstance(event, PersonPaused)]
-    assert paused and paused[0].duration_s == pytest.approx(3.0, abs=0.2) and paused[0].place.waypoint == "H15"
+    assert paused and paused[0].duration_s == pytest.approx(3.0, abs=0.2) and paused[0].waypoint == "H15"
     assert not [event for event in events if isinstance(event, PersonStuck)]
 
 
@@ -201,7 +201,7 @@ def test_a_person_who_does_not_come_on_is_stuck_from_then_on() -> None:
     run = run_of(trajectory(T, 90.0, 90.0, humans=[(walked[0], walked[1])]))
     object.__setattr__(run, "human_names", ("Anna",))
     (stuck,) = of(PersonStuck, run, world=warehouse(), scenario=scenario)
-    assert 2.5 < stuck.time_s < 4.5 and stuck.until_s == 20.0 and stuck.place.waypoint == path[1]
+    assert 2.5 < stuck.time_s < 4.5 and stuck.until_s == 20.0 and stuck.waypoint == path[1]
 
 
 def test_somebody_who_walks_to_and_fro_is_not_stuck_and_events_survive_json() -> None:
@@ -228,7 +228,7 @@ def test_the_gap_of_a_robot_with_an_outline_is_that_of_its_body(x, y, gap) -> No
 
 
 def test_recorded_contacts_are_those_of_events_and_metrics() -> None:
-    touched = RobotContact(
+    touched = Contact(
         time_s=5.02, until_s=6.0, x=0.4, y=0.0, person="Human 1", closing_speed_m_s=0.9, robot_part_m_s=0.5,
         person_part_m_s=0.4, bearing_rad=0.1, overlap_m=0.002,
     )  # fmt: skip
@@ -274,11 +274,12 @@ def test_the_contacts_of_a_simulated_run_are_those_it_recorded() -> None:
 
 def test_the_reference_page_names_every_kind_and_every_field() -> None:
     page = (Path(__file__).parents[2] / "docs" / "reference" / "events.md").read_text(encoding="utf-8")
-    kinds = get_args(get_args(Event)[0])
-    assert len(kinds) == 15
+    others = get_args(get_args(RunEvent)[0])[1:]
+    kinds = (*get_args(get_args(RecordedEvent)[0]), *others)
+    assert len(kinds) == 16
     for kind in kinds:
         row = next(line for line in page.splitlines() if line.startswith(f"| `{kind.model_fields['kind'].default}` |"))
-        for name in kind.model_fields.keys() - {"kind", "time_s", "place", "until_s"}:
+        for name in kind.model_fields.keys() - {"kind", "time_s", "x", "y", "waypoint", "until_s"}:
             assert f"`{name}`" in row
 
 
@@ -343,7 +344,7 @@ def test_a_simulated_run_has_a_story_with_the_names_of_its_places() -> None:
     assert 3 <= len(story) <= 6
     assert any("Anna" in sentence.text for sentence in story)
     start = scenario.mission.route.start
-    assert f"({place_name(warehouse(), start.x, start.y)})" in story[0].text
+    assert f"({warehouse().place_name(start.x, start.y)})" in story[0].text
 
 
 def test_what_is_reported_beside_a_requirement_counts_contacts_arrivals_and_clearance() -> None:

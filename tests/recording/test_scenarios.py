@@ -24,7 +24,8 @@ from rvsg.report.run_facts import judged_curve
 from rvsg.robots.robot import load_robot
 from rvsg.scenario.validity import check
 from rvsg.scenario.variation import shifted
-from rvsg.simulation.run import Outcome, RobotContact, Run
+from rvsg.simulation.events import Contact
+from rvsg.simulation.run import Outcome, Run
 from rvsg.world.space import robot_space
 from rvsg.world.world import Route, World
 
@@ -355,7 +356,7 @@ def test_a_contact_that_the_bag_holds_is_told_whatever_smoothing_leaves_of_it(
 ) -> None:
     from rvsg_exchange.bag import write_bag
 
-    touch = RobotContact(
+    touch = Contact(
         time_s=8.0, x=0.0, y=0.0, person=run.human_names[1], until_s=8.3, closing_speed_m_s=0.5, robot_part_m_s=0.5,
         person_part_m_s=0.0, bearing_rad=0.0, overlap_m=0.0,
     )  # fmt: skip

@@ -14,7 +14,7 @@ from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.observation import INTO
 from rvsg.campaign.runner import Evaluator
 from rvsg.cli import tables
-from rvsg.evaluation.detection import contacts, place_namer
+from rvsg.evaluation.detection import contacts
 from rvsg.evaluation.sampled import sampled
 from rvsg.report.answer_row import MOVED
 from rvsg.report.overview import pins_of, render_overview
@@ -80,7 +80,7 @@ def test_a_failure_with_contact_is_named_by_who_moves_into_whom() -> None:
     assert touched
     for row in touched:
         (mover,) = [key for key, words in MOVED.items() if words in row.touch]
-        first = next(iter(contacts(sampled(ledger.run(row.run), warehouse()), place_namer(warehouse()))))
+        first = next(iter(contacts(sampled(ledger.run(row.run), warehouse()))))
         assert INTO[mover] in row.name and (first.moved_by, first.person) == (mover, row.who)
 
 

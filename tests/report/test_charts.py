@@ -22,7 +22,7 @@ from rvsg.report.charts import LETTER, confirmation_chart, requirement_chart, se
 from rvsg.report.film import HOLD_S, RATE_HZ, Shot, check_film, strip, write_film
 from rvsg.report.run_facts import footprint_of
 from rvsg.robots.robot import shipped_robots
-from rvsg.simulation.run import RobotContact
+from rvsg.simulation.events import Contact
 
 SPACE = "http://www.w3.org/2000/svg"
 WIDE = [(-9.0, 1.0), (0.5, 40.0), (-1000.0, 1000.0)]
@@ -136,7 +136,7 @@ def test_a_strip_has_a_picture_for_each_moment() -> None:
 def test_contact_is_marked_from_its_begin_on() -> None:
     shot = a_shot()
     path = shot.run.trajectory
-    touch = RobotContact(
+    touch = Contact(
         time_s=4.0, until_s=4.5, x=float(path.x[60]), y=float(path.y[60]), person=shot.run.human_names[0],
         closing_speed_m_s=0.5, robot_part_m_s=0.5, person_part_m_s=0.0, bearing_rad=0.0, overlap_m=0.0,
     )  # fmt: skip

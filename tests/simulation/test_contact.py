@@ -19,7 +19,8 @@ from rvsg.simulation.embedded.people.contact import events_of, touch_people
 from rvsg.simulation.embedded.people.crowd import Crowd
 from rvsg.simulation.embedded.profiles import profile
 from rvsg.simulation.embedded.simulator import empty_room, simulate_agents
-from rvsg.simulation.run import ObstacleContact, Outcome, Recovery, RobotContact, Run
+from rvsg.simulation.events import Contact, ObstacleContact, Recovery
+from rvsg.simulation.run import Outcome, Run
 from rvsg.stacks import StackChoice
 from rvsg.world.world import Route, World
 from rvsg.world.world_folder import load_world
@@ -107,7 +108,7 @@ class TestBase:
         assert body[base.V] == pytest.approx(0.0, abs=0.01)
         assert crowd.x[0] == 2.0
         (contact,) = events_of(crowd, ["a"], [Behaviour.REGULAR])
-        assert isinstance(contact, RobotContact)
+        assert isinstance(contact, Contact)
         assert contact.moved_by == "robot"
         assert contact.closing_speed_m_s == pytest.approx(speed)
         assert contact.bearing_rad == 0.0
@@ -141,7 +142,7 @@ def test_the_recovery_backs_out_of_a_contact(people: int) -> None:
     bump = StackChoice.of(Constant((0.3, 0.0), until_s=7.0))  # then Nav2 recovers
     way, pinned = route((1.2, 0.0), (2.0, -2.0), 21.0), [standing(2.5, 0.0)][:people]
     run = simulate_agents(empty_room(), way, pinned, stack=bump, options=profile("hunavsim"))
-    assert any(isinstance(event, RobotContact if people else ObstacleContact) for event in run.events)
+    assert any(isinstance(event, Contact if people else ObstacleContact) for event in run.events)
     (back,) = [event for event in run.events if isinstance(event, Recovery) and event.action == "back_up"]
     t, x = run.trajectory.t, run.trajectory.x
     assert np.interp(back.time_s, t, x) - np.interp(back.until_s, t, x) == pytest.approx(0.3, abs=0.03)

@@ -13,7 +13,7 @@ from rvsg.evaluation.detection import events_of
 from rvsg.robots.robot import Robot, load_robot
 from rvsg.simulation.embedded import behaviour_tree
 from rvsg.simulation.embedded.simulator import simulate_agents
-from rvsg.simulation.run import Recovery, Replan
+from rvsg.simulation.events import Recovery, Replan
 from rvsg.simulation.stacks.stack_choice import StackChoice
 
 

@@ -12,7 +12,6 @@ from tests.simulation.parts import ALONG, END, HINGE, hall, person, run_along
 from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
 from rvsg.evaluation.detection import events_of
-from rvsg.evaluation.run_events import ObstacleContact as Hit
 from rvsg.evaluation.sampled import Sampled
 from rvsg.evaluation.story import what_is_hit
 from rvsg.scenario.scenario import Behaviour, PersonKind, Trolley
@@ -20,7 +19,8 @@ from rvsg.simulation.archive import PackedRun
 from rvsg.simulation.embedded.episode import Outside
 from rvsg.simulation.embedded.profiles import profile
 from rvsg.simulation.embedded.simulator import simulate_agents
-from rvsg.simulation.run import DoorMoved, ObstacleContact, Outcome, RobotContact, Run
+from rvsg.simulation.events import Contact, DoorMoved, ObstacleContact
+from rvsg.simulation.run import Outcome, Run
 from rvsg.world.space import human_space
 from rvsg.world.world import Door
 
@@ -103,10 +103,10 @@ def test_a_contact_with_a_leaf_names_the_door(given: dict[str, object], y: float
     world = hall(door(**given))
     route = ALONG.model_copy(update={"start": Pose(x=2.0, y=y), "time_limit_s": 20.0})
     found = simulate_agents(world, route, [], seed=1, outside=Outside(stack=lambda _: (0.5, 0.0), stack_ticks=5))
-    hit = [event for event in events_of(found, world=world) if isinstance(event, Hit)]
+    hit = [event for event in events_of(found, world=world) if isinstance(event, ObstacleContact)]
     assert hit and hit[0].door == named
     assert what_is_hit(hit[0]) == ("the door D" if named else "an obstacle")
-    assert not any(event.door for event in events_of(found) if isinstance(event, Hit))
+    assert not any(event.door for event in events_of(found) if isinstance(event, ObstacleContact))
 
 
 @pytest.fixture(scope="module")
@@ -137,7 +137,7 @@ def test_contact_with_a_trolley_is_contact_with_the_person() -> None:
         update={"behaviour": Behaviour.IMPASSIVE}
     )
     found = run_along(hall(), pusher)
-    touched = [event for event in found.events if isinstance(event, RobotContact) and event.part == "trolley"]
+    touched = [event for event in found.events if isinstance(event, Contact) and event.part == "trolley"]
     assert touched and touched[0].closing_speed_m_s > 0.2
     assert [touch.recorded for touch in Sampled(found, found.trajectory).contacts if touch.recorded in touched]
     walls = [event for event in found.events if isinstance(event, ObstacleContact)]

@@ -11,7 +11,8 @@ from rvsg.scenario.scenario import HumanAgent, Track
 from rvsg.simulation.archive import PackedRun
 from rvsg.simulation.embedded.profiles import profile
 from rvsg.simulation.embedded.simulator import simulate_agents
-from rvsg.simulation.run import Outcome, RobotContact, Run
+from rvsg.simulation.events import Contact
+from rvsg.simulation.run import Outcome, Run
 
 ROOM = hall(gap=False)
 WAY = tuple((14.0 - 0.2 * k, 3.0) for k in range(51))
@@ -45,7 +46,7 @@ def test_a_person_on_a_track_does_not_make_way() -> None:
     track = Track(points=tuple((14.0 - 0.2 * k, 2.0) for k in range(51)))
     run = drive(walker(track))
     moved = np.abs(run.trajectory.human_y[run.trajectory.t < 9.9, 0] - 2.0)
-    assert moved.max() < 0.11 and any(isinstance(event, RobotContact) for event in run.events)
+    assert moved.max() < 0.11 and any(isinstance(event, Contact) for event in run.events)
 
 
 def test_who_does_not_leave_goes_on_with_the_tasks_at_the_end_of_the_track() -> None:

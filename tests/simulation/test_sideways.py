@@ -16,7 +16,8 @@ from rvsg.robots.robot import Robot, load_robot
 from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator, empty_room, simulate_agents
-from rvsg.simulation.run import ObstacleContact, Outcome, RobotContact, Run
+from rvsg.simulation.events import Contact, ObstacleContact
+from rvsg.simulation.run import Outcome, Run
 from rvsg.simulation.stacks.external_process import write_clients_to
 from rvsg.stacks import Ended, Observation, StackChoice, Task, Twist, WholeStack
 from rvsg.world.world import Route
@@ -113,7 +114,7 @@ def test_a_wall_beside_the_robot_holds_it() -> None:
 
 def test_a_person_between_the_robot_and_a_wall_holds_it_and_the_contact_is_an_event() -> None:
     run = drive(sideways(), TO_THE_WALL, MECANUM, standing(0.0, 2.6))
-    contacts = [event for event in run.events if isinstance(event, RobotContact)]
+    contacts = [event for event in run.events if isinstance(event, Contact)]
     assert contacts and contacts[0].robot_part_m_s > 0.2
     assert contacts[0].bearing_rad == pytest.approx(math.pi / 2, abs=0.3)
     assert max(contact.overlap_m for contact in contacts) < 0.01

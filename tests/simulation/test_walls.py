@@ -14,7 +14,8 @@ from rvsg.simulation.embedded.profiles import profile
 from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.embedded.state import Surroundings
 from rvsg.simulation.embedded.walls import SLACK_M, Walls, clearance, free_pose, overlap
-from rvsg.simulation.run import ObstacleContact, Outcome, Run
+from rvsg.simulation.events import ObstacleContact
+from rvsg.simulation.run import Outcome, Run
 from rvsg.world.world import World
 from rvsg.world.world_folder import load_world
 

@@ -236,7 +236,7 @@ def _placed(
         for (run, measured), violated in zip(runs, result.violations, strict=True)
         if violated
     ]
-    return result.replace(places=tuple((float(at.x), float(at.y)) for at in decisive))
+    return result.replace(places=tuple(decisive))
 
 
 def write_comparison(found: Comparison, source: str | Path, folder: str | Path) -> list[Path]:

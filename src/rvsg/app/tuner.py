@@ -244,7 +244,7 @@ class Tuner:
                 run = maker.run(case, before.values, made.seed)
                 measured = Evaluator(requirement, case.tested.world).measure(run)
                 at = run_facts(run, measured, requirement, case.tested.world, case.scenario).decisive_at
-                places.append((at.x - world.map_offset[0], at.y - world.map_offset[1]))
+                places.append((at[0] - world.map_offset[0], at[1] - world.map_offset[1]))
         found, occupancy = zones_around(places), world.occupancy
         if not found:
             raise InputError(

@@ -16,7 +16,8 @@ from rvsg.core.records import Pose, content_id
 from rvsg.core.seeds import seed_for
 from rvsg.generation.generator import Abilities
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario, Task
-from rvsg.simulation.run import Outcome, Recovery, RobotContact, Run
+from rvsg.simulation.events import Contact, Recovery
+from rvsg.simulation.run import Outcome, Run
 from rvsg.simulation.simulators import Simulator
 from rvsg.world.lattice import build_world
 from rvsg.world.world import OccupancyMap, Point, Route, World
@@ -130,4 +131,4 @@ def _nearest_m(runs: list[Run]) -> float | None:
 
 def _touches(run: Run) -> bool:
     """Whether the robot moves into a person."""
-    return any(isinstance(event, RobotContact) and event.moved_by in ("robot", "both") for event in run.events)
+    return any(isinstance(event, Contact) and event.moved_by in ("robot", "both") for event in run.events)

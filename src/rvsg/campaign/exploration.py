@@ -204,7 +204,7 @@ class Exercise:
         self._route_runs[route] += 1
         self._behaved.update({human.behaviour.value for human in scenario.people.humans})
         met = encounters_of(run, world=self.world)
-        self._met.update(each.place.waypoint for each in met)
+        self._met.update(each.waypoint for each in met)
         self._encounters.update({(route, each.kind.value) for each in met})
 
     def coverage(self) -> Coverage:

@@ -32,8 +32,7 @@ from rvsg.core.errors import SimulationError
 from rvsg.core.records import Record
 from rvsg.core.seeds import seed_for
 from rvsg.evaluation.realism import rarest
-from rvsg.evaluation.run_events import WaypointNames
-from rvsg.evaluation.sampled import sampled, stretches
+from rvsg.evaluation.sampled import Sampled, sampled
 from rvsg.evaluation.signals import least_room, series_name, series_of
 from rvsg.evaluation.statistics import welch
 from rvsg.evaluation.verdict import Verdict, judge, objective
@@ -41,7 +40,8 @@ from rvsg.generation.generator import MET_M, Abilities, Rehearsal, Rehearse, Wal
 from rvsg.scenario.brief import Encounter, Feedback, HumanInfluence, Moment, Part, PersonAt, Reacted, Row, Sample
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario
-from rvsg.simulation.run import PersonReacted, Run, Trajectory
+from rvsg.simulation.events import PersonReacted, in_order
+from rvsg.simulation.run import Run, Trajectory
 from rvsg.simulation.simulators import Simulator
 from rvsg.world.world import World
 
@@ -262,9 +262,9 @@ def _rows(run: Run, walks: Sequence[Walk], world: World, values: Floats | None =
     Args:
         walks: Of the run's people, in their order.
     """
-    path, names, found = run.trajectory, WaypointNames(world.grid), []
+    path, rows = run.trajectory, []
     for k in map(int, _every(path, ROW_PERIOD_S)):
-        at = names.nearest(path.human_x[k], path.human_y[k])
+        at = world.nearest_waypoints(path.human_x[k], path.human_y[k])
         away = np.hypot(path.human_x[k] - path.x[k], path.human_y[k] - path.y[k])
         everybody = {
             name: PersonAt(
@@ -278,30 +278,29 @@ def _rows(run: Run, walks: Sequence[Walk], world: World, values: Floats | None =
             for h, name in enumerate(run.human_names)
         }
         value = round(float(values[k]), 2) if values is not None and np.isfinite(values[k]) else None
-        robot = names.nearest(path.x[k : k + 1], path.y[k : k + 1])[0]
+        robot = world.nearest_waypoints(path.x[k : k + 1], path.y[k : k + 1])[0]
         x, y = round(float(path.x[k]), 2), round(float(path.y[k]), 2)
-        found.append(Row(time_s=round(float(path.t[k]), 1), robot_at=robot, people=everybody, value=value, x=x, y=y))
-    return tuple(found)
+        rows.append(Row(time_s=round(float(path.t[k]), 1), robot_at=robot, people=everybody, value=value, x=x, y=y))
+    return tuple(rows)
 
 
 def _reactions(run: Run) -> tuple[Reacted, ...]:
     """Return when and where people begin to react to the robot, in order."""
-    path, found = run.trajectory, []
-    for event in run.events:
-        if isinstance(event, PersonReacted):
-            k = min(int(path.t.searchsorted(event.time_s)), len(path) - 1)
-            found.append(
-                Reacted(
-                    who=event.person,
-                    behaviour=event.behaviour.value,
-                    time_s=round(event.time_s, 1),
-                    until_s=round(event.until_s, 1),
-                    x=round(event.x, 2),
-                    y=round(event.y, 2),
-                    distance_m=round(math.hypot(event.x - path.x[k], event.y - path.y[k]), 2),
-                )
+    path, reactions = run.trajectory, []
+    for event in in_order(event for event in run.events if isinstance(event, PersonReacted)):
+        k = min(int(path.t.searchsorted(event.time_s)), len(path) - 1)
+        reactions.append(
+            Reacted(
+                who=event.person,
+                behaviour=event.behaviour.value,
+                time_s=round(event.time_s, 1),
+                until_s=round(event.until_s, 1),
+                x=round(event.x, 2),
+                y=round(event.y, 2),
+                distance_m=round(math.hypot(event.x - path.x[k], event.y - path.y[k]), 2),
             )
-    return tuple(sorted(found, key=lambda reaction: reaction.time_s))
+        )
+    return tuple(reactions)
 
 
 def _parts(run: Run, values: Floats) -> tuple[Part, ...]:
@@ -334,29 +333,31 @@ def decisive_moments(run: Run, world: World) -> tuple[Moment, ...]:
     path = run.trajectory
     if len(path) == 0 or path.human_x.shape[1] == 0:
         return ()
-    gap = sampled(run, world).gap
-    nearest = gap.min(axis=1)
-    found = [
-        (index, "contact" if nearest[index] <= 0.0 else "closest approach")
-        for index in _approaches(path.t, nearest)[:2]
+    s = sampled(run, world)
+    notes = [
+        (row, "contact" if s.closest_gap[row] <= 0.0 else "closest approach")
+        for row in _approaches(path.t, s.closest_gap)[:2]
     ]
     if (braking := _hardest_braking(path)) is not None:
-        found.append((braking[0], f"hardest braking, {braking[1]:.1f} m/s2"))
-    if (stop := _longest_stop(path)) is not None:
-        found.append((stop[0], f"stands still for {stop[1]:.1f} s from here"))
-    names = WaypointNames(world.grid)
+        notes.append((braking[0], f"hardest braking, {braking[1]:.1f} m/s2"))
+    stops = [(float(path.t[last] - path.t[first]), first) for first, last in s.stops]
+    lasts, first = max(stops, key=lambda stop: stop[0], default=(0.0, 0))
+    if lasts >= 1.0:
+        notes.append((first, f"stands still for {lasts:.1f} s from here"))
     chosen: dict[int, str] = {}
-    for index, note in found:
-        chosen[index] = f"{chosen[index]}; {note}" if index in chosen else note
-    return tuple(_moment(run, gap, index, note, names) for index, note in sorted(chosen.items()))
+    for row, note in notes:
+        chosen[row] = f"{chosen[row]}; {note}" if row in chosen else note
+    return tuple(_moment(s, world, row, note) for row, note in sorted(chosen.items()))
 
 
 def _series(run: Run, world: World, values: Floats) -> tuple[Sample, ...]:
     """Return the run once a second: where everybody was, and the series that shows where the requirement is lost."""
-    path, names = run.trajectory, WaypointNames(world.grid)
+    path = run.trajectory
     rows = _every(path, SERIES_PERIOD_S)
-    robot = names.nearest(path.x[rows], path.y[rows])
-    humans = [names.nearest(path.human_x[rows, h], path.human_y[rows, h]) for h in range(path.human_x.shape[1])]
+    robot = world.nearest_waypoints(path.x[rows], path.y[rows])
+    humans = [
+        world.nearest_waypoints(path.human_x[rows, h], path.human_y[rows, h]) for h in range(path.human_x.shape[1])
+    ]
     return tuple(
         Sample(
             time_s=round(float(path.t[row]), 2),
@@ -370,24 +371,25 @@ def _series(run: Run, world: World, values: Floats) -> tuple[Sample, ...]:
 
 def _approaches(t: Floats, nearest: Floats) -> list[int]:
     """Samples at which somebody is nearer than during the seconds before and after, the nearest first."""
-    found: list[int] = []
+    approaches: list[int] = []
     firsts, ends = np.searchsorted(t, t - APART_S), np.searchsorted(t, t + APART_S)
     for index in np.argsort(nearest, kind="stable")[: int((nearest <= 2 * MEETING_M).sum())].tolist():
-        alone = all(abs(t[index] - t[other]) >= APART_S for other in found)
+        alone = all(abs(t[index] - t[other]) >= APART_S for other in approaches)
         if alone and nearest[index] <= nearest[firsts[index] : ends[index]].min():
-            found.append(index)
-    return found
+            approaches.append(index)
+    return approaches
 
 
-def _moment(run: Run, gap: Floats, index: int, note: str, names: WaypointNames) -> Moment:
-    path = run.trajectory
-    closest = int(gap[index].argmin())
+def _moment(s: Sampled, world: World, index: int, note: str) -> Moment:
+    path, names = s.series, s.run.human_names
+    closest = int(s.gap[index].argmin())
+    near = world.nearest_waypoints(path.human_x[index], path.human_y[index])
     return Moment(
         time_s=round(float(path.t[index]), 2),
-        robot_at=names.nearest(path.x[index : index + 1], path.y[index : index + 1])[0],
-        humans_at=dict(zip(run.human_names, names.nearest(path.human_x[index], path.human_y[index]), strict=True)),
-        closest_human=run.human_names[closest],
-        gap_m=round(float(gap[index, closest]), 3),
+        robot_at=world.nearest_waypoints(path.x[index : index + 1], path.y[index : index + 1])[0],
+        humans_at=dict(zip(names, near, strict=True)),
+        closest_human=names[closest],
+        gap_m=round(float(s.gap[index, closest]), 3),
         robot_speed_m_s=round(float(path.signed_speed[index]), 3),
         note=note,
     )
@@ -404,16 +406,6 @@ def _hardest_braking(path: Trajectory) -> tuple[int, float] | None:
     drop = (path.signed_speed[index] - path.signed_speed[later[index]]) / (path.t[later[index]] - path.t[index])
     hardest = int(drop.argmax())
     return (int(index[hardest]), float(drop[hardest])) if drop[hardest] >= 0.3 else None
-
-
-def _longest_stop(path: Trajectory) -> tuple[int, float] | None:
-    """The first sample and the duration (s) of the longest standstill of at least 1 s after the robot first moved."""
-    moving = (path.speed >= 0.01) | (np.abs(path.omega) >= 0.02)
-    if not moving.any():
-        return None
-    moving[: int(moving.argmax())] = True  # until it first moves, it does not stop
-    stops = [(first, float(path.t[last] - path.t[first])) for first, last in stretches(~moving)]
-    return max((stop for stop in stops if stop[1] >= 1.0), key=lambda stop: stop[1], default=None)
 
 
 WAY_S = 0.5
@@ -459,7 +451,7 @@ def _rehearsed(run: Run, people: HumanConfiguration, world: World) -> Rehearsal:
     if not len(path):
         return Rehearsal(robot=(), arrival_s=None)
     samples = _every(path, ROW_PERIOD_S)
-    at = WaypointNames(world.grid).nearest(path.x[samples], path.y[samples])
+    at = world.nearest_waypoints(path.x[samples], path.y[samples])
     walks = walks_of(run, people, world.grid)
     along = np.unique(np.clip(np.searchsorted(path.t, np.arange(0.0, path.t[-1] + WAY_S, WAY_S)), 0, len(path) - 1))
     return Rehearsal(

@@ -23,7 +23,6 @@ from rvsg.campaign.race import estimate
 from rvsg.campaign.ranking import badness_of
 from rvsg.campaign.strategies import Ask, BatchStrategy, brief_of
 from rvsg.core.seeds import seed_for
-from rvsg.evaluation.run_events import place_name
 from rvsg.evaluation.signals import aim_of
 from rvsg.generation.descriptions import Described, answer, describe_changed, describe_tuned, same_work, tells_of
 from rvsg.generation.forecast import AIMED, STEP_S, Forecaster, Screen
@@ -162,7 +161,7 @@ def _closest(track: NDArray[np.complex128], world: World) -> Met | None:
     apart, second = complex(people[at, human] - robot[at]), max(0, at - round(1.0 / STEP_S))
     velocity = complex(people[at, human] - people[second, human]) / max((at - second) * STEP_S, STEP_S)
     person = seen_as((apart.real, apart.imag), (velocity.real, velocity.imag), cmath.phase(heading))
-    return place_name(world, float(robot[at].real), float(robot[at].imag)), person
+    return world.place_name(float(robot[at].real), float(robot[at].imag)), person
 
 
 OPTIONS = 16

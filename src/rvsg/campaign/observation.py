@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.records import Record
-from rvsg.evaluation.detection import contacts, encounters_of, place_namer, standstills
+from rvsg.evaluation.detection import contacts, encounters_of, standstills
 from rvsg.evaluation.realism import Motion, motions, rarest
-from rvsg.evaluation.run_events import WaypointNames, place_name
 from rvsg.evaluation.sampled import sampled, stretches
 from rvsg.evaluation.story import standing_because
 from rvsg.scenario.brief import Arrival, Encounter, Passing, Stop, Touched
 from rvsg.scenario.scenario import Human, HumanAgent, HumanConfiguration, decode, goal_names
-from rvsg.simulation.run import Outcome, PersonPaused, PersonReached, PersonReacted, Run
+from rvsg.simulation.events import PersonPaused, PersonReached, PersonReacted, in_order
+from rvsg.simulation.run import Outcome, Run
 from rvsg.world.grid import Grid
 from rvsg.world.world import World
 
@@ -95,13 +95,13 @@ def met(kind: str, words: Mapping[str, str] = MOVES) -> str:
 def mode_of(run: Run, world: World) -> FailureMode | None:
     """Return how a run fails, from its closest approach; None for a run without people."""
     path = run.trajectory
-    if len(path) == 0 or path.human_x.shape[1] == 0:
+    s = sampled(run, world)
+    if s.closest_approach is None:
         return None
-    seen = sampled(run, world)
-    index, human = (int(i) for i in np.unravel_index(int(seen.gap.argmin()), seen.gap.shape))
-    touch = next((t for t in seen.contacts if t.person == human and t.first <= index <= t.last), None)
+    index, human = s.closest_approach
+    touch = next((t for t in s.contacts if t.person == human and t.first <= index <= t.last), None)
     return FailureMode(
-        place=place_name(world, float(path.x[index]), float(path.y[index])),
+        place=world.place_name(float(path.x[index]), float(path.y[index])),
         person=_person(run, index, human),
         robot=_robot(run, index if touch is None else touch.first, touched=touch is not None),
     )
@@ -325,29 +325,29 @@ def stops_of(run: Run, world: World) -> tuple[Stop, ...]:
         Stop(
             time_s=round(stand.time_s, 1),
             until_s=round(stand.until_s, 1),
-            at=stand.place.waypoint,
+            at=stand.waypoint,
             reason=stand.reason,
             who=stand.person,
             because=standing_because(stand),
         )
-        for stand in standstills(sampled(run, world), place_namer(world))
+        for stand in standstills(sampled(run, world))
     )
 
 
 def passings_of(run: Run, world: World) -> tuple[Passing, ...]:
     """Return the closest encounters of a run in order of time, each with the side of the robot the person is on."""
-    closest = sorted(encounters_of(run, world=world), key=lambda each: each.gap_m)[:MOST_PASSINGS]
-    times = run.trajectory.t
+    closest = sorted(encounters_of(run, world=world), key=lambda encounter: encounter.gap_m)[:MOST_PASSINGS]
+    times, names = run.trajectory.t, run.human_names
     return tuple(
         Passing(
-            time_s=round(each.time_s, 1),
-            at=each.place.waypoint,
-            who=each.person,
-            how=each.kind.value,
-            left=bearing_of(run, int(times.searchsorted(each.time_s - 1e-3)), run.human_names.index(each.person)) > 0.0,
-            gap_m=round(each.gap_m, 2),
+            time_s=round(met.time_s, 1),
+            at=met.waypoint,
+            who=met.person,
+            how=met.kind.value,
+            left=bearing_of(run, int(times.searchsorted(met.time_s - 1e-3)), names.index(met.person)) > 0.0,
+            gap_m=round(met.gap_m, 2),
         )
-        for each in sorted(closest, key=lambda each: each.time_s)
+        for met in in_order(closest)
     )
 
 
@@ -392,13 +392,13 @@ class RunObservation:
 
 def observe(run: Run, world: World) -> RunObservation:
     """Return what a search asks of a run."""
-    path, gap, names = run.trajectory, sampled(run, world).gap, WaypointNames(world.grid)
-    step = max(1, len(path) // 400)
-    closest_s = float(path.t[int(gap.min(axis=1).argmin())]) if gap.size else math.inf
+    path, s = run.trajectory, sampled(run, world)
+    gap, step = s.gap, max(1, len(path) // 400)
+    closest_s = float(path.t[s.closest_approach[0]]) if s.closest_approach is not None else math.inf
     reached, before, people = _reached(run), _reached(run, closest_s), []
     for h, name in enumerate(run.human_names):
         met: dict[str, float] = {}
-        at = names.nearest(path.human_x[::step, h], path.human_y[::step, h])
+        at = world.nearest_waypoints(path.human_x[::step, h], path.human_y[::step, h])
         for place, distance in zip(at, gap[::step, h].tolist(), strict=True):
             met[place] = min(met.get(place, math.inf), distance)
         closest, near = (float(gap[:, h].min()), float((gap[:, h] < NEAR_M).mean())) if len(path) else (math.inf, 0.0)
@@ -460,14 +460,13 @@ def _encounter(run: Run, mode: FailureMode | None) -> Encounter | None:
 
 def touches_of(run: Run, world: World) -> tuple[Touched, ...]:
     """Return the touches of the robot and a person in a run, as events tell them, in order."""
-    found = contacts(sampled(run, world), place_namer(world))
     return tuple(
         Touched(
             who=contact.person,
-            at=contact.place.waypoint,
+            at=contact.waypoint,
             time_s=round(contact.time_s, 1),
             until_s=round(contact.until_s, 1),
             moved_by=contact.moved_by,
         )
-        for contact in sorted(found, key=lambda contact: contact.time_s)
+        for contact in in_order(contacts(sampled(run, world)))
     )

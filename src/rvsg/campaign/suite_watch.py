@@ -18,7 +18,6 @@ from rvsg.campaign.suite_folder import SuiteCase, SuiteFolder, SuiteHead, requir
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.plugins import Spec
 from rvsg.core.seeds import seed_for
-from rvsg.evaluation.run_events import WaypointNames
 from rvsg.evaluation.verdict import judge, objective
 from rvsg.generation.generator import Generator
 from rvsg.scenario.builder import walk
@@ -374,7 +373,6 @@ class SuiteWatch:
 
     def _places(self, watched: Sequence[Watched]) -> list[Sign]:
         """Return a sign for each route on which people were where no scenario has anybody."""
-        names = WaypointNames(self.world.grid)
         walkable = {w.name for w in self.world.grid.waypoints if w.human}
         tested: dict[str, set[str]] = defaultdict(set)
         for case in self.suite.cases:
@@ -385,7 +383,7 @@ class SuiteWatch:
         for each in watched:
             path = each.run.trajectory
             for person in range(path.human_x.shape[1]):
-                near = names.nearest(path.human_x[:, person], path.human_y[:, person])
+                near = self.world.nearest_waypoints(path.human_x[:, person], path.human_y[:, person])
                 for name, count in zip(*np.unique(np.asarray(near), return_counts=True), strict=True):
                     if count >= STAYED_SAMPLES and str(name) in walkable - tested[each.route]:
                         visited[each.route].add(str(name))

@@ -8,19 +8,39 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from enum import Enum
-from functools import lru_cache
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 import shapely
 
-from rvsg.core.records import Record
-from rvsg.evaluation import run_events
-from rvsg.evaluation.run_events import Event, Events, Place, PlaceAt, WaypointNames
 from rvsg.evaluation.sampled import Flags, Floats, Sampled, joined, sampled, stretches, wrap
-from rvsg.scenario.scenario import Behaviour, Human, HumanAgent, Scenario, decode, task_ends
-from rvsg.simulation import run as recorded
-from rvsg.simulation.run import Outcome, RobotContact, Run
+from rvsg.scenario.scenario import Behaviour, Human, HumanAgent, HumanConfiguration, Scenario, decode, task_ends
+from rvsg.simulation.events import (
+    Abort,
+    Arrival,
+    BlockedGoal,
+    Contact,
+    DoorMoved,
+    E,
+    Event,
+    HardBrake,
+    NearMiss,
+    ObstacleContact,
+    OfPerson,
+    Outcome,
+    PersonPaused,
+    PersonReached,
+    PersonStuck,
+    Reason,
+    Recovery,
+    Replan,
+    RunEvent,
+    Spell,
+    StandStill,
+    TimeOut,
+    in_order,
+)
+from rvsg.simulation.run import Run
 from rvsg.world.world import Door, World
 
 REACHED_M = 0.45
@@ -36,73 +56,64 @@ STUCK_M = 0.3
 BESIDE_PERSON_M = 0.6
 REACTING_M = 1.0
 """A person whose behaviour stops it near the robot is not stuck within its distance of reaction plus this."""
-E = TypeVar("E", bound=Record)
-OfPeople = recorded.PersonStuck | recorded.PersonPaused | recorded.PersonReacted | recorded.PersonReached
 STOPPING = (Behaviour.SURPRISED, Behaviour.CURIOUS, Behaviour.THREATENING)
 
 
-def people_events(s: Sampled, scenario: Scenario | None, world: World | None, at: PlaceAt) -> Iterator[Event]:
+def people_events(s: Sampled, scenario: Scenario | None) -> Iterator[OfPerson]:
     """Yield the events of people: as the simulator recorded them, else as the trajectory shows them.
 
-    The names of tasks need `scenario` and `world`, and so does all that is read off the trajectory.
+    The names of tasks need the scenario and the world, and so does all that is read off the trajectory.
     """
-    known = scenario is not None and world is not None
-    humans = {human.name: human for human in scenario.people.humans} if known and scenario is not None else {}
-    if any(isinstance(event, OfPeople) for event in s.run.events):
-        ends = {name: task_ends(human) for name, human in humans.items()}
-        yield from _recorded(s, ends, at)
-    elif scenario is not None and world is not None:
-        for human, agent in zip(scenario.people.humans, decode(scenario.people, world.grid), strict=True):
+    people = scenario.people if scenario is not None and s.world is not None else HumanConfiguration(humans=())
+    if any(isinstance(event, OfPerson) for event in s.run.events):
+        yield from _recorded(s, {human.name: task_ends(human) for human in people.humans})
+    elif s.world is not None:
+        for human, agent in zip(people.humans, decode(people, s.world.grid), strict=True):
             if human.name in s.run.human_names and len(agent.goals) > 1:
-                yield from _of_one(s, s.run.human_names.index(human.name), human, agent, at)
+                yield from _of_one(s, s.run.human_names.index(human.name), human, agent)
 
 
-def _recorded(s: Sampled, ends: dict[str, dict[int, str]], at: PlaceAt) -> Iterator[Event]:
+def _recorded(s: Sampled, ends: dict[str, dict[int, str]]) -> Iterator[OfPerson]:
     """Yield the recorded events up to the end of the series; of waypoints reached only the ends of tasks."""
     t = s.series.t
     for event in s.run.events:
-        if not isinstance(event, OfPeople) or event.time_s > t[-1] + 1e-9:
+        if not isinstance(event, OfPerson) or event.time_s > t[-1] + 1e-9:
             continue
-        if isinstance(event, recorded.PersonReached):
+        if isinstance(event, PersonReached):
             task = ends.get(event.person, {}).get(event.goal)
             if task is not None:
-                yield _converted(run_events.PersonReached, event, s, at, task=task)
-        elif isinstance(event, recorded.PersonPaused):
-            yield _converted(run_events.PersonPaused, event, s, at)
-        elif isinstance(event, recorded.PersonReacted):
-            yield _converted(run_events.PersonReacted, event, s, at, behaviour=event.behaviour.value)
-        else:
+                yield _named(event, s, task=task)
+        elif isinstance(event, PersonStuck):
             index = min(int(np.searchsorted(t, event.time_s - 1e-9)), len(t) - 1)
-            reason = _beside(s, index, s.run.human_names.index(event.person))
-            yield _converted(run_events.PersonStuck, event, s, at, reason=reason)
+            yield _named(event, s, reason=_beside(s, index, s.run.human_names.index(event.person)))
+        else:
+            yield _named(event, s)
 
 
-def _converted(kind: type[E], event: recorded.RecordedEvent, s: Sampled, at: PlaceAt, **more: Any) -> E:
-    """Return the event of a run for a recorded one: its place has a name, and it ends with the series."""
-    known = {name: value for name, value in vars(event).items() if name in kind.model_fields and name != "kind"}
-    if "until_s" in known:
-        known["until_s"] = min(known["until_s"], float(s.series.t[-1]))
-    return kind(**known | {"place": at(event.x, event.y)} | more)
+def _named(event: E, s: Sampled, **changes: Any) -> E:
+    """Return a recorded event with the name of its place; it ends with the series."""
+    if isinstance(event, Spell):
+        changes.setdefault("until_s", min(event.until_s, float(s.series.t[-1])))
+    return event.model_copy(update={"waypoint": _at(s, event.x, event.y)["waypoint"], **changes})
 
 
-def _of_one(s: Sampled, person: int, human: Human, agent: HumanAgent, at: PlaceAt) -> Iterator[Event]:
+def _of_one(s: Sampled, person: int, human: Human, agent: HumanAgent) -> Iterator[OfPerson]:
     x, y, t = s.series.human_x[:, person], s.series.human_y[:, person], s.series.t
     ends = task_ends(human)
     excused: Flags = t < agent.start_delay_s + 1.0
     for index, goal in _arrivals(x, y, agent):
-        where = at(*agent.goals[goal])
         begin = round(float(t[index]), 3)
+        arrival = {"time_s": begin, "person": human.name, "goal": goal, **_at(s, *agent.goals[goal])}
         if agent.pauses_s[goal] > 0.0:
             away = np.hypot(x[index:] - agent.goals[goal][0], y[index:] - agent.goals[goal][1]) > LEFT_M
             left = float(t[index + int(away.argmax()) if away.any() else -1])
-            until = min(left, begin + agent.pauses_s[goal])
             excused |= (t >= begin) & (t <= begin + agent.pauses_s[goal] + LEAVING_S)
-            yield run_events.PersonPaused(time_s=begin, place=where, until_s=round(until, 3), person=human.name)
+            yield PersonPaused(**arrival, until_s=round(min(left, begin + agent.pauses_s[goal]), 3))
         if goal in ends:
-            yield run_events.PersonReached(time_s=begin, place=where, person=human.name, task=ends.pop(goal))
+            yield PersonReached(**arrival, task=ends.pop(goal))
     if agent.behaviour in STOPPING:
         excused |= s.distance[:, person] < agent.reaction.distance_m + REACTING_M
-    yield from _stuck(s, person, excused, at)
+    yield from _stuck(s, person, excused)
 
 
 def _arrivals(x: Floats, y: Floats, agent: HumanAgent) -> Iterator[tuple[int, int]]:
@@ -117,7 +128,7 @@ def _arrivals(x: Floats, y: Floats, agent: HumanAgent) -> Iterator[tuple[int, in
         start, goal = index + 1, (goal + 1) % len(agent.goals)
 
 
-def _stuck(s: Sampled, person: int, excused: Flags, at: PlaceAt) -> Iterator[run_events.PersonStuck]:
+def _stuck(s: Sampled, person: int, excused: Flags) -> Iterator[PersonStuck]:
     checked = np.append(np.arange(s.series.t[0], s.series.t[-1], CHECKED_S), s.series.t[-1])
     rows = np.unique(np.searchsorted(s.series.t, checked))
     x, y, t = s.series.human_x[rows, person], s.series.human_y[rows, person], s.series.t[rows]
@@ -129,9 +140,9 @@ def _stuck(s: Sampled, person: int, excused: Flags, at: PlaceAt) -> Iterator[run
         stays &= (np.hypot(x[later] - x, y[later] - y) < STUCK_M) & ~excused[rows[later]]
     stays &= ~excused[rows]
     for first, last in stretches(stays):
-        yield run_events.PersonStuck(
+        yield PersonStuck(
             time_s=round(float(t[first]), 3),
-            place=at(x[first], y[first]),
+            **_at(s, x[first], y[first]),
             until_s=round(float(t[last_row[last]]), 3),
             person=s.run.human_names[person],
             reason=_beside(s, int(rows[first]), person),
@@ -171,7 +182,7 @@ GOAL_TOLERANCE_M = 0.25
 BLOCKED_S = 1.0
 
 
-def events_of(run: Run, *, world: World | None = None, scenario: Scenario | None = None) -> Events:
+def events_of(run: Run, *, world: World | None = None, scenario: Scenario | None = None) -> tuple[RunEvent, ...]:
     """Return the events of a run, in order of time.
 
     Args:
@@ -181,49 +192,39 @@ def events_of(run: Run, *, world: World | None = None, scenario: Scenario | None
     s = sampled(run, world)
     if not len(s):
         return ()
-    at = place_namer(world)
-    found: list[Event] = []
+    events: list[RunEvent] = []
     if s.people:
-        found += [*contacts(s, at), *near_misses(s, at), *blocked_goals(s, at)]
-    found += [*obstacle_contacts(s, at), *navigation(s, at), *hard_brakes(s, at), *standstills(s, at), ending(s, at)]
+        events += [*contacts(s), *near_misses(s), *blocked_goals(s)]
+    events += [*obstacle_contacts(s), *navigation(s), *hard_brakes(s), *standstills(s), ending(s)]
     if s.people:
-        found += people_events(s, scenario, world, at)
-    return tuple(sorted(found, key=lambda event: event.time_s))
+        events += people_events(s, scenario)
+    return in_order(events)
 
 
-@lru_cache(maxsize=8)
-def place_namer(world: World | None) -> PlaceAt:
-    """Return a function from x and y in metres to a place with the name of its waypoint."""
-    names = WaypointNames(world.grid) if world is not None else None
-
-    def at(x: float, y: float) -> Place:
-        name = names.nearest(np.array([x]), np.array([y]))[0] if names is not None else ""
-        return Place(x=round(float(x), 3), y=round(float(y), 3), waypoint=name)
-
-    return at
+def _at(s: Sampled, x: float, y: float) -> dict[str, Any]:
+    """Return the place of an event, with the nearest waypoint where the world is known."""
+    (waypoint,) = s.world.nearest_waypoints(np.array([x]), np.array([y])) if s.world is not None else ("",)
+    return {"x": round(float(x), 3), "y": round(float(y), 3), "waypoint": waypoint}
 
 
-def obstacle_contacts(s: Sampled, at: PlaceAt) -> Iterator[run_events.ObstacleContact]:
+def obstacle_contacts(s: Sampled) -> Iterator[ObstacleContact]:
     """Yield the recorded contacts of the robot's body with walls, objects and doors."""
     for touch in s.run.events:
-        if not isinstance(touch, recorded.ObstacleContact):
+        if not isinstance(touch, ObstacleContact):
             continue
         place, near = shapely.Point(touch.x, touch.y), []
         for door in s.world.staged_doors if s.world is not None else ():
             leaves = [shapely.Polygon(leaf).distance(place) for leaf in _leaves(door, s.run, touch.time_s)]
             if leaves and min(leaves) < ON_LEAF_M:
                 near.append((min(leaves), door.name))
-        door_name = min(near)[1] if near else ""
-        yield _converted(run_events.ObstacleContact, touch, s, at, until_s=touch.until_s, door=door_name)
+        yield _named(touch, s, until_s=touch.until_s, door=min(near)[1] if near else "")
 
 
-def navigation(s: Sampled, at: PlaceAt) -> Iterator[run_events.Replan | run_events.Recovery]:
+def navigation(s: Sampled) -> Iterator[Replan | Recovery]:
     """Yield the recorded recoveries, and the paths that differ clearly from those before."""
     for event in s.run.events:
-        if isinstance(event, recorded.Replan):
-            yield _converted(run_events.Replan, event, s, at)
-        elif isinstance(event, recorded.Recovery):
-            yield _converted(run_events.Recovery, event, s, at)
+        if isinstance(event, Replan | Recovery):
+            yield _named(event, s)
 
 
 def _leaves(door: Door, run: Run, t: float) -> list[tuple[tuple[float, float], ...]]:
@@ -236,52 +237,41 @@ def _leaves(door: Door, run: Run, t: float) -> list[tuple[tuple[float, float], .
         return [door.still] if door.still is not None else []
     begin = share = 0.0
     for move in run.events:
-        if isinstance(move, recorded.DoorMoved) and move.door == door.name and move.time_s <= t:
+        if isinstance(move, DoorMoved) and move.door == door.name and move.time_s <= t:
             way = (min(t, move.until_s) - move.time_s) / door.opening_s
             begin, share = move.share, min(1.0, max(0.0, move.share + (way if move.opens else -way)))
     if door.kind == "sliding":
         return [door.leaf(share)] if share < 1.0 else []
-    held = [float(each) for each in np.linspace(begin, share, LEAF_STEPS) if each > AT_FRAME]
-    return [door.leaf(each) for each in (share, *held)]
+    shares = np.linspace(begin, share, LEAF_STEPS)
+    return [door.leaf(share), *(door.leaf(float(held)) for held in shares[shares > AT_FRAME])]
 
 
-def contacts(s: Sampled, at: PlaceAt) -> Iterator[run_events.Contact]:
+def contacts(s: Sampled) -> Iterator[Contact]:
     """Yield one event for each contact of the robot with a person, as the metric `contacts` counts them."""
     for touch in s.contacts:
-        fastest = round(float(s.series.speed[max(0, touch.first - 1) : touch.last + 1].max()), 3)
-        if touch.recorded is not None:
-            moved_by = touch.recorded.moved_by
-            yield _converted(run_events.Contact, touch.recorded, s, at, robot_speed_m_s=fastest, moved_by=moved_by)
-            continue
         first, last, person = touch.first, touch.last, touch.person
-        before = max(0, first - 1)
-        towards = max(0.0, *(float(s.closing_speed[k, person]) for k in (before, first)))
-        yield run_events.Contact(
-            **_span(s, first, last, at),
+        fastest = round(float(s.series.speed[max(0, first - 1) : last + 1].max()), 3)
+        if touch.recorded is not None:
+            yield _named(touch.recorded, s, robot_speed_m_s=fastest)
+            continue
+        at = max((max(0, first - 1), first), key=lambda row: s.closing_speed[row, person])
+        distance = max(float(s.distance[at, person]), 1e-9)
+        towards = [axis[at, person] / distance for axis in s.offset]
+        robot = float(sum(v[at] * d for v, d in zip(s.robot_velocity, towards, strict=True)))
+        other = float(-sum(v[at, person] * d for v, d in zip(s.human_velocity, towards, strict=True)))
+        yield Contact(
+            **_span(s, first, last),
             person=s.run.human_names[person],
-            closing_speed_m_s=round(towards, 3),
+            closing_speed_m_s=round(max(0.0, float(s.closing_speed[at, person])), 3),
+            robot_part_m_s=round(robot, 3),
+            person_part_m_s=round(other, 3),
             robot_speed_m_s=fastest,
             bearing_rad=_bearing(s, first, person),
             overlap_m=round(float(-s.gap[first : last + 1, person].min()), 3),
-            moved_by=_mover(s, before, person),
         )
 
 
-def _mover(s: Sampled, index: int, person: int) -> Literal["robot", "person", "both", "neither"]:
-    """Return who moves towards whom at a sample: the shares of the closing speed decide."""
-    dx, dy = (axis[index, person] for axis in s.offset)
-    distance = max(float(np.hypot(dx, dy)), 1e-9)
-    robot = sum(v[index] * d for v, d in zip(s.robot_velocity, (dx, dy), strict=True)) / distance
-    other = -sum(v[index, person] * d for v, d in zip(s.human_velocity, (dx, dy), strict=True)) / distance
-    closing = robot + other
-    if closing <= 0.02:
-        return "neither"
-    if robot >= closing / 3 and other >= closing / 3:
-        return "both"
-    return "robot" if robot > other else "person"
-
-
-def near_misses(s: Sampled, at: PlaceAt) -> Iterator[run_events.NearMiss]:
+def near_misses(s: Sampled) -> Iterator[NearMiss]:
     """Yield one event for each passage with a gap below `NEAR_MISS_M` and without contact."""
     for person in range(s.people):
         gap = s.gap[:, person]
@@ -289,8 +279,8 @@ def near_misses(s: Sampled, at: PlaceAt) -> Iterator[run_events.NearMiss]:
             closest = first + int(gap[first : last + 1].argmin())
             moving = float(s.relative_speed[first : last + 1, person].max()) > 0.05
             if moving and not s.touching[first : last + 1, person].any():
-                yield run_events.NearMiss(
-                    **_start(s, closest, at),
+                yield NearMiss(
+                    **_start(s, closest),
                     person=s.run.human_names[person],
                     gap_m=round(float(gap[closest]), 3),
                     relative_speed_m_s=round(float(s.relative_speed[closest, person]), 3),
@@ -298,7 +288,7 @@ def near_misses(s: Sampled, at: PlaceAt) -> Iterator[run_events.NearMiss]:
                 )
 
 
-def hard_brakes(s: Sampled, at: PlaceAt) -> Iterator[run_events.HardBrake]:
+def hard_brakes(s: Sampled) -> Iterator[HardBrake]:
     """Yield one event for each stretch of braking harder than `HARD_BRAKE_M_S2` over half a second, en route.
 
     Speed that a contact takes from the robot is not braking: it counts only up to the moment at which they touch.
@@ -317,8 +307,8 @@ def hard_brakes(s: Sampled, at: PlaceAt) -> Iterator[run_events.HardBrake]:
         hardest = first + int(drop[first : last + 1].argmax())
         nearest = int(s.gap[hardest].argmin()) if s.people else -1
         near = s.people and s.gap[hardest, nearest] < NEAR_M
-        yield run_events.HardBrake(
-            **_span(s, hardest, int(window[last]), at),
+        yield HardBrake(
+            **_span(s, hardest, int(window[last])),
             deceleration_m_s2=round(float(drop[hardest]), 2),
             from_speed_m_s=round(float(speed[hardest]), 3),
             to_speed_m_s=round(float(speed[window[hardest]]), 3),
@@ -333,20 +323,16 @@ def _in_contact(s: Sampled) -> Flags:
         flags |= s.touching.any(axis=1)
     t = s.series.t
     for event in s.run.events:
-        if isinstance(event, recorded.ObstacleContact | RobotContact):
+        if isinstance(event, ObstacleContact | Contact):
             first, last = np.searchsorted(t, [event.time_s - 1e-9, event.until_s + 1e-9])
             flags[min(int(first), len(t) - 1) : int(last) + 1] = True
     return flags
 
 
-def standstills(s: Sampled, at: PlaceAt) -> Iterator[run_events.StandStill]:
+def standstills(s: Sampled) -> Iterator[StandStill]:
     """Yield one event for each standstill of at least a second between the first movement and the end."""
-    if s.still.all():
-        return
-    begin = int((~s.still).argmax())
-    on_the_way: Flags = s.still & (np.arange(len(s)) >= begin)
-    goals = list(blocked_goals(s, at))
-    for first, last in stretches(on_the_way):
+    goals = list(blocked_goals(s))
+    for first, last in s.stops:
         at_the_goal = s.run.completed and last == len(s) - 1
         if _time(s, last) - _time(s, first) < STANDSTILL_S - 1e-9 or at_the_goal:
             continue
@@ -354,20 +340,20 @@ def standstills(s: Sampled, at: PlaceAt) -> Iterator[run_events.StandStill]:
         for taken in goals:
             if taken.time_s < _time(s, last) and _time(s, first) < taken.until_s:
                 reason, person = "goal_taken", taken.person
-        yield run_events.StandStill(**_span(s, first, last, at), reason=reason, person=person)
+        yield StandStill(**_span(s, first, last), reason=reason, person=person)
 
 
-def _main_reason(s: Sampled, first: int, last: int) -> tuple[run_events.Reason, str]:
+def _main_reason(s: Sampled, first: int, last: int) -> tuple[Reason, str]:
     """Return what stands next to the robot for most of a standstill; what is known of a part where most is unknown."""
-    found = Counter(_reason(s, index) for index in range(first, last + 1))
-    known = [(count, reason) for reason, count in found.items() if reason[0] != "unknown"]
-    return max(known, key=lambda each: each[0])[1] if known else ("unknown", "")
+    reasons = Counter(_reason(s, index) for index in range(first, last + 1))
+    del reasons["unknown", ""]
+    return reasons.most_common(1)[0][0] if reasons else ("unknown", "")
 
 
-def _reason(s: Sampled, index: int) -> tuple[run_events.Reason, str]:
+def _reason(s: Sampled, index: int) -> tuple[Reason, str]:
     """Return what stands next to the robot at a sample, and the name of the person if it is one."""
     t = float(s.series.t[index])
-    at_wall = any(isinstance(e, recorded.ObstacleContact) and e.time_s <= t + 1e-9 < e.until_s for e in s.run.events)
+    at_wall = any(isinstance(e, ObstacleContact) and e.time_s <= t + 1e-9 < e.until_s for e in s.run.events)
     if at_wall and not (s.people and s.touching[index].any()):
         return "obstacle_contact", ""
     if s.people:
@@ -379,14 +365,14 @@ def _reason(s: Sampled, index: int) -> tuple[run_events.Reason, str]:
             return "person_ahead", s.run.human_names[int(np.where(ahead, s.gap[index], np.inf).argmin())]
         if s.gap[index, nearest] < BESIDE_M:
             return "person_close", s.run.human_names[nearest]
-    if any(isinstance(e, recorded.Recovery) and e.time_s <= t + 1e-9 < e.until_s for e in s.run.events):
+    if any(isinstance(e, Recovery) and e.time_s <= t + 1e-9 < e.until_s for e in s.run.events):
         return "recovery", ""
     if s.obstacle_distance is not None and s.obstacle_distance[index] < s.run.robot_radius_m + OBSTACLE_M:
         return "obstacle", ""
     return "unknown", ""
 
 
-def blocked_goals(s: Sampled, at: PlaceAt) -> Iterator[run_events.BlockedGoal]:
+def blocked_goals(s: Sampled) -> Iterator[BlockedGoal]:
     """Yield one event for each time a person occupies the goal while the robot is within 3 m of it."""
     goal_x, goal_y, _ = s.run.goal
     for person in range(s.people):
@@ -394,33 +380,33 @@ def blocked_goals(s: Sampled, at: PlaceAt) -> Iterator[run_events.BlockedGoal]:
         away = np.hypot(s.series.human_x[:, person] - goal_x, s.series.human_y[:, person] - goal_y)
         for first, last in stretches((away < reach) & (s.goal_distance < GOAL_NEAR_M)):
             if _time(s, last) - _time(s, first) >= BLOCKED_S - 1e-9:
-                yield run_events.BlockedGoal(
+                yield BlockedGoal(
                     time_s=_time(s, first),
-                    place=at(goal_x, goal_y),
+                    **_at(s, goal_x, goal_y),
                     until_s=_time(s, last),
                     person=s.run.human_names[person],
                 )
 
 
-def ending(s: Sampled, at: PlaceAt) -> Event:
+def ending(s: Sampled) -> Arrival | TimeOut | Abort:
     """Return the event that ends the run."""
-    end = _start(s, len(s) - 1, at)
+    end = _start(s, len(s) - 1)
     remaining = round(float(s.goal_distance[-1]), 3)
     match s.run.outcome:
         case Outcome.REACHED:
-            return run_events.Arrival(**end)
+            return Arrival(**end)
         case Outcome.TIMED_OUT:
-            return run_events.TimeOut(**end, remaining_m=remaining)
+            return TimeOut(**end, remaining_m=remaining)
         case outcome:
-            return run_events.Abort(**end, outcome=outcome, remaining_m=remaining)
+            return Abort(**end, outcome=outcome, remaining_m=remaining)
 
 
-def _start(s: Sampled, index: int, at: PlaceAt) -> dict[str, Any]:
-    return {"time_s": _time(s, index), "place": at(s.series.x[index], s.series.y[index])}
+def _start(s: Sampled, index: int) -> dict[str, Any]:
+    return {"time_s": _time(s, index), **_at(s, s.series.x[index], s.series.y[index])}
 
 
-def _span(s: Sampled, first: int, last: int, at: PlaceAt) -> dict[str, Any]:
-    return _start(s, first, at) | {"until_s": _time(s, last)}
+def _span(s: Sampled, first: int, last: int) -> dict[str, Any]:
+    return _start(s, first) | {"until_s": _time(s, last)}
 
 
 def _time(s: Sampled, index: int) -> float:
@@ -452,31 +438,27 @@ class EncounterKind(str, Enum):
     STANDING = "person stands"
 
 
-class Encounter(Record):
-    """One person near the robot, from the moment the gap falls below `ENCOUNTER_M`."""
+class Encounter(Event):
+    """One person near the robot, from the moment the gap falls below `ENCOUNTER_M`; when and where it is smallest."""
 
     kind: EncounterKind
     person: str
-    time_s: float
-    """When the gap is smallest, seconds since the start of the run."""
     gap_m: float
     """The smallest gap between the bodies; negative where they overlap."""
-    place: Place
-    """Where the robot is at that time."""
 
 
 def encounters_of(run: Run, *, world: World | None = None) -> tuple[Encounter, ...]:
     """Return every encounter of a run in order of time. A `world` names the places."""
     if not len(run.trajectory) or not run.human_names:
         return ()
-    s, at, found = sampled(run, world), place_namer(world), []
+    s, encounters = sampled(run, world), []
     for person, name in enumerate(run.human_names):
         gap = s.gap[:, person]
         for first, last in joined(stretches(gap < ENCOUNTER_M), s.series.t, ENCOUNTER_APART_S):
             closest = first + int(gap[first : last + 1].argmin())
             kind, gap_m = _kind(s, first, closest, person), round(float(gap[closest]), 3)
-            found.append(Encounter(**_start(s, closest, at), kind=kind, person=name, gap_m=gap_m))
-    return tuple(sorted(found, key=lambda each: (each.time_s, each.person)))
+            encounters.append(Encounter(**_start(s, closest), kind=kind, person=name, gap_m=gap_m))
+    return tuple(sorted(encounters, key=lambda encounter: (encounter.time_s, encounter.person)))
 
 
 def _kind(s: Sampled, first: int, closest: int, person: int) -> EncounterKind:

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.records import Record
-from rvsg.simulation.run import PersonPaused, Run
+from rvsg.simulation.events import PersonPaused
+from rvsg.simulation.run import Run
 
 Floats = NDArray[np.float64]
 PEOPLE_REALISM = "people_realism"

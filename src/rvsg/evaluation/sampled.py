@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.robots.polygons import edges
-from rvsg.simulation.run import RobotContact, Run, Trajectory
+from rvsg.simulation.events import Contact
+from rvsg.simulation.run import Run, Trajectory
 from rvsg.world.space import driving_space, human_space
 from rvsg.world.world import World
 
@@ -46,10 +47,10 @@ def stretches(flags: Flags) -> list[tuple[int, int]]:
     return [(int(a), int(b) - 1) for a, b in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True)]
 
 
-def joined(found: Sequence[tuple[int, int]], t: Floats, apart_s: float) -> list[tuple[int, int]]:
+def joined(spans: Sequence[tuple[int, int]], t: Floats, apart_s: float) -> list[tuple[int, int]]:
     """Join stretches with less than `apart_s` seconds between them; `t` (N,) are the times of the samples."""
     result: list[tuple[int, int]] = []
-    for first, last in found:
+    for first, last in spans:
         if result and t[first] - t[result[-1][1]] < apart_s:
             result[-1] = (result[-1][0], last)
         else:
@@ -64,7 +65,7 @@ class Touch:
     person: int
     first: int
     last: int
-    recorded: RobotContact | None = None
+    recorded: Contact | None = None
     """What the simulator recorded of it."""
 
 
@@ -117,11 +118,11 @@ def _placed(points: Floats, x: Floats, y: Floats, angle: Floats) -> tuple[Floats
 
 def _along(outline: Sequence[tuple[float, float]]) -> Floats:
     """Return points every 5 cm along an outline, its corners among them (K, 2)."""
-    found = []
+    points = []
     for (ax, ay), (bx, by) in edges(outline):
         shares = np.linspace(0.0, 1.0, max(2, int(np.hypot(bx - ax, by - ay) / OUTLINE_STEP_M) + 2))[:-1, None]
-        found.append(np.array([[ax, ay]]) + shares * np.array([[bx - ax, by - ay]]))
-    return np.concatenate(found)
+        points.append(np.array([[ax, ay]]) + shares * np.array([[bx - ax, by - ay]]))
+    return np.concatenate(points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,18 +249,17 @@ class Sampled:
     def _contacts_are_recorded(self) -> bool:
         """Whether the events of the run hold its contacts; most recordings do not measure them."""
         if self.run.simulator == "recording":
-            return any(isinstance(event, RobotContact) for event in self.run.events)
+            return any(isinstance(event, Contact) for event in self.run.events)
         return bool(self.run.robot_outline)
 
     def _recorded_contacts(self) -> list[Touch]:
-        found = []
-        t = self.series.t
+        touches, t = [], self.series.t
         for event in self.run.events:
-            if isinstance(event, RobotContact) and event.time_s <= t[-1] + 1e-9:
+            if isinstance(event, Contact) and event.time_s <= t[-1] + 1e-9:
                 first = min(int(np.searchsorted(t, event.time_s - 1e-9)), len(t) - 1)
                 last = max(first, int(np.searchsorted(t, event.until_s + 1e-9, side="right")) - 1)
-                found.append(Touch(self.run.human_names.index(event.person), first, last, event))
-        return found
+                touches.append(Touch(self.run.human_names.index(event.person), first, last, event))
+        return touches
 
     @cached_property
     def touching(self) -> Flags:
@@ -295,6 +295,19 @@ class Sampled:
         """(N,) whether the robot neither drives nor turns: |v| < 0.01 m/s and |omega| < 0.02 rad/s."""
         s = self.series
         return (s.speed < STILL_SPEED_M_S) & (np.abs(s.omega) < STILL_TURN_RAD_S)
+
+    @cached_property
+    def stops(self) -> list[tuple[int, int]]:
+        """The first and the last sample of each time in which the robot, once it has moved, stands still."""
+        return [span for span in stretches(self.still) if span[0] > 0] if len(self) else []
+
+    @cached_property
+    def closest_approach(self) -> tuple[int, int] | None:
+        """The sample and the human with the smallest gap of all, the first of equals; None without people."""
+        if not self.people:
+            return None
+        row, human = np.unravel_index(int(self.gap.argmin()), self.gap.shape)
+        return int(row), int(human)
 
     @cached_property
     def bearing_of_robot(self) -> Floats:
@@ -385,8 +398,8 @@ class Sampled:
         """
         if not self.people:
             return None
-        known = self.run.human_groups
-        members = [[i for i, group in enumerate(known) if group == wanted] for wanted in set(known) - {None}]
+        numbers = self.run.human_groups
+        members = [[i for i, number in enumerate(numbers) if number == group] for group in set(numbers) - {None}]
         groups = [who for who in members if len(who) > 1]
         if not groups:
             return None

@@ -14,13 +14,13 @@ import numpy as np
 
 from rvsg.core.records import Record
 from rvsg.evaluation.detection import events_of
-from rvsg.evaluation.run_events import Contact, HardBrake, NearMiss, StandStill
 from rvsg.evaluation.sampled import sampled
 from rvsg.evaluation.verdict import counted
 from rvsg.recording.recorded_run import outcome_of, speed_of
 from rvsg.recording.tracks import GAP_S, Floats, Recording
 from rvsg.robots.robot import Robot
-from rvsg.simulation.run import Outcome, Run, Trajectory
+from rvsg.simulation.events import Contact, HardBrake, NearMiss, Outcome, StandStill
+from rvsg.simulation.run import Run, Trajectory
 from rvsg.world.world import World
 
 NEAR_M = 2.0

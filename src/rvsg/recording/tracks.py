@@ -22,7 +22,8 @@ from rvsg.core.records import Record
 from rvsg.evaluation.sampled import wrap
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.archive import RunHeader
-from rvsg.simulation.run import RobotContact, Trajectory
+from rvsg.simulation.events import Contact
+from rvsg.simulation.run import Trajectory
 from rvsg.world.world import OccupancyMap, World
 
 Floats = NDArray[np.float64]
@@ -127,7 +128,7 @@ class Recording:
     notes: tuple[Note, ...] = ()
     header: RunHeader | None = None
     """The run that RVSG wrote as this recording."""
-    contacts: tuple[RobotContact, ...] = ()
+    contacts: tuple[Contact, ...] = ()
     """Contacts that the recording holds; others show in the tracks alone."""
     log: Trajectory | None = None
     imu: Floats = field(default_factory=lambda: np.empty(0))

@@ -13,8 +13,7 @@ from rvsg.campaign.findings import Finding, Severity, Smallest, severity_of
 from rvsg.campaign.observation import FailureMode, usual
 from rvsg.campaign.ranking import confirmations, confirmed_candidate, ranking, search_attempts
 from rvsg.core.records import Record
-from rvsg.evaluation.detection import contacts, place_namer
-from rvsg.evaluation.run_events import Contact, place_name
+from rvsg.evaluation.detection import contacts
 from rvsg.evaluation.sampled import sampled
 from rvsg.evaluation.verdict import (
     OPEN_STATUS,
@@ -31,6 +30,7 @@ from rvsg.evaluation.verdict import (
 )
 from rvsg.report.words import in_short
 from rvsg.scenario.requirement import Requirement
+from rvsg.simulation.events import in_order
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
@@ -243,7 +243,7 @@ class _ShownRun:
         modes = {run_id: mode_of(run_id) for run_id in runs}
         self.mode = usual(modes.values())
         usual_ones = [m for m in chosen if modes[m.run_id] == self.mode] or chosen
-        met = {m.run_id: each[0] for m in touched if (each := _contacts(run_of(m.run_id), world))}
+        met = {m.run_id: each[0] for m in touched if (each := in_order(contacts(sampled(run_of(m.run_id), world))))}
         movers = Counter(met[m.run_id].moved_by for m in usual_ones if m.run_id in met)
         movers = movers or Counter(each.moved_by for each in met.values())
         self.mover = max(movers, key=movers.__getitem__, default="neither")
@@ -267,21 +267,17 @@ class _ShownRun:
         if self.mode is not None:
             return f"{self.mode.name(self.mover)}: {self.who}"
         path = self.run.trajectory
-        at = place_name(world, float(path.x[-1]), float(path.y[-1])) if len(path) else "the start"
+        at = world.place_name(float(path.x[-1]), float(path.y[-1])) if len(path) else "the start"
         return f"Ends at {at}, {self.run.outcome.value}"
 
 
 def _nearest(run: Run) -> tuple[str, float]:
     """Return who comes nearest to the robot, and when (s)."""
-    if not run.human_names or not len(run.trajectory):
+    closest = sampled(run).closest_approach
+    if closest is None:
         return "", 0.0
-    gap = sampled(run).gap
-    row = int(gap.min(axis=1).argmin())
-    return run.human_names[int(gap[row].argmin())], float(run.trajectory.t[row])
-
-
-def _contacts(run: Run, world: World) -> list[Contact]:
-    return sorted(contacts(sampled(run, world), place_namer(world)), key=lambda contact: contact.time_s)
+    row, person = closest
+    return run.human_names[person], float(run.trajectory.t[row])
 
 
 def row_of(

@@ -22,7 +22,8 @@ from rvsg.report.words import limit_in_words, quantity, shown_at
 from rvsg.robots.robot import Robot
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
-from rvsg.simulation.run import RobotContact, Run
+from rvsg.simulation.events import Contact
+from rvsg.simulation.run import Run
 from rvsg.world.drawing.floor_plan import Picture, draw_plan
 from rvsg.world.drawing.sheet import NARROWEST_PX, font
 from rvsg.world.world import World
@@ -253,9 +254,9 @@ class _Stage:
             draw.text((8, height + top), text, fill=INK, font=font(size))
 
 
-def touches(run: Run, t_s: float) -> list[RobotContact]:
+def touches(run: Run, t_s: float) -> list[Contact]:
     """Return the contacts of robot and people up to a time; a film marks their places."""
-    return [event for event in run.events if isinstance(event, RobotContact) and event.time_s <= t_s]
+    return [event for event in run.events if isinstance(event, Contact) and event.time_s <= t_s]
 
 
 def _points(pixels: Floats) -> list[tuple[float, float]]:

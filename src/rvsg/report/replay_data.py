@@ -30,7 +30,8 @@ from rvsg.report.words import limit_in_words, quantity, untimed
 from rvsg.robots.robot import Robot
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
-from rvsg.simulation.run import DoorMoved, Run
+from rvsg.simulation.events import DoorMoved
+from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
 if TYPE_CHECKING:

@@ -16,16 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.campaign.attempt import Attempt, Measurement
-from rvsg.evaluation.detection import events_of, place_namer
+from rvsg.evaluation.detection import events_of
 from rvsg.evaluation.metrics import find_metric
-from rvsg.evaluation.run_events import Contact, Event, Place, Recovery, StandStill
 from rvsg.evaluation.sampled import sampled, stretches
 from rvsg.evaluation.story import Sentence, story_of
 from rvsg.evaluation.verdict import objective
 from rvsg.robots.robot import Robot
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
-from rvsg.simulation.run import Outcome, Run
+from rvsg.simulation.events import Contact, Outcome, Recovery, RunEvent, StandStill
+from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
 Floats = NDArray[np.float64]
@@ -95,7 +95,7 @@ def decisive(run: Run, requirement: Requirement, curve: Curve) -> float:
         return closest
     limit = requirement.badness(requirement.threshold) if requirement.threshold is not None else None
     if np.allclose(worse[:-1] - worse[0], t[:-1] - t[0], atol=0.15):
-        lost = _longest_standstill(run)
+        lost = _least_way(run)
         return lost if lost is not None else closest
     if (np.diff(worse) >= -1e-9).all():
         if limit is not None and worse[-1] > limit:
@@ -115,12 +115,11 @@ def row_at(run: Run, t_s: float) -> int:
 
 def closest_approach(run: Run) -> float:
     """Return the time (s) at which robot and people are nearest; 0 without people."""
-    if not len(run.trajectory) or not run.trajectory.human_x.shape[1]:
-        return 0.0
-    return float(run.trajectory.t[int(sampled(run).closest_gap.argmin())])
+    closest = sampled(run).closest_approach
+    return float(run.trajectory.t[closest[0]]) if closest is not None else 0.0
 
 
-def _longest_standstill(run: Run) -> float | None:
+def _least_way(run: Run) -> float | None:
     """Return when the robot, once under way, makes least way in the next 3 s; None where it is never under way."""
     path = run.trajectory
     travelled = np.concatenate([[0.0], np.hypot(np.diff(path.x), np.diff(path.y)).cumsum()])
@@ -138,11 +137,12 @@ class RunFacts:
     run: Run
     measurement: Measurement
     violated: bool
-    events: tuple[Event, ...]
+    events: tuple[RunEvent, ...]
     story: tuple[Sentence, ...]
     curve: Curve
     decisive_s: float
-    decisive_at: Place
+    decisive_at: tuple[float, float]
+    """Where the robot is then, metres."""
     closest_m: float | None
     closest_s: float
 
@@ -210,9 +210,8 @@ def run_facts(
     events = events_of(run, world=world, scenario=scenario)
     decisive_s = decisive(run, requirement, curve)
     objective = measurement.objective
-    closest, at = None, 0.0
-    if run.human_names and len(run.trajectory):
-        closest, at = float(sampled(run).closest_gap.min()), closest_approach(run)
+    seen, row = sampled(run), row_at(run, decisive_s)
+    closest = float(seen.gap[seen.closest_approach]) if seen.closest_approach is not None else None
     bad = np.array([np.isfinite(v) and requirement.violated_by(float(v)) for v in curve.value], np.bool_)
     return RunFacts(
         run=run,
@@ -222,16 +221,11 @@ def run_facts(
         story=story_of(run, world=world, scenario=scenario, events=events),
         curve=curve,
         decisive_s=decisive_s,
-        decisive_at=_where(run, decisive_s, world),
+        decisive_at=(round(float(run.trajectory.x[row]), 3), round(float(run.trajectory.y[row]), 3)),
         closest_m=closest,
-        closest_s=at,
+        closest_s=closest_approach(run),
         beyond=[(float(curve.t[a]), float(curve.t[b])) for a, b in stretches(bad)],
     )
-
-
-def _where(run: Run, t_s: float, world: World) -> Place:
-    row = row_at(run, t_s)
-    return place_namer(world)(float(run.trajectory.x[row]), float(run.trajectory.y[row]))
 
 
 EDGES = 24

@@ -30,7 +30,8 @@ from rvsg.core.documents import mistakes_of
 from rvsg.core.errors import FileError, InputError
 from rvsg.core.inputs import parse_json, read_lines
 from rvsg.core.records import Record, canonical_json
-from rvsg.simulation.run import Outcome, RecordedEvent, Run, Trajectory
+from rvsg.simulation.events import RecordedEvent
+from rvsg.simulation.run import Outcome, Run, Trajectory
 
 Floats = NDArray[np.float64]
 

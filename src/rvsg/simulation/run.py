@@ -1,192 +1,25 @@
-"""The Run: what happened in one simulation of a scenario, with the events that its simulator recorded.
-
-Recorded events are measurements that the trajectory does not show exactly. From them, the trajectory and the outcome,
-`rvsg.evaluation.detection` makes the full list of a run's events (`rvsg.evaluation.run_events`). They are separate
-records: a stored run stays readable while the list grows, the list names waypoints and tasks, which no simulator knows,
-and a simulator that records nothing still gets the list.
-"""
+"""The Run: what happened in one simulation of a scenario, or what was recorded of one."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import Enum
 from functools import cached_property
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
-from rvsg.core.records import Record, content_id
-from rvsg.scenario.scenario import Behaviour
+from rvsg.core.records import content_id
+from rvsg.simulation.events import Outcome as Outcome
+from rvsg.simulation.events import RecordedEvent
 
 Floats = NDArray[np.float64]
 
 
-class _Recorded(Record):
-    """The fields that all recorded events share."""
-
-    time_s: float
-    """Seconds since the start of the run."""
-    x: float
-    """Metres, world frame."""
-    y: float
-    """Metres, world frame."""
-
-
-class _OfPerson(_Recorded):
-    person: str
-    """The name of the person."""
-
-
-class RobotContact(_OfPerson):
-    """The robot's body and a person touch; the place is where they touch first."""
-
-    kind: Literal["robot_contact"] = "robot_contact"
-    until_s: float
-    """When they part; contacts less than 0.5 s apart count as one."""
-    closing_speed_m_s: float
-    """Relative speed along the normal just before the contact; 0 where the two do not approach."""
-    robot_part_m_s: float
-    """The robot's part of it: speed of its surface at the place, towards the person."""
-    person_part_m_s: float
-    """The person's part of it: speed towards the robot."""
-    bearing_rad: float
-    """Direction of the person off the robot's heading; 0 ahead, positive to the left."""
-    part: Annotated[Literal["body", "trolley", "wheelchair"], Field(exclude_if=lambda part: part == "body")] = "body"
-    """What of the person is touched."""
-    overlap_m: float
-    """How far the bodies overlap at most, after the contact is resolved."""
-
-    @property
-    def moved_by(self) -> Literal["robot", "person", "both", "neither"]:
-        """Who moved into whom; `both` where each contributes at least a third of the approach."""
-        if self.closing_speed_m_s <= 0.02:
-            return "neither"
-        third = self.closing_speed_m_s / 3
-        if self.robot_part_m_s >= third and self.person_part_m_s >= third:
-            return "both"
-        return "robot" if self.robot_part_m_s > self.person_part_m_s else "person"
-
-
-class ObstacleContact(_Recorded):
-    """The robot's body touches a wall or an object and is held back; the place is where they touch first."""
-
-    kind: Literal["obstacle_contact"] = "obstacle_contact"
-    until_s: float
-    """When the robot was held back last; contacts less than 0.5 s apart count as one."""
-    speed_m_s: float
-    """The robot's speed when they touch first."""
-
-
-class PersonStuck(_OfPerson):
-    """A person who walks comes no nearer to the next waypoint for at least 5 s."""
-
-    kind: Literal["person_stuck"] = "person_stuck"
-    until_s: float
-    goal: int
-    """Index of the waypoint in the person's goals."""
-
-
-class PersonPaused(_OfPerson):
-    """A person stands at a waypoint as the task says."""
-
-    kind: Literal["person_paused"] = "person_paused"
-    until_s: float
-    goal: int
-    """Index of the waypoint in the person's goals."""
-
-
-class PersonReacted(_OfPerson):
-    """A person reacts to the robot as its behaviour says; the place is where the person is when it starts."""
-
-    kind: Literal["person_reacted"] = "person_reacted"
-    until_s: float
-    behaviour: Behaviour
-
-
-class PersonReached(_OfPerson):
-    """A person reaches a waypoint for the first time in a run."""
-
-    kind: Literal["person_reached"] = "person_reached"
-    goal: int
-    """Index of the waypoint in the person's goals."""
-
-
-class Replan(_Recorded):
-    """The global planner returns a path to the same goal that differs clearly from the one before.
-
-    The place is the robot's.
-    """
-
-    kind: Literal["replan"] = "replan"
-    length_m: float
-    """Length of the new path."""
-    deviation_m: float
-    """Largest distance of the new path from the one before."""
-
-
-class Recovery(_Recorded):
-    """The navigation runs a recovery behaviour; the place is the robot's when it begins."""
-
-    kind: Literal["recovery"] = "recovery"
-    until_s: float
-    action: Literal["clear_costmaps", "spin", "wait", "back_up", "other"]
-
-
-class DoorMoved(_Recorded):
-    """An automatic door begins to open or close; the place is the middle of its closed leaf."""
-
-    kind: Literal["door_moved"] = "door_moved"
-    door: str
-    """The name of the door."""
-    opens: bool
-    share: float
-    """How far it is open when it begins, 0 to 1."""
-    until_s: float
-    """When it stops."""
-
-
-RecordedEvent = Annotated[
-    RobotContact
-    | ObstacleContact
-    | PersonStuck
-    | PersonPaused
-    | PersonReacted
-    | PersonReached
-    | Replan
-    | Recovery
-    | DoorMoved,
-    Field(discriminator="kind"),
-]
-
-
-def in_order(*events: RecordedEvent) -> tuple[RecordedEvent, ...]:
-    """Return events in order of time."""
-    return tuple(sorted(events, key=lambda event: event.time_s))
-
-
 def run_id(scenario_id: str, simulator: str, options: Mapping[str, object], seed: int) -> str:
-    """The content id of a run, known before it is simulated: what is known already is not simulated again."""
+    """Return the content id of a run, which is known before it is simulated, so that no run is simulated twice."""
     return content_id("run", {"scenario": scenario_id, "simulator": simulator, "options": dict(options), "seed": seed})
-
-
-class Outcome(str, Enum):
-    """How a run ended, in the words a person reads."""
-
-    REACHED = "the goal was reached"
-    TIMED_OUT = "the time limit passed before the goal was reached"
-    ABORTED = "navigation gave up before the goal was reached"
-    NO_PATH = "no path to the goal was found"
-    STUCK = "the robot is stuck in contact with an obstacle"
-    STACK_FAILED = "the navigation stack under test failed"
-    BLOCKED_START = "there is no room for the robot at the start"
-
-    @classmethod
-    def _missing_(cls, value: object) -> Outcome | None:
-        """Read the words of 0.2."""
-        return cls.BLOCKED_START if value == "the robot stands in an obstacle or a person at the start" else None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -277,20 +110,23 @@ class Run:
     @property
     def stack_fault(self) -> str:
         """Why the stack under test failed; empty where it did not."""
-        told = self.details.get("stack")
-        return str(told.get("fault", "")) if isinstance(told, dict) else ""
+        return str(self._stack.get("fault", ""))
 
     @property
     def stack_warnings(self) -> tuple[str, ...]:
         """What the stack under test did not do as it should, such as control periods that it missed."""
-        told = self.details.get("stack")
-        return tuple(map(str, told.get("warnings", ()))) if isinstance(told, dict) else ()
+        return tuple(map(str, self._stack.get("warnings", ())))
+
+    @property
+    def _stack(self) -> dict[str, Any]:
+        stack = self.details.get("stack")
+        return stack if isinstance(stack, dict) else {}
 
     @property
     def absent_at(self) -> dict[str, tuple[float, float]]:
         """Where people stand, far outside of the map, while they are absent; the others are always there."""
-        told = self.details.get("absent_at")
-        return {name: (x, y) for name, (x, y) in told.items()} if isinstance(told, dict) else {}
+        places = self.details.get("absent_at")
+        return {name: (x, y) for name, (x, y) in places.items()} if isinstance(places, dict) else {}
 
     @property
     def completed(self) -> bool:

@@ -328,6 +328,38 @@ class World:
         text = activity.lower()
         return self.trolley_work.get(activity, any(word in text for word in TROLLEY_WORDS))
 
+    @cached_property
+    def _standing(self) -> tuple[list[str], NDArray[np.float64]]:
+        """Names and positions (K, 2) of the waypoints a person can stand on."""
+        valid = [w for w in self.grid.waypoints if w.human]
+        return [w.name for w in valid], np.array([(w.x, w.y) for w in valid]).reshape(-1, 2)
+
+    def nearest_waypoints(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> list[str]:
+        """Return the name of the valid waypoint nearest to each of the points x (K,), y (K,), as `Grid.nearest` does.
+
+        Names are empty where the grid has no waypoint.
+        """
+        names, at = self._standing
+        if not names:
+            return [""] * len(x)
+        squared = (at[None, :, 0] - x[:, None]) ** 2 + (at[None, :, 1] - y[:, None]) ** 2
+        return [names[i] for i in squared.argmin(axis=1)]
+
+    @cached_property
+    def _area_points(self) -> list[tuple[str, list[Point]]]:
+        """The labelled areas that have waypoints, with where these are."""
+        grid = self.grid
+        areas = [(area.name, [grid.position(w) for w in area.waypoints if w in grid.by_name]) for area in self.areas]
+        return [(name, points) for name, points in areas if points]
+
+    def place_name(self, x: float, y: float) -> str:
+        """Return the name by which findings, failures and maps speak of a position (m).
+
+        It is the labelled area whose waypoints are nearest; where nothing is labelled, the nearest waypoint.
+        """
+        nearest = [(min(math.dist((x, y), at) for at in points), name) for name, points in self._area_points]
+        return min(nearest)[1] if nearest else self.grid.nearest(x, y)
+
     def route(self, name: str) -> Route:
         """Return the route of that name; raises UnknownName."""
         return self._named("route", name, self.routes)

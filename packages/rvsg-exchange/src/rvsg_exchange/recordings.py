@@ -33,7 +33,7 @@ from rvsg.recording.recorded_run import speed_of
 from rvsg.recording.tracker import Scan, people_in_scans, track_places
 from rvsg.recording.tracks import Note, PersonTrack, Recording, Stream
 from rvsg.simulation.archive import RunHeader
-from rvsg.simulation.run import RobotContact
+from rvsg.simulation.events import Contact
 from rvsg.world.world import OCCUPIED, UNKNOWN, OccupancyMap, World
 from rvsg_exchange.bag import log_of, rosbags_types
 from rvsg_exchange.track_files import ENDINGS, read_tracks
@@ -445,7 +445,7 @@ class _Alignment:
             streams=contents.streams,
             notes=tuple(contents.notes),
             header=header,
-            contacts=tuple(each for each in header.events if isinstance(each, RobotContact)) if header else (),
+            contacts=tuple(each for each in header.events if isinstance(each, Contact)) if header else (),
             log=log,
             imu=imu,
         )

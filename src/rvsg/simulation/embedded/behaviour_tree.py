@@ -17,7 +17,7 @@ from rvsg.simulation.embedded.localisation import MAP_YAW, to_map, to_world
 from rvsg.simulation.embedded.navfn import plan
 from rvsg.simulation.embedded.rollouts import SAMPLE_SIDE, SAMPLE_V, SAMPLE_W, fill_window
 from rvsg.simulation.embedded.state import Scene, Settings, State
-from rvsg.simulation.run import Recovery, Replan
+from rvsg.simulation.events import Recovery, Replan
 
 Floats = NDArray[np.float64]
 

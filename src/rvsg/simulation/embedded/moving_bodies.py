@@ -22,7 +22,7 @@ from rvsg.simulation.embedded.people.crowd import PERIOD_S, Crowd
 from rvsg.simulation.embedded.people.obstacles import RASTER_M, REACH_M
 from rvsg.simulation.embedded.state import Scene
 from rvsg.simulation.embedded.walls import AGAIN_S, FROM, PLACE_X, PLACE_Y, SPEED, UNTIL, Walls, edges_of
-from rvsg.simulation.run import DoorMoved, RecordedEvent, RobotContact
+from rvsg.simulation.events import Contact, DoorMoved, RecordedEvent
 from rvsg.world.world import Door
 
 Floats = NDArray[np.float64]
@@ -182,7 +182,7 @@ class Touches:
 
     def __init__(self, names: Sequence[tuple[str, str]], walls: Walls) -> None:
         self._names, self._walls = names, walls
-        self._found: dict[int, list[RobotContact]] = {}
+        self._found: dict[int, list[Contact]] = {}
 
     def look(self, i: int, t: float, shape: Any, robot: Any, body: Floats, velocity: tuple[float, float]) -> None:
         """Note a contact where a shape touches the robot; `velocity` is the person's before they are held back."""
@@ -214,7 +214,7 @@ class Touches:
             counts[0] = kept
             self._note(whose[0], float(row[FROM]), (float(row[PLACE_X]), float(row[PLACE_Y])), float(row[SPEED]), 0.0)
 
-    def events(self) -> tuple[RobotContact, ...]:
+    def events(self) -> tuple[Contact, ...]:
         """Return the contacts of the run."""
         return tuple(contact for found in self._found.values() for contact in found)
 
@@ -234,7 +234,7 @@ class Touches:
             bearing = float(wrap(math.atan2(place[1] - body[base.Y], place[0] - body[base.X]) - body[base.YAW]))
         name, part = self._names[i]
         found.append(
-            RobotContact(
+            Contact(
                 time_s=round(t, 3), x=round(place[0], 3), y=round(place[1], 3), person=name, until_s=round(t, 3),
                 closing_speed_m_s=round(max(0.0, robot_part + person_part), 3), robot_part_m_s=round(robot_part, 3),
                 person_part_m_s=round(person_part, 3), bearing_rad=round(bearing, 3), overlap_m=round(overlap, 3),

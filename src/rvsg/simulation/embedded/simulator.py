@@ -52,7 +52,8 @@ from rvsg.simulation.embedded.rollouts import Rollouts, sample_table
 from rvsg.simulation.embedded.rollouts import rollouts as new_rollouts
 from rvsg.simulation.embedded.state import Scene, State, Surroundings, latest, new_state
 from rvsg.simulation.embedded.walls import free_pose, is_stuck, obstacle_contacts
-from rvsg.simulation.run import Outcome, Run, Trajectory, in_order
+from rvsg.simulation.events import in_order
+from rvsg.simulation.run import Outcome, Run, Trajectory
 from rvsg.simulation.simulators import Simulator
 from rvsg.simulation.stacks.nav2_stack import Nav2Dwb
 from rvsg.simulation.stacks.protocol import NavigationStack, Task
@@ -324,10 +325,12 @@ def simulate_agents(
         time_limit_s=route.time_limit_s,
         recoveries=int(state.nav[st.RECOVERIES]),
         events=in_order(
-            *events_of(crowd, [agent.name for agent in agents], [agent.behaviour for agent in agents]),
-            *obstacle_contacts(walls),
-            *navigation_events(state),
-            *(() if moving is None else moving.events()),
+            [
+                *events_of(crowd, [agent.name for agent in agents], [agent.behaviour for agent in agents]),
+                *obstacle_contacts(walls),
+                *navigation_events(state),
+                *(() if moving is None else moving.events()),
+            ]
         ),
         details=details,
     )

@@ -20,7 +20,7 @@ from rvsg.core.references import refer
 from rvsg.robots.polygons import reach, rectangle
 from rvsg.robots.robot import Robot
 from rvsg.simulation.embedded import base
-from rvsg.simulation.run import ObstacleContact
+from rvsg.simulation.events import ObstacleContact
 
 Floats = NDArray[np.float64]
 

@@ -31,7 +31,7 @@ from rvsg.simulation.embedded.people.crowd import (
 )
 from rvsg.simulation.embedded.people.motion import off_walls
 from rvsg.simulation.embedded.people.obstacles import on_outline
-from rvsg.simulation.run import PersonPaused, PersonReached, PersonReacted, PersonStuck, RecordedEvent, RobotContact
+from rvsg.simulation.events import Contact, PersonPaused, PersonReached, PersonReacted, PersonStuck, RecordedEvent
 
 Floats = NDArray[np.float64]
 
@@ -424,7 +424,7 @@ def _event(row: Sequence[float], names: Sequence[str], behaviours: Sequence[Beha
     x, y = round(row[X], 3), round(row[Y], 3)
     name = names[person]
     if kind == TOUCHED:
-        return RobotContact(
+        return Contact(
             time_s=time_s,
             until_s=until_s,
             x=x,
