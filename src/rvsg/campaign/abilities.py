@@ -14,10 +14,12 @@ from rvsg.core.files import write_whole
 from rvsg.core.inputs import parse_json, read_text
 from rvsg.core.records import Pose, content_id
 from rvsg.core.seeds import seed_for
+from rvsg.evaluation.detection import contacts
+from rvsg.evaluation.sampled import sampled
 from rvsg.generation.generator import Abilities
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario, Task
-from rvsg.simulation.events import Contact, Recovery
-from rvsg.simulation.run import Outcome, Run
+from rvsg.simulation.events import Outcome, Recovery
+from rvsg.simulation.run import Run
 from rvsg.simulation.simulators import Simulator
 from rvsg.world.lattice import build_world
 from rvsg.world.world import OccupancyMap, Point, Route, World
@@ -34,27 +36,27 @@ DOORWAY_M = 0.7
 """Such a doorway is wider than the robot by this, which leaves no room for both."""
 
 
-def abilities_of(mission: Mission, simulator: Simulator, kept: Path | None = None) -> Abilities | None:
+def abilities_of(mission: Mission, simulator: Simulator, path: Path | None = None) -> Abilities | None:
     """Return what a mission's robot can do in a simulator; None for a robot that only another simulator knows.
 
     Args:
-        kept: The file that keeps what was measured, in the folder of a campaign that has begun.
+        path: The file that keeps what was measured, in the folder of a campaign that has begun.
     """
     if mission.robot_record is None:
         return None
     of: Mapping[str, object] = {"robot": mission.robot_record.id, "options": dict(simulator.options)}
     setting = content_id("abilities", {**of, "simulator": simulator.name})
-    if kept is not None and kept.is_file():
+    if path is not None and path.is_file():
         try:
-            known = Abilities.model_validate(parse_json(read_text(kept), kept))
+            stored = Abilities.model_validate(parse_json(read_text(path), path))
         except ValidationError:
-            known = None  # of another version; it is measured again
-        if known is not None and known.setting == setting:
-            return known
-    found = _measured(mission, mission.robot_record.width_m, simulator, setting)
-    if kept is not None and kept.parent.is_dir():
-        write_whole(kept, found.to_json())
-    return found
+            stored = None  # of another version; it is measured again
+        if stored is not None and stored.setting == setting:
+            return stored
+    abilities = _measured(mission, mission.robot_record.width_m, simulator, setting)
+    if path is not None and path.parent.is_dir():
+        write_whole(path, abilities.to_json())
+    return abilities
 
 
 def _measured(mission: Mission, width_m: float, simulator: Simulator, setting: str) -> Abilities:
@@ -78,7 +80,7 @@ def _measured(mission: Mission, width_m: float, simulator: Simulator, setting: s
     at_goal = [drive(None, k, _stander(GOAL)) for k in range(BLOCKED)]
     in_doorway = [drive(width_m + DOORWAY_M, k, stander) for k in range(BLOCKED)]
     given_up = [float(run.trajectory.t[-1]) for run in in_doorway if run.outcome is Outcome.ABORTED]
-    recoveries = (each for run in (*at_goal, *in_doorway) for each in run.events if isinstance(each, Recovery))
+    recoveries = (event for run in (*at_goal, *in_doorway) for event in run.events if isinstance(event, Recovery))
     return Abilities(
         setting=setting,
         gap_m=round(gaps[high], 2) if high < len(gaps) else None,
@@ -93,7 +95,7 @@ def _measured(mission: Mission, width_m: float, simulator: Simulator, setting: s
         doorway_m=round(width_m + DOORWAY_M, 2),
         passing=sum(run.completed for run in in_doorway),
         gives_up_s=round(statistics.median(given_up), 1) if given_up else None,
-        recoveries=tuple(dict.fromkeys(each.action for each in recoveries)),
+        recoveries=tuple(dict.fromkeys(event.action for event in recoveries)),
     )
 
 
@@ -131,4 +133,4 @@ def _nearest_m(runs: list[Run]) -> float | None:
 
 def _touches(run: Run) -> bool:
     """Whether the robot moves into a person."""
-    return any(isinstance(event, Contact) and event.moved_by in ("robot", "both") for event in run.events)
+    return any(contact.moved_by in ("robot", "both") for contact in contacts(sampled(run)))

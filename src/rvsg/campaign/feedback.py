@@ -58,21 +58,21 @@ def influences(people: Sequence[Human], observations: Sequence[RunObservation]) 
         people: Of the scenario.
     """
     planned = {human.name: human for human in people}
-    found = []
+    contributions = []
     for h, person in enumerate(observations[0].people):
-        seen = [each.people[h] for each in observations]
+        seen = [part.people[h] for part in observations]
         human = planned.get(person.name)
         path = dict.fromkeys(w for task in human.tasks for w in task.path) if human is not None else {}
-        idle = tuple(w for w in path if min(each.met.get(w, np.inf) for each in seen) > MEETING_M)
-        found.append(
+        idle = tuple(w for w in path if min(part.met.get(w, np.inf) for part in seen) > MEETING_M)
+        contributions.append(
             HumanInfluence(
                 name=person.name,
-                closest_gap_m=min(each.closest_gap_m for each in seen),
-                share_within_2_m=min(float(np.mean([each.share_near for each in seen])), 1.0),
+                closest_gap_m=min(part.closest_gap_m for part in seen),
+                share_within_2_m=min(float(np.mean([part.share_near for part in seen])), 1.0),
                 idle_waypoints=idle,
             )
         )
-    return tuple(found)
+    return tuple(contributions)
 
 
 APART_S = 3.0
@@ -115,14 +115,14 @@ def _feedback(
         raise ValueError("an attempt without an objective has no feedback")
     worst = run_of(attempt.worst(requirement).run_id)
     before = previous.verdict if previous else None
-    times = [each.ended_s for each in observations if each.completed]
+    times = [seen.ended_s for seen in observations if seen.completed]
     walks = walks_of(worst, scenario.people, world.grid)
     valued = [(m, m.objective) for m in attempt.measurements if m.objective is not None]
     several = len({m.run_id for m, _ in valued}) > 1
-    mild = min(valued, key=lambda each: requirement.badness(each[1]))[0] if several else None
+    mild = min(valued, key=lambda pair: requirement.badness(pair[1]))[0] if several else None
     mildest = run_of(mild.run_id) if mild is not None else None
-    touched = {each.run_id: each.touches for each in observations if each.touches}
-    rare = [each.rarest for each in observations if each.rarest is not None and each.rarest.is_rare]
+    touched = {seen.run_id: seen.touches for seen in observations if seen.touches}
+    rare = [seen.rarest for seen in observations if seen.rarest is not None and seen.rarest.is_rare]
     unusual = rarest(rare)
     judged = verdict.runs > 0 and requirement.threshold is not None
     values = series_of(worst, requirement, world=world)
@@ -154,7 +154,7 @@ def _feedback(
         arrivals={human.name: walk.arrivals for walk, human in zip(walks, scenario.people.humans, strict=True)},
         arrival_s=float(np.mean(times)) if times else None,
         arrived=len(times),
-        ends=tuple((round(each.ended_s, 1), each.completed) for each in observations),
+        ends=tuple((round(seen.ended_s, 1), seen.completed) for seen in observations),
         capped=verdict.censored,
         touched=len(touched),
         touches=touched.get(worst.id, ()),
@@ -221,10 +221,10 @@ class StoredFeedback(FeedbackSource):
 
     def __call__(self, attempt: Attempt, previous: Attempt | None) -> Feedback:
         """Return the feedback."""
-        observations = [self._ledger.observation(each.run_id, self._world) for each in attempt.measurements]
+        observations = [self._ledger.observation(m.run_id, self._world) for m in attempt.measurements]
         requirement, world = self._plan.requirement, self._world
-        found = _feedback(attempt, observations, self._ledger.run, requirement, world, previous)
-        return found.replace(encounter=self.encounter(attempt))
+        feedback = _feedback(attempt, observations, self._ledger.run, requirement, world, previous)
+        return feedback.replace(encounter=self.encounter(attempt))
 
     def summary(self, attempt: Attempt) -> AttemptSummary:
         """Return a summary that reads the attempt from the ledger."""
@@ -308,15 +308,15 @@ def _parts(run: Run, values: Floats) -> tuple[Part, ...]:
     t = run.trajectory.t
     if not len(t):
         return ()
-    found = []
+    parts = []
     for start, end in pairwise(np.linspace(float(t[0]), float(t[-1]), 5)):
         inside = values[(t >= start) & (t <= end)]
         inside = inside[np.isfinite(inside)]
         if len(inside):
-            found.append(
+            parts.append(
                 Part(start_s=round(float(start), 1), end_s=round(float(end), 1), mean=round(float(inside.mean()), 3))
             )
-    return tuple(found)
+    return tuple(parts)
 
 
 def separable(before: Verdict, after: Verdict) -> bool:
@@ -514,12 +514,12 @@ def failure_map(
     def rank(attempt: Attempt) -> tuple[tuple[float, float], int]:
         return standing(attempt, requirement), -attempt.index
 
-    found = []
-    ranked = sorted(((max(each, key=rank), met) for met, each in cells.items()), key=lambda p: rank(p[0]), reverse=True)
+    rows = []
+    ranked = sorted(((max(own, key=rank), met) for met, own in cells.items()), key=lambda p: rank(p[0]), reverse=True)
     for worst, encounter in ranked:
         scenario_id, mean = worst.scenario_id, worst.mean
         assert scenario_id is not None and mean is not None
-        found.append(
+        rows.append(
             MapCell(
                 encounter=encounter,
                 attempt=worst.index,
@@ -530,4 +530,4 @@ def failure_map(
                 configurations=len(cells[encounter]),
             )
         )
-    return tuple(found)
+    return tuple(rows)

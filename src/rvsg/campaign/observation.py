@@ -155,7 +155,7 @@ def _robot(run: Run, index: int, *, touched: bool) -> str:
     else:
         did = ["stops" if slowest < STOPS_M_S else "slows down" if slowest < SLOWS_TO * usual else "drives on"]
     if touched:
-        did = [each for each in did if each != "drives on"] + [TOUCHES]
+        did = [what for what in did if what != "drives on"] + [TOUCHES]
     if not arrived:
         did.append("does not arrive")
     return " and ".join([", ".join(did[:-1]), did[-1]] if len(did) > 1 else did)
@@ -253,8 +253,8 @@ def _followed(
     reached: list[float] = []
     doing: list[str] = []
     for t, x, y in zip(times.tolist(), xs.tolist(), ys.tolist(), strict=True):  # plain numbers make the loop faster
-        while (known := seen.get(len(reached) + 1)) is not None and known <= t:
-            reached.append(known)
+        while (arrival_s := seen.get(len(reached) + 1)) is not None and arrival_s <= t:
+            reached.append(arrival_s)
         while ahead and ahead[0].time_s <= t:
             pause = ahead.popleft()
             while len(reached) % n != pause.goal:
@@ -430,14 +430,14 @@ def acting(people: HumanConfiguration, grid: Grid, reached: Mapping[str, int]) -
     On the way to the next goal a person slows down for a turn or a pause there, of any length. People who are missing
     in `reached` may do all of it.
     """
-    found = []
+    agents = []
     for agent in decode(people, grid):
         last = reached.get(agent.name)
         if last is not None and last + 2 < len(agent.goals):
             pauses = (0.0, *agent.pauses_s[1 : last + 1], float(agent.pauses_s[last + 1] > 0.0))
             agent = agent.model_copy(update={"goals": agent.goals[: last + 3], "pauses_s": pauses})
-        found.append(agent)
-    return tuple(found)
+        agents.append(agent)
+    return tuple(agents)
 
 
 def encounter_of(run: Run, world: World) -> Encounter | None:
@@ -449,8 +449,8 @@ def _encounter(run: Run, mode: FailureMode | None) -> Encounter | None:
     if mode is None:
         return None
     path = run.trajectory
-    away = np.hypot(path.human_x - path.x[:, None], path.human_y - path.y[:, None])
-    index, human = (int(k) for k in np.unravel_index(int((away - np.asarray(run.human_radius_m)).argmin()), away.shape))
+    gap = sampled(run).disc_gap  # by discs, as in the archives and recorded conversations of earlier campaigns
+    index, human = (int(k) for k in np.unravel_index(int(gap.argmin()), gap.shape))
     driven = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(path.x), np.diff(path.y)))])
     share = float(driven[index] / driven[-1]) if driven[-1] > 0.0 else 0.0
     return Encounter(

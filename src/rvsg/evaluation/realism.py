@@ -97,11 +97,11 @@ def motions(run: Run) -> tuple[Motion, ...]:
         [[np.interp(times, path.t, axis[:, h]) for axis in (path.human_x, path.human_y)]
          for h in range(len(run.human_names))]
     ) if run.human_names else np.empty((0, 2, len(times)))  # fmt: skip
-    found: list[Motion] = []
+    result: list[Motion] = []
 
     def add(person: str, quantity: str, value: float, time_s: float) -> None:
         rarity = QUANTITIES[quantity].rarity(value)
-        found.append(Motion(person=person, quantity=quantity, value=round(value, 3), time_s=round(time_s, 2),
+        result.append(Motion(person=person, quantity=quantity, value=round(value, 3), time_s=round(time_s, 2),
                             recorded_percent=round(rarity, 2)))  # fmt: skip
 
     groups = run.human_groups or (None,) * len(run.human_names)
@@ -125,7 +125,7 @@ def motions(run: Run) -> tuple[Motion, ...]:
             add(name, "distance", float(nearest.min()), float(times[int(nearest.argmin())]))
         paused = [(e.time_s, e.until_s) for e in run.events if isinstance(e, PersonPaused) and e.person == name]
         add(name, "standing", *_longest(times[:-1], ~walking, paused))
-    return tuple(found)
+    return tuple(result)
 
 
 def _longest(times: Floats, standing: NDArray[np.bool_], paused: Iterable[tuple[float, float]]) -> tuple[float, float]:
@@ -143,9 +143,9 @@ def _longest(times: Floats, standing: NDArray[np.bool_], paused: Iterable[tuple[
     return best * SAMPLE_S, float(times[at])
 
 
-def rarest(found: Iterable[Motion]) -> Motion | None:
+def rarest(shown: Iterable[Motion]) -> Motion | None:
     """Return the motion that the fewest recorded people show; None where there is nobody."""
-    return min(found, key=lambda motion: motion.recorded_percent, default=None)
+    return min(shown, key=lambda motion: motion.recorded_percent, default=None)
 
 
 def is_left_out(values: Mapping[str, float | None], least: float | None) -> bool:
@@ -154,9 +154,9 @@ def is_left_out(values: Mapping[str, float | None], least: float | None) -> bool
     return least is not None and share is not None and share < least
 
 
-def summary(found: Iterable[Motion]) -> str:
+def summary(shown: Iterable[Motion]) -> str:
     """Return in one sentence whether anybody does what fewer than 1 in 100 recorded people do; empty without people."""
-    rare = rarest(found)
+    rare = rarest(shown)
     if rare is None:
         return ""
     return rare.sentence if rare.is_rare else "No person does what fewer than 1 in 100 recorded people did."

@@ -139,11 +139,11 @@ def doubts_of(requirement: Requirement, mission: Mission, world: World) -> Itera
         low, high = bounds(formula(requirement.formula), lambda id: _range(SIGNALS[id].unit, id, mission, world))
         text = f"{name}: the value of its formula lies between {low:.4g} and {high:.4g} here"
         never, always = low >= limit, high < limit
-    elif (known := find_metric(requirement.metric or "")) is not None:
-        low, high = _range(known.unit, "", mission, world)
-        least, most = known.bounds(mission.route.time_limit_s)
+    elif (metric := find_metric(requirement.metric or "")) is not None:
+        low, high = _range(metric.unit, "", mission, world)
+        least, most = metric.bounds(mission.route.time_limit_s)
         low, high = low if least is None else least, high if most is None else most
-        text = f"{name}: its limit is {limit:g} {known.unit}, and values here lie between {low:.4g} and {high:.4g}"
+        text = f"{name}: its limit is {limit:g} {metric.unit}, and values here lie between {low:.4g} and {high:.4g}"
         never, always = (limit <= low, limit > high) if requirement.worse == "smaller" else (limit >= high, limit < low)
     if never or always:
         yield f"{text}: {'no run can violate it' if never else 'every run violates it'}. Check the limit and its unit."
@@ -204,24 +204,24 @@ def aim_of(requirement: Requirement | None) -> Aim | None:
     if requirement is None:
         return None
     if requirement.formula is None:
-        known = find_metric(requirement.metric)
-        return known.aim if known is not None else None
+        metric = find_metric(requirement.metric)
+        return metric.aim if metric is not None else None
     aims = {SIGNALS[name].aim for name in signals_of(formula(requirement.formula))}
     return next((aim for aim in _STRONGEST if aim in aims), Aim.DELAY)
 
 
 def moved_by(requirement: Requirement) -> str:
     """Return one plain sentence on what makes a requirement worse; empty if nothing declares it."""
-    known = find_metric(requirement.metric)
-    return known.moved_by if known is not None else ""
+    metric = find_metric(requirement.metric)
+    return metric.moved_by if metric is not None else ""
 
 
 def series_name(requirement: Requirement) -> str:
     """Return the name of the series of `series_of`, with its unit."""
     if requirement.formula is not None:
         return "room left by the formula (violated below 0)"
-    known = find_metric(requirement.metric)
-    return SIGNALS[known.shown if known is not None else NEARNESS].words
+    metric = find_metric(requirement.metric)
+    return SIGNALS[metric.shown if metric is not None else NEARNESS].words
 
 
 def series_of(run: Run, requirement: Requirement, *, world: World | None = None) -> Floats:
@@ -237,8 +237,8 @@ def series_of(run: Run, requirement: Requirement, *, world: World | None = None)
         if requirement.formula is not None:
             values = body_of(formula(requirement.formula)).values(run.trajectory.t, _Lazily(s))
             return np.where(np.isfinite(values), values, np.nan)
-        known = find_metric(requirement.metric)
-        return SIGNALS[known.shown if known is not None else NEARNESS].values(s)
+        metric = find_metric(requirement.metric)
+        return SIGNALS[metric.shown if metric is not None else NEARNESS].values(s)
     except NotKnown:
         return np.full(len(s), np.nan)
 

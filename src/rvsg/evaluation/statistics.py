@@ -338,7 +338,7 @@ def failing_band(shares: Floats, violated: Sequence[bool], *, seed: int) -> Band
     if not 0 < y.sum() < len(y):
         return None
     bins = np.array_split(np.argsort(shares, kind="stable"), min(BINS, len(y)))
-    sizes = np.array([len(each) for each in bins])
+    sizes = np.array([len(rows) for rows in bins])
     ends = [(i, j) for i in range(len(bins)) for j in range(i + 1, len(bins) + 1) if j - i < len(bins)]
     first, last = np.array(ends).T
     runs = np.concatenate([[0], sizes.cumsum()])[last] - np.concatenate([[0], sizes.cumsum()])[first]
@@ -350,11 +350,11 @@ def failing_band(shares: Floats, violated: Sequence[bool], *, seed: int) -> Band
         ratio = _entropy(inside) * runs + _entropy(outside) * (len(y) - runs)
         return hits, np.where(inside > outside, ratio, -math.inf)
 
-    hits, found = scores(np.array([[y[each].sum() for each in bins]]))
+    hits, ratios = scores(np.array([[y[rows].sum() for rows in bins]]))
     rng = np.random.default_rng(seed)
     drawn = rng.multivariate_hypergeometric(sizes, int(y.sum()), size=DRAWS, method="marginals")
-    k = int(found[0].argmax())
-    as_good = int((scores(drawn)[1].max(axis=1) >= found[0, k] - 1e-9).sum())
+    k = int(ratios[0].argmax())
+    as_good = int((scores(drawn)[1].max(axis=1) >= ratios[0, k] - 1e-9).sum())
     band = np.concatenate(bins[first[k] : last[k]])
     return Band(
         low=float(shares[band].min()),
@@ -401,12 +401,12 @@ def fit_surface(shares: Floats, violated: Sequence[bool]) -> Surface:
             break
         coefficients, covariance, likelihood = _fit(rows, y)
         criterion = 2.0 * k - 2.0 * likelihood + (2.0 * k * (k + 1) / (n - k - 1) if n > k + 1 else 0.0)
-        made = Surface(
+        surface = Surface(
             degree=degree,
             coefficients=tuple(coefficients.tolist()),
             covariance=tuple(tuple(row) for row in covariance.tolist()),
         )
-        candidates.append((criterion, made))
+        candidates.append((criterion, surface))
     return min(candidates, key=lambda pair: pair[0])[1]
 
 
@@ -427,15 +427,15 @@ def sensitivities(
     """
     from scipy import stats
 
-    known = [k for k, value in enumerate(badness) if value is not None]
-    values = np.array([badness[k] for k in known], dtype=np.float64)
+    valued = [k for k, value in enumerate(badness) if value is not None]
+    values = np.array([badness[k] for k in valued], dtype=np.float64)
     correlations: list[tuple[float, float] | None] = []
-    for column in shares[known].T if known else np.empty((len(names), 0)):
+    for column in shares[valued].T if valued else np.empty((len(names), 0)):
         if len(values) < 4 or not np.ptp(values):
             correlations.append(None)
             continue
-        found = stats.spearmanr(column, values)
-        correlations.append((float(found.statistic), float(found.pvalue)))
+        rank = stats.spearmanr(column, values)
+        correlations.append((float(rank.statistic), float(rank.pvalue)))
     corrected = holm({name: pair[1] for name, pair in zip(names, correlations, strict=True) if pair})
     bands = [failing_band(column, violated, seed=seed) for column in shares.T]
     band_p = holm({name: band.p for name, band in zip(names, bands, strict=True) if band})
@@ -467,10 +467,10 @@ def _total_indices(surface: Surface, count: int, seed: int) -> Floats:
     from scipy import stats
 
     dists = [stats.uniform(0.0, 1.0)] * count
-    found = stats.sobol_indices(
+    indices = stats.sobol_indices(
         func=lambda x: surface.probability(x.T), n=SOBOL_POINTS, dists=dists, rng=np.random.default_rng(seed)
     )
-    return np.clip(np.asarray(found.total_order, dtype=np.float64).reshape(count), 0.0, 1.0)
+    return np.clip(np.asarray(indices.total_order, dtype=np.float64).reshape(count), 0.0, 1.0)
 
 
 def _features(shares: Floats, degree: int) -> Floats:

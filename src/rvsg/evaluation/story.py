@@ -141,7 +141,7 @@ def _what(event: RunEvent) -> str:
         case BlockedGoal():
             return f"{event.person} stands on the goal for {event.duration_s:.1f} s while the robot is near it"
         case PersonStuck():
-            by = {"robot": " beside the robot", "person": " beside another person"}.get(event.reason, "")
+            by = {"robot": " beside the robot", "person": " beside another person"}.get(event.reason or "", "")
             return f"{event.person} is stuck {where}{by} for {event.duration_s:.1f} s"
         case PersonReached():
             return f'{event.person} completes "{event.task}" {where}'

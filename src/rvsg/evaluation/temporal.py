@@ -211,7 +211,7 @@ LONGEST = 2000
 
 def joined_in(node: Node) -> tuple[Node, ...]:
     """Return the parts that `and` and `or` join in a formula; the formula itself where they join none."""
-    return tuple(each for part in node.parts for each in joined_in(part)) if node.kind in ("and", "or") else (node,)
+    return tuple(inner for part in node.parts for inner in joined_in(part)) if node.kind in ("and", "or") else (node,)
 
 
 class FormulaError(InputError):

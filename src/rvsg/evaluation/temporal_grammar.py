@@ -119,17 +119,17 @@ def _mistake_of(error: UnexpectedInput, text: str, signals: Collection[str]) -> 
         return Mistake(at, "formula-equality", "signals are never exactly equal; compare with <, <=, > or >=")
     if isinstance(error, UnexpectedCharacters) or token is None:
         return Mistake(at, "formula-character", f'"{text[at]}" has no meaning here')
-    found = "the end of the formula" if ended else f'"{token}"'
+    symbol = "the end of the formula" if ended else f'"{token}"'
     expected: set[str] = set(getattr(error, "expected", ()))
     if "NAME" in expected:
         should = "a signal, a number or a formula"
         return Mistake(
             at,
             "formula-ends" if ended else "formula-expected",
-            f"the formula ends where {should} should follow" if ended else f"expected {should}, found {found}",
+            f"the formula ends where {should} should follow" if ended else f"expected {should}, found {symbol}",
         )
     if "INF" in expected:
-        return Mistake(at, "formula-interval", f"expected seconds from now (a number >= 0, or inf), found {found}")
+        return Mistake(at, "formula-interval", f"expected seconds from now (a number >= 0, or inf), found {symbol}")
     if token.type == "COMPARE" and "AND" in expected:
         return Mistake(at, "formula-comparisons", 'one comparison at a time: join two with "and"')
     opened: list[int] = []
@@ -139,10 +139,10 @@ def _mistake_of(error: UnexpectedInput, text: str, signals: Collection[str]) -> 
         elif sign in ")]":
             opened.pop()
     if not opened:
-        return Mistake(at, "formula-rest", f"the formula is complete before {found}")
+        return Mistake(at, "formula-rest", f"the formula is complete before {symbol}")
     if text[opened[-1]] == "[":
-        return Mistake(at, "formula-interval", f'an interval is "[low, high]": found {found}')
-    return Mistake(at, "formula-open", f'expected ")" to close the "(" at character {opened[-1] + 1}, found {found}')
+        return Mistake(at, "formula-interval", f'an interval is "[low, high]": found {symbol}')
+    return Mistake(at, "formula-open", f'expected ")" to close the "(" at character {opened[-1] + 1}, found {symbol}')
 
 
 def _unknown(name: str, at: int, signals: Collection[str]) -> Mistake:
@@ -176,9 +176,9 @@ class _Builder(Transformer_NonRecursive[Token, Part]):
             if part.formula:
                 raise Mistake(part.at, "formula-operand", f'"{sign}" compares numbers, and this is a formula')
         if not (left.measured or right.measured):
-            known = ", ".join(sorted(self.signals))
+            names = ", ".join(sorted(self.signals))
             same = "this compares numbers alone and is the same in every run"
-            raise Mistake(left.at, "formula-constant", f"{same}; name a signal, one of {known}")
+            raise Mistake(left.at, "formula-constant", f"{same}; name a signal, one of {names}")
         greater, smaller = (left, right) if sign in (">", ">=") else (right, left)
         return _operation("room", sign, True, greater, smaller)
 
@@ -232,7 +232,7 @@ def _of_formulas(word: Token, bounds: Sequence[Part | Interval], *parts: Part | 
     """Return a logical operation, within bounds in seconds where they are given."""
     formulas = [part for part in parts if isinstance(part, Part)]
     _same(word, True, *formulas)
-    interval = next((each for each in bounds if isinstance(each, Interval)), WHOLE)
+    interval = next((bound for bound in bounds if isinstance(bound, Interval)), WHOLE)
     return _operation(word.type.lower(), word, True, *formulas, interval=interval)
 
 

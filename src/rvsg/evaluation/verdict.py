@@ -111,13 +111,13 @@ class Procedure(Record):
 
 @lru_cache(maxsize=1024)
 def _fewest_for(procedure: Procedure, violations: int, runs: int) -> dict[Status, int]:
-    found: dict[Status, int] = {}
+    fewest: dict[Status, int] = {}
     for more in range(procedure.max_runs - runs + 1):
         for bad in range(more + 1):
-            found.setdefault(procedure.status(violations + bad, runs + more), more)
-        if len(found) == len(Status) - 1:  # all but UNJUDGED
+            fewest.setdefault(procedure.status(violations + bad, runs + more), more)
+        if len(fewest) == len(Status) - 1:  # all but UNJUDGED
             break
-    return {status: more for status, more in found.items() if status is not Status.INCONCLUSIVE}
+    return {status: more for status, more in fewest.items() if status is not Status.INCONCLUSIVE}
 
 
 DEFAULT = Procedure()
@@ -299,8 +299,8 @@ def why_ended(verdict: Verdict) -> str:
     """Return why a confirmation made no more runs, where its verdict is decided; `how_sure` says it of the others."""
     if verdict.status in (Status.INCONCLUSIVE, Status.UNJUDGED):
         return ""
-    made, most = verdict.runs + verdict.undefined, verdict.judged_by.max_runs
-    return f"The runs ended after {made} of at most {most} because the verdict was decided."
+    runs, most = verdict.runs + verdict.undefined, verdict.judged_by.max_runs
+    return f"The runs ended after {runs} of at most {most} because the verdict was decided."
 
 
 def objective(run: Run, requirement: Requirement, *, world: World | None = None) -> float | None:
@@ -329,27 +329,27 @@ def check_requirement(requirement: Requirement) -> Requirement:
         formula(requirement.formula)
         return requirement
     assert requirement.metric is not None
-    known = metric(requirement.metric)
-    unit = f'"{known.unit}"' if known.unit in ("1", "%") else known.unit  # as YAML needs it
-    if requirement.unit and _plain(requirement.unit) != _plain(known.unit):
+    measured = metric(requirement.metric)
+    unit = f'"{measured.unit}"' if measured.unit in ("1", "%") else measured.unit  # as YAML needs it
+    if requirement.unit and _plain(requirement.unit) != _plain(measured.unit):
         raise Unfit(
             "unit",
-            f"{known.id} is measured in {known.unit}, got {requirement.unit!r}. "
-            f"Write the limit in {known.unit}, with `unit: {unit}`, or leave the unit out.",
+            f"{measured.id} is measured in {measured.unit}, got {requirement.unit!r}. "
+            f"Write the limit in {measured.unit}, with `unit: {unit}`, or leave the unit out.",
         )
-    if requirement.limit_share is not None and known.unit != "s":
+    if requirement.limit_share is not None and measured.unit != "s":
         raise Unfit(
             "limit_share",
-            f"is a share of the route's time limit, and {known.id} is measured in {known.unit}, not in s. "
-            f"Give `limit` in {known.unit} instead.",
+            f"is a share of the route's time limit, and {measured.id} is measured in {measured.unit}, not in s. "
+            f"Give `limit` in {measured.unit} instead.",
         )
-    if known.worse not in ("neither", requirement.worse):
+    if measured.worse not in ("neither", requirement.worse):
         raise Unfit(
             "worse",
-            f"{known.id} is worse when {known.worse}, got {requirement.worse!r}. Write `worse: {known.worse}`; what "
-            "must not be too good either can be asked with a formula, e.g. `always distance_to_person < 3`.",
+            f"{measured.id} is worse when {measured.worse}, got {requirement.worse!r}. Write `worse: {measured.worse}`"
+            "; what must not be too good either can be asked with a formula, e.g. `always distance_to_person < 3`.",
         )
-    return requirement.replace(unit=known.unit)
+    return requirement.replace(unit=measured.unit)
 
 
 def _plain(unit: str) -> str:
@@ -384,36 +384,37 @@ def judge(
             code="limit-open",
         )
     rows = [k for k, value in enumerate(objectives) if value is not None]
-    known = tuple(float(value) for value in objectives if value is not None)
+    values = tuple(float(value) for value in objectives if value is not None)
     metric_of = find_metric(requirement.metric)
     missed = sum(arrived is not None and not arrived[k] for k in rows)
     late = [metric_of is not None and metric_of.censored and arrived is not None and not arrived[k] for k in rows]
     least, most = metric_of.bounds(time_limit_s) if metric_of is not None else (None, None)
     two_valued = metric_of is not None and metric_of.two_valued
     if any(late):  # a run may end a tick after its limit
-        most = max(value for value, is_late in zip(known, late, strict=True) if is_late)
-    violations = sum(requirement.violated_by(value) for value in known)
+        most = max(value for value, is_late in zip(values, late, strict=True) if is_late)
+    violations = sum(requirement.violated_by(value) for value in values)
     judged = requirement.threshold is not None
-    undefined = len(objectives) - len(known)
-    status = procedure.status(violations, len(known)) if judged else Status.UNJUDGED
+    runs = len(values)
+    undefined = len(objectives) - runs
+    status = procedure.status(violations, runs) if judged else Status.UNJUDGED
     interval = None
     if not all(late):
-        interval = mean_interval(known, procedure.confidence, least=least, most=most, two_valued=two_valued)
+        interval = mean_interval(values, procedure.confidence, least=least, most=most, two_valued=two_valued)
     verdict = Verdict(
         requirement=requirement.name,
         status=status,
-        objectives=known,
-        mean=math.fsum(known) / len(known) if known else None,
+        objectives=values,
+        mean=math.fsum(values) / runs if runs else None,
         interval=interval,
         violations=violations,
-        runs=len(known),
+        runs=runs,
         undefined=undefined,
-        violation_probability=violations / len(known) if known and judged else None,
-        violation_interval=clopper_pearson(violations, len(known), procedure.confidence) if known and judged else None,
+        violation_probability=violations / runs if runs and judged else None,
+        violation_interval=clopper_pearson(violations, runs, procedure.confidence) if runs and judged else None,
         confidence=procedure.confidence,
         error_rate=procedure.error_rate if judged else None,
         censored=sum(late),
-        median=censored_median(known, late),
+        median=censored_median(values, late),
         missed=missed - sum(late),
         procedure=procedure,
     )
@@ -440,10 +441,10 @@ def next_repeats(
     """
     if requirement.threshold is None or len(objectives) >= procedure.max_runs:
         return 0
-    known = [value for value in objectives if value is not None]
-    violations = sum(requirement.violated_by(value) for value in known)
+    values = [value for value in objectives if value is not None]
+    violations = sum(requirement.violated_by(value) for value in values)
     left = procedure.max_runs - len(objectives)
-    return min([*procedure.fewest_for(violations, len(known)).values(), left])
+    return min([*procedure.fewest_for(violations, len(values)).values(), left])
 
 
 def load_requirement(
@@ -534,5 +535,5 @@ def summarise_safety(measured: Sequence[Mapping[str, float | None]]) -> SafetySu
 
 
 def _largest(measured: Sequence[Mapping[str, float | None]], rows: Sequence[int], name: str) -> float | None:
-    known = [value for k in rows if (value := measured[k].get(name)) is not None]
-    return max(known, default=None)
+    values = [value for k in rows if (value := measured[k].get(name)) is not None]
+    return max(values, default=None)

@@ -27,7 +27,7 @@ NEAR_M = 2.0
 """Gaps are compared where one of both is below this."""
 AWAY_M = 1000.0
 """People who are not seen are drawn this far away."""
-TOLD: dict[type, str] = {Contact: "contacts", NearMiss: "near misses", HardBrake: "hard brakes", StandStill: "stops"}
+COUNTED: dict[type, str] = {Contact: "contacts", NearMiss: "near misses", HardBrake: "hard brakes", StandStill: "stops"}
 FRESH_S = 0.5
 """Speeds change over this when the acceleration of a recording is estimated."""
 LATENCIES_S = np.arange(0.0, 0.8, 0.02)
@@ -111,7 +111,7 @@ def recorded_as(recording: Recording, run: Run) -> Run:
         human_yaw=np.stack(yaws, axis=1) if yaws else np.empty((len(t), 0)),
         human_speed=np.stack(speeds, axis=1) if speeds else np.empty((len(t), 0)),
     )  # fmt: skip
-    contacts = tuple(each for each in recording.contacts if each.person in people)
+    contacts = tuple(contact for contact in recording.contacts if contact.person in people)
     return dataclasses.replace(
         run, simulator="recording", options={"recording": recording.source}, trajectory=trajectory, log=trajectory,
         imu=np.empty(0), events=contacts, outcome=outcome_of(robot, run.goal, run.time_limit_s),
@@ -129,10 +129,10 @@ def compare(recording: Recording, run: Run, world: World, limits: Limits | None 
     }
     gaps = []
     for k, name in enumerate(run.human_names):
-        at = [int(each.gap[:, k].argmin()) for each in (a, b)]
+        rows = int(a.gap[:, k].argmin()), int(b.gap[:, k].argmin())
         (m, s), (now_m, now_s) = (
-            (round(float(each.gap[i, k]), 3), round(float(each.series.t[i]), 2))
-            for each, i in zip((a, b), at, strict=True)
+            (round(float(side.gap[row, k]), 3), round(float(side.series.t[row]), 2))
+            for side, row in zip((a, b), rows, strict=True)
         )
         if min(m, now_m) <= NEAR_M:
             gaps.append(
@@ -144,9 +144,8 @@ def compare(recording: Recording, run: Run, world: World, limits: Limits | None 
     smallest = (min(g.recorded_m for g in gaps), min(g.simulated_m for g in gaps)) if gaps else None
     time_s = (round(float(recorded.trajectory.t[-1]), 2), round(float(run.trajectory.t[-1]), 2))
     path_m = round(_apart(run.trajectory, recorded.trajectory), 3)
-    found = [events_of(each, world=world) for each in (recorded, run)]
-    first, second = (Counter(TOLD[type(event)] for event in each if type(event) in TOLD) for each in found)
-    events = {name: (first[name], second[name]) for name in TOLD.values()}
+    first, second = (Counter(COUNTED.get(type(e)) for e in events_of(side, world=world)) for side in (recorded, run))
+    events = {name: (first[name], second[name]) for name in COUNTED.values()}
     said = []
     if smallest is not None and abs(smallest[0] - smallest[1]) > limits.gap_m:
         said.append(f"The smallest gap is {smallest[1]:.2f} m, recorded {smallest[0]:.2f} m.")
@@ -154,7 +153,7 @@ def compare(recording: Recording, run: Run, world: World, limits: Limits | None 
         said.append(f"The drive takes {time_s[1]:.1f} s, recorded {time_s[0]:.1f} s.")
     if path_m > limits.path_m:
         said.append(f"The path leaves the recorded one by up to {path_m:.2f} m.")
-    touched, touches = events[TOLD[Contact]]
+    touched, touches = events[COUNTED[Contact]]
     near = min(gaps, key=lambda gap: gap.recorded_m, default=None)
     contact = ""
     if near is not None and abs(near.recorded_m) <= near.error_m and not recording.contacts:
@@ -183,8 +182,8 @@ def estimates(recording: Recording, run: Run, robot: Robot) -> tuple[Estimate, .
     """
     if len(recording.robot) < LEAST_COMMANDS:
         return ()
-    pairs = [(each[:, 0], speed_of(each)) for each in (recording.robot, np.column_stack(_path(run.trajectory)))]
-    found = []
+    pairs = [(rows[:, 0], speed_of(rows)) for rows in (recording.robot, np.column_stack(_path(run.trajectory)))]
+    differing = []
     for parameter, file, least, of in (
         ("limits.speed_m_s", robot.limits.speed_m_s, 0.1, _fast),
         ("limits.acceleration_m_s2", robot.limits.acceleration_m_s2, 0.3, _quick),
@@ -194,11 +193,11 @@ def estimates(recording: Recording, run: Run, robot: Robot) -> tuple[Estimate, .
         if run.outcome is not Outcome.REACHED:
             simulated = min(file, recorded)
         if recorded > SHOWN and abs(recorded - simulated) > least * simulated:
-            found.append(Estimate(parameter=parameter, file=file, recorded=round(file * recorded / simulated, 2)))
+            differing.append(Estimate(parameter=parameter, file=file, recorded=round(file * recorded / simulated, 2)))
     latency_s = _latency(recording)
     if latency_s is not None and abs(latency_s - robot.latency_s) > 0.1:
-        found.append(Estimate(parameter="latency_s", file=robot.latency_s, recorded=round(latency_s, 2)))
-    return tuple(found)
+        differing.append(Estimate(parameter="latency_s", file=robot.latency_s, recorded=round(latency_s, 2)))
+    return tuple(differing)
 
 
 def _path(path: Trajectory) -> tuple[Floats, Floats, Floats]:

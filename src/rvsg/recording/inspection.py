@@ -34,31 +34,32 @@ class Inspection:
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain data."""
-        found = self.recording
+        recording = self.recording
+        begin_s, end_s = round(recording.begin_s, 2), round(recording.end_s, 2)
         return {
-            "robot": {"poses": len(found.robot), "begin_s": round(found.begin_s, 2), "end_s": round(found.end_s, 2)},
-            "people": [_person(person) for person in found.people],
-            "contacts": [{"person": each.person, "time_s": each.time_s} for each in found.contacts],
-            "streams": [stream.model_dump(mode="json") for stream in found.streams],
+            "robot": {"poses": len(recording.robot), "begin_s": begin_s, "end_s": end_s},
+            "people": [_person(person) for person in recording.people],
+            "contacts": [{"person": contact.person, "time_s": contact.time_s} for contact in recording.contacts],
+            "streams": [stream.model_dump(mode="json") for stream in recording.streams],
             "notes": [note.model_dump(mode="json") for note in self.notes],
         } | ({} if self.problem else {"usable": [_person(person) for person in self.usable]})
 
     @property
     def lines(self) -> list[str]:
         """What was found, a line each; the notes are apart."""
-        found, said = self.recording, []
-        for stream in found.streams:
+        recording, said = self.recording, []
+        for stream in recording.streams:
             rate = f", {stream.rate_hz:g} Hz" if stream.rate_hz else ""
             read = f" ({stream.used_for})" if stream.used_for else ""
             said.append(f"{stream.name}  {stream.kind}  {stream.messages} messages{rate}{read}")
-        poses, begin, end = len(found.robot), found.begin_s, found.end_s
+        poses, begin, end = len(recording.robot), recording.begin_s, recording.end_s
         said.append(f"robot: {poses} poses; the drive is from {begin:.1f} to {end:.1f} s")
         form = "{name}: {begin_s:.1f} to {end_s:.1f} s, {samples} places at {rate_hz:g} Hz, {gaps} gaps"
-        said += [form.format(**_person(person)) for person in found.people[:LISTED]]
-        if (more := len(found.people) - LISTED) > 0:
+        said += [form.format(**_person(person)) for person in recording.people[:LISTED]]
+        if (more := len(recording.people) - LISTED) > 0:
             said.append(f"{more} more people, whom --json lists")
-        said += [f"contact with {each.person} at {each.time_s:.1f} s" for each in found.contacts]
-        seen = ", ".join(f"{each.name} {each.begin_s:.1f} to {each.end_s:.1f} s" for each in self.usable[:LISTED])
+        said += [f"contact with {contact.person} at {contact.time_s:.1f} s" for contact in recording.contacts]
+        seen = ", ".join(f"{track.name} {track.begin_s:.1f} to {track.end_s:.1f} s" for track in self.usable[:LISTED])
         seen += f", and {more} more" if (more := len(self.usable) - LISTED) > 0 else ""
         return [*said, self.problem or f"After cleaning, seconds of the drive: {seen}."]
 
@@ -80,7 +81,7 @@ def inspect(recording: Recording, world: World | None = None) -> Inspection:
 def misfits(recording: Recording, world: World) -> tuple[Note, ...]:
     """Return notes where the robot or people were in obstacles of a world or off its map, or the maps differ."""
     notes = []
-    everybody = [each.rows[:, :3] for each in recording.people]
+    everybody = [person.rows[:, :3] for person in recording.people]
     for who, rows, space, most in (
         ("The robot is", recording.robot[:, :3], robot_space(world), OUTSIDE),
         ("People are", np.concatenate(everybody or [np.empty((0, 3))]), human_space(world), PEOPLE_OUTSIDE),

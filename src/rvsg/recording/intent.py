@@ -89,43 +89,43 @@ def recorded_scenario(
         UnknownName: there is no such form of people.
         InvalidScenario: the scenario breaks a rule, such as a start of the robot outside of the map.
     """
-    forms = [each.value for each in People]
+    forms = [form.value for form in People]
     if people not in forms:
         raise UnknownName("form of people", str(people), forms)
     form = People(people)
     named = [replace(person, name=f"Person {k}") for k, person in enumerate(recording.people, start=1)]
     names = {person.name: other.name for person, other in zip(recording.people, named, strict=True)}
-    contacts = [each.replace(person=names[each.person]) for each in recording.contacts]
-    found = clean(replace(recording, people=tuple(named), contacts=tuple(contacts)))
-    notes = list(found.notes)
-    notes += misfits(found, world)
-    mission, said = mission_of(world, _route(found, world, route, notes), ROBOT if robot is None else robot)
+    contacts = [contact.replace(person=names[contact.person]) for contact in recording.contacts]
+    mended = clean(replace(recording, people=tuple(named), contacts=tuple(contacts)))
+    notes = list(mended.notes)
+    notes += misfits(mended, world)
+    mission, said = mission_of(world, _route(mended, world, route, notes), ROBOT if robot is None else robot)
     notes += [Note(kind="route", text=text) for text in said]
-    nearest = sorted(found.people, key=lambda person: _nearest_m(found, person))
+    nearest = sorted(mended.people, key=lambda person: _nearest_m(mended, person))
     if (left_out := len(nearest) - MAX_HUMANS) > 0:
         text = f"{left_out} of {len(nearest)} people are left out, those farthest from the robot: {MAX_HUMANS} fit."
         notes.append(Note(kind="many", text=text, count=left_out))
         nearest = nearest[:MAX_HUMANS]
-    found = replace(found, people=tuple(person for person in found.people if person in nearest))
-    end_s = float(found.robot[-1, 0]) - GAP_S
+    mended = replace(mended, people=tuple(person for person in mended.people if person in nearest))
+    end_s = float(mended.robot[-1, 0]) - GAP_S
     until_m = limit_m if form is People.BLENDED else None
     humans = []
-    for person in found.people:
+    for person in mended.people:
         track = _track(person.rows, leaves=person.end_s < end_s, until_m=until_m)
         humans.append(_human(person, track, form, world, notes))
     if form is People.BLENDED:
-        mission = mission.replace(driven=_track(found.robot[:, :3], leaves=True))
+        mission = mission.replace(driven=_track(mended.robot[:, :3], leaves=True))
     text = f"Recorded: {Path(recording.source).name}, people {form.value}."
     scenario = Scenario(mission=mission, people=HumanConfiguration(humans=tuple(humans)), description=text)
     humans = [_valid(human, scenario, world) for human in humans]
     scenario = scenario.replace(people=HumanConfiguration(humans=tuple(humans)))
     check_valid(scenario, world)
-    return RecordedScenario(scenario=scenario, recording=found, notes=tuple(notes))
+    return RecordedScenario(scenario=scenario, recording=mended, notes=tuple(notes))
 
 
 def _valid(human: Human, scenario: Scenario, world: World) -> Human:
     """Return a person who can walk in the world: over the grid where the recorded way leads through an obstacle."""
-    wrong = {each.rule for each in check(scenario.people, scenario.mission, world) if each.human == human.name}
+    wrong = {finding.rule for finding in check(scenario.people, scenario.mission, world) if finding.human == human.name}
     if "spawn-on-human" in wrong and human.start is not None:
         human = human.replace(track=Track(points=(human.start,), leaves=False))
     if {"leg-through-obstacle", "point-in-obstacle", "too-narrow", "door-closed"} & wrong:
@@ -161,7 +161,7 @@ def _route(recording: Recording, world: World, route: Route | None, notes: list[
         away = math.dist((x, y), (route.start.x, route.start.y))
         short = float(np.hypot(*(robot[:, 1:3] - (route.goal.x, route.goal.y)).T).min())
         if min(away, short) > OTHER_ROUTE_M:
-            nearest = min(world.routes, key=lambda each: math.dist((x, y), (each.start.x, each.start.y)))
+            nearest = min(world.routes, key=lambda other: math.dist((x, y), (other.start.x, other.start.y)))
             said = (
                 f"the robot starts {away:.1f} m from the start of {route.name} and comes no nearer than {short:.1f} m "
                 f"to its goal. Name the route that it drove, or none; {nearest.name} starts nearest."
@@ -293,7 +293,7 @@ def _on_grid(goals: list[Goal], world: World) -> tuple[tuple[str, ...], tuple[Pa
         if not name or way is None or math.dist(place, at) > ONTO_M or not space.segment_free(here, place):
             name, place = f"point {k + 1}", at
             way, points[name] = (name,), at
-        path += [each for each in way if not path or each != path[-1]]
+        path += [step for step in way if not path or step != path[-1]]
         here = place
         if pause > 0.0:
             pauses.append(Pause(at=name, duration_s=min(600.0, round(pause, 1))))

@@ -73,11 +73,11 @@ def track_places(frames: Iterable[tuple[float, Floats]], *, moving: bool = False
     present: list[_Filter] = []
     done: list[_Filter] = []
     for t, places in frames:
-        done += [each for each in present if t - each.t > FORGET_S]
-        present = [each for each in present if t - each.t <= FORGET_S]
+        done += [person for person in present if t - person.t > FORGET_S]
+        present = [person for person in present if t - person.t <= FORGET_S]
         taken: set[int] = set()
         if present and len(places):
-            expected = [each.expected(t) for each in present]
+            expected = [person.expected(t) for person in present]
             away = np.hypot(*(np.array([at for at, _ in expected])[:, None] - places[None]).transpose(2, 0, 1))
             reach = np.array([min(2.0 * GATE_M, GATE_M + 3.0 * (deviation - PLACE_M)) for _, deviation in expected])
             cost = np.where(away <= reach[:, None], away, 1e3)
@@ -86,15 +86,15 @@ def track_places(frames: Iterable[tuple[float, Floats]], *, moving: bool = False
                     present[row].update(t, places[column])
                     taken.add(int(column))
         present += [_Filter(t, place) for k, place in enumerate(places) if k not in taken]
-    people = [each for each in (*done, *present) if len(each.rows) >= LEAST_PLACES]
-    people.sort(key=lambda each: each.rows[0])
+    people = [person for person in (*done, *present) if len(person.rows) >= LEAST_PLACES]
+    people.sort(key=lambda person: person.rows[0])
     tracks: list[PersonTrack] = []
-    for each in people:
-        rows = np.array(each.rows)
+    for person in people:
+        rows = np.array(person.rows)
         if moving and np.hypot(*(rows[:, 1:3] - rows[0, 1:3]).T).max() < MOVES_M:
             continue
         whole = np.column_stack([rows, np.zeros(len(rows)), np.full(len(rows), np.nan)])
-        tracks.append(PersonTrack(name=f"Person {len(tracks) + 1}", rows=whole, spread_m=float(np.mean(each.errors))))
+        tracks.append(PersonTrack(name=f"Person {len(tracks) + 1}", rows=whole, spread_m=float(np.mean(person.errors))))
     return tuple(tracks)
 
 
@@ -134,11 +134,11 @@ class LegDetector:
 
     def places(self, scan: Scan) -> Floats:
         """Return where people are in the map, (N, 2)."""
-        known = np.isfinite(scan.ranges) & (scan.ranges > 0.05) & (scan.ranges < FARTHEST_M)
-        ranges = scan.ranges[known] + LEG_RADIUS_M
+        valid = np.isfinite(scan.ranges) & (scan.ranges > 0.05) & (scan.ranges < FARTHEST_M)
+        ranges = scan.ranges[valid] + LEG_RADIUS_M
         x, y, yaw = scan.pose
         points = np.column_stack(
-            [x + ranges * np.cos(yaw + scan.angles[known]), y + ranges * np.sin(yaw + scan.angles[known])]
+            [x + ranges * np.cos(yaw + scan.angles[valid]), y + ranges * np.sin(yaw + scan.angles[valid])]
         )
         points = points[frame_of(self.occupancy).looked_up(self._far, points) > EXPLAINED_M]
         if not len(points):
@@ -186,13 +186,13 @@ def people_in_scans(scans: Iterable[Scan], occupancy: OccupancyMap) -> tuple[Per
 def _frames(seen: Iterable[tuple[float, Floats]]) -> Iterator[tuple[float, Floats]]:
     """Join what several lidars see at the same time: a person whom two see counts once."""
     now, places = -math.inf, np.empty((0, 2))
-    for t, found in seen:
+    for t, seen_now in seen:
         if t - now > TOGETHER_S:
             if math.isfinite(now):
                 yield now, places
-            now, places = t, found
+            now, places = t, seen_now
             continue
-        new = [at for at in found if not len(places) or np.hypot(*(places - at).T).min() > TOGETHER_M]
+        new = [at for at in seen_now if not len(places) or np.hypot(*(places - at).T).min() > TOGETHER_M]
         places = np.concatenate([places, np.array(new).reshape(-1, 2)])
     if math.isfinite(now):
         yield now, places

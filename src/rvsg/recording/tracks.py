@@ -191,14 +191,14 @@ def between(recording: Recording, begin_s: float, end_s: float) -> Recording:
     t = recording.robot[:, 0]
     robot = recording.robot[(t >= begin_s) & (t <= end_s)]
     people = [
-        replace(each, rows=each.rows[(each.rows[:, 0] >= begin_s) & (each.rows[:, 0] <= end_s)])
-        for each in recording.people
+        replace(person, rows=person.rows[(person.rows[:, 0] >= begin_s) & (person.rows[:, 0] <= end_s)])
+        for person in recording.people
     ]
     x, y, yaw = map(float, robot[-1, 1:4])
     return replace(
         recording,
         robot=robot,
-        people=tuple(each for each in people if len(each.rows)),
+        people=tuple(person for person in people if len(person.rows)),
         goal=recording.goal if t[-1] <= end_s else (x, y, yaw),
         goal_s=None,
         header=None,
@@ -228,16 +228,16 @@ def clean(recording: Recording) -> Recording:
     parts = [part for person in recording.people for part in _split(person, mending)]
     people = [part for person in _link(parts, mending) for part in _without_gaps(person, mending)]
     inside = [_between(person, begin, end) for person in people]
-    known = [person for person in inside if person is not None and person.end_s - person.begin_s >= LEAST_S]
+    seen = [person for person in inside if person is not None and person.end_s - person.begin_s >= LEAST_S]
     mending.note(
-        "short", len(people) - len(known),
+        "short", len(people) - len(seen),
         f"{{}} of {len(people)} tracks are seen for less than {LEAST_S:g} s of the drive and are left out.",
     )  # fmt: skip
-    if not known:
+    if not seen:
         said = "nobody is seen for a second of the drive. Name the people: in a table by their id, in a bag with"
         raise FileError(Path(recording.source), f"{said} --people-topic.")
-    known = [replace(person, name=name) for person, name in zip(known, _names(known), strict=True)]
-    smooth = [_smooth(person, begin, mending) for person in known]
+    seen = [replace(person, name=name) for person, name in zip(seen, _names(seen), strict=True)]
+    smooth = [_smooth(person, begin, mending) for person in seen]
     robot = recording.robot[(recording.robot[:, 0] >= begin - 1e-9) & (recording.robot[:, 0] <= end + 1e-9)].copy()
     moved = 0.0
     if len(robot) > 5:
@@ -253,9 +253,9 @@ def clean(recording: Recording) -> Recording:
         acceleration=recording.acceleration - np.array([begin, 0.0]),
         commands=recording.commands - np.array([begin, 0.0, 0.0]),
         contacts=tuple(
-            each.replace(time_s=each.time_s - begin, until_s=each.until_s - begin)
-            for each in recording.contacts
-            if begin <= each.time_s <= end
+            contact.replace(time_s=contact.time_s - begin, until_s=contact.until_s - begin)
+            for contact in recording.contacts
+            if begin <= contact.time_s <= end
         ),
         goal_s=None,
         notes=(*recording.notes, *mending.notes),
@@ -289,7 +289,7 @@ def _jumps(rows: Floats) -> NDArray[np.bool_]:
 
 def _link(parts: Sequence[PersonTrack], mending: Mending) -> list[PersonTrack]:
     """Join parts that go on with each other, the nearest first: trackers lose people and exchange their names."""
-    found = []
+    links = []
     for a, before in enumerate(parts):
         heading = _velocity(before.rows)
         for b, after in enumerate(parts):
@@ -297,9 +297,9 @@ def _link(parts: Sequence[PersonTrack], mending: Mending) -> list[PersonTrack]:
             if a != b and -OVERLAP_S < wait <= LINK_S and after.begin_s > before.begin_s:
                 away = math.dist(after.rows[0, 1:3], before.rows[-1, 1:3] + wait * heading)
                 if away <= LINK_M:
-                    found.append((away, a, b))
+                    links.append((away, a, b))
     following: dict[int, int] = {}
-    for _, a, b in sorted(found):
+    for _, a, b in sorted(links):
         if a not in following and b not in following.values():
             following[a] = b
     joined, renamed = [], 0
@@ -386,16 +386,16 @@ def _driven(robot: Floats) -> Floats:
     return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
 
 
-def _smooth_rows(rows: Floats, known: Floats | float = 0.0) -> tuple[Floats, float]:
+def _smooth_rows(rows: Floats, way: Floats | float = 0.0) -> tuple[Floats, float]:
     """Return rows with smooth places, by a spline whose stiffness leaves out what its neighbours do not tell.
 
-    The spline is that of what the places differ from a `known` way, (N, 2); generalised cross-validation gives its
+    The spline is that of what the places differ from a known `way`, (N, 2); generalised cross-validation gives its
     stiffness. The second value is the root mean square of the changes, m.
     """
     from scipy.interpolate import make_smoothing_spline
 
     t = rows[:, 0] - rows[0, 0]
-    smooth, rest = rows.copy(), rows[:, 1:3] - known
+    smooth, rest = rows.copy(), rows[:, 1:3] - way
     for k in (0, 1):
         smooth[:, k + 1] += make_smoothing_spline(t, rest[:, k])(t) - rest[:, k]
     changed = smooth[:, 1:3] - rows[:, 1:3]

@@ -14,6 +14,8 @@ from PIL import Image, ImageDraw
 from rvsg.campaign.attempt import Measurement
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
+from rvsg.evaluation.detection import contacts
+from rvsg.evaluation.sampled import sampled
 from rvsg.evaluation.verdict import number, outcome_in_words
 from rvsg.report.replay_data import people_colours
 from rvsg.report.run_facts import RunFacts, footprint_of, row_at, run_facts
@@ -256,7 +258,7 @@ class _Stage:
 
 def touches(run: Run, t_s: float) -> list[Contact]:
     """Return the contacts of robot and people up to a time; a film marks their places."""
-    return [event for event in run.events if isinstance(event, Contact) and event.time_s <= t_s]
+    return [contact for contact in contacts(sampled(run)) if contact.time_s <= t_s]
 
 
 def _points(pixels: Floats) -> list[tuple[float, float]]:

@@ -76,8 +76,8 @@ def judged_curve(run: Run, requirement: Requirement, world: World | None) -> Cur
         ends_at = objective(run, requirement, world=world)
         values[-1] = np.nan if ends_at is None else ends_at
     else:
-        found = [objective(prefix(run, int(end)), requirement, world=world) for end in ends]
-        values = np.array([np.nan if value is None else value for value in found])
+        objectives = [objective(prefix(run, int(end)), requirement, world=world) for end in ends]
+        values = np.array([np.nan if value is None else value for value in objectives])
     return Curve(run.trajectory.t[ends - 1], values)
 
 
@@ -88,8 +88,8 @@ def decisive(run: Run, requirement: Requirement, curve: Curve) -> float:
     final value. A quantity that rises with the clock is decided where the robot loses most time. A mean is decided
     where the run adds most to it. Without a curve it is the closest approach.
     """
-    known = np.isfinite(curve.value)
-    t, worse = curve.t[known], np.array([requirement.badness(float(v)) for v in curve.value[known]])
+    finite = np.isfinite(curve.value)
+    t, worse = curve.t[finite], np.array([requirement.badness(float(v)) for v in curve.value[finite]])
     closest = closest_approach(run)
     if len(t) < 3 or np.ptp(worse) == 0.0:
         return closest
@@ -187,17 +187,17 @@ def facts_of(
     attempts: Iterable[Attempt], requirement: Requirement, world: World, run_of: Callable[[str], Run]
 ) -> list[AttemptFacts]:
     """Return the facts of every attempt that was simulated, in the order of the attempts."""
-    found = []
-    known: dict[str, RunFacts] = {}  # a strategy may measure a configuration several times, each time in more runs
+    facts = []
+    by_run: dict[str, RunFacts] = {}  # a strategy may measure a configuration several times, each time in more runs
     for attempt in attempts:
         scenario = attempt.proposal.scenario
         if scenario is None or not attempt.measurements:
             continue
-        for each in attempt.measurements:
-            if each.run_id not in known:
-                known[each.run_id] = run_facts(run_of(each.run_id), each, requirement, world, scenario)
-        found.append(AttemptFacts(attempt=attempt, runs=tuple(known[m.run_id] for m in attempt.measurements)))
-    return found
+        for measured in attempt.measurements:
+            if measured.run_id not in by_run:
+                by_run[measured.run_id] = run_facts(run_of(measured.run_id), measured, requirement, world, scenario)
+        facts.append(AttemptFacts(attempt=attempt, runs=tuple(by_run[m.run_id] for m in attempt.measurements)))
+    return facts
 
 
 def run_facts(

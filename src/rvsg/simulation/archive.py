@@ -100,9 +100,9 @@ def header_of(run: Run) -> RunHeader:
 def arrays_of(run: Run) -> dict[str, Floats]:
     """The run's arrays by name: `trajectory.x`, `log.x`, ..., `imu`."""
     parts = {"trajectory": run.trajectory} | ({} if run.log is run.trajectory else {"log": run.log})
-    found = {f"{part}.{name}": array for part, path in parts.items() for name, array in series_of(path).items()}
-    found["imu"] = run.imu
-    return {name: np.asarray(array, dtype=np.float64) for name, array in found.items()}
+    arrays = {f"{part}.{name}": array for part, path in parts.items() for name, array in series_of(path).items()}
+    arrays["imu"] = run.imu
+    return {name: np.asarray(array, dtype=np.float64) for name, array in arrays.items()}
 
 
 def series_of(path: Trajectory) -> dict[str, Floats]:
@@ -218,17 +218,17 @@ def _decoded(body: bytes) -> tuple[str, dict[str, Floats]]:
     end = length + 8 * sum(size for size, (_, _, exact) in zip(sizes, listed, strict=True) if not exact)
     folded = np.frombuffer(rest[end:], np.uint8).reshape(8, -1).T.copy().view("<u8").ravel()
     changes = (folded >> np.uint64(1)).astype(np.int64) ^ -(folded & np.uint64(1)).astype(np.int64)
-    found: dict[str, Floats] = {}
+    arrays: dict[str, Floats] = {}
     at, place = length, 0
     for (name, shape, exact), size in zip(listed, sizes, strict=True):
         if exact:
             steps = changes[place : place + size].reshape(-1, shape[0]).cumsum(axis=1).T
-            found[name], place = np.ascontiguousarray(steps).reshape(shape) / _scale(name), place + size
+            arrays[name], place = np.ascontiguousarray(steps).reshape(shape) / _scale(name), place + size
         else:
-            found[name], at = np.frombuffer(rest[at : at + 8 * size], "<f8").reshape(shape).copy(), at + 8 * size
+            arrays[name], at = np.frombuffer(rest[at : at + 8 * size], "<f8").reshape(shape).copy(), at + 8 * size
     if place != len(changes):
         raise ValueError("it has another length than it says")
-    return rest[:length].decode(), found
+    return rest[:length].decode(), arrays
 
 
 def _steps(name: str, array: Floats) -> Floats | None:
@@ -285,7 +285,7 @@ def _check_people(run: Run | RunHeader) -> None:
 
 
 def _trajectory(prefix: str, arrays: dict[str, Floats], humans: int) -> Trajectory:
-    found: dict[str, Floats] = {}
+    checked: dict[str, Floats] = {}
     sideways = (LATERAL,) if f"{prefix}.{LATERAL}" in arrays else ()
     for name in PER_SAMPLE + PER_HUMAN + sideways:
         array = arrays.get(f"{prefix}.{name}")
@@ -296,8 +296,8 @@ def _trajectory(prefix: str, arrays: dict[str, Floats], humans: int) -> Trajecto
         expected = (len(arrays[f"{prefix}.t"]),) + ((humans,) if name in PER_HUMAN else ())
         if array.shape != expected:
             raise InputError(f"{prefix}.{name} has the shape {array.shape}, expected {expected}")
-        found[name] = _bounded(f"{prefix}.{name}", array)
-    return Trajectory(**found)
+        checked[name] = _bounded(f"{prefix}.{name}", array)
+    return Trajectory(**checked)
 
 
 def _bounded(name: str, array: Floats) -> Floats:
@@ -361,9 +361,9 @@ def _impossible(run: Run) -> str:
 
 def _reason(error: InputError) -> str:
     """Return what is wrong with a run."""
-    found = error.__context__
-    if isinstance(found, pydantic.ValidationError):
-        return "this is not a run: " + "; ".join(mistakes_of(found, RunHeader))
+    cause = error.__context__
+    if isinstance(cause, pydantic.ValidationError):
+        return "this is not a run: " + "; ".join(mistakes_of(cause, RunHeader))
     return str(error)
 
 

@@ -115,8 +115,8 @@ class KinematicSimulator(Simulator):
         ahead = np.minimum(driven + 0.2, along[-1])
         dx, dy = np.interp(ahead, along, path[:, 0]) - x, np.interp(ahead, along, path[:, 1]) - y
         headings = np.where((dx != 0.0) | (dy != 0.0), np.arctan2(dy, dx), np.nan)
-        known = np.maximum.accumulate(np.where(np.isnan(headings), -1, np.arange(len(headings))))
-        headings = np.where(known < 0, yaw, headings[known])
+        latest = np.maximum.accumulate(np.where(np.isnan(headings), -1, np.arange(len(headings))))
+        headings = np.where(latest < 0, yaw, headings[latest])
         there = len(path) > 1 and bool(driven[-1] >= along[-1])
 
         def blocked(samples: slice, places: slice | int) -> NDArray[np.bool_]:

@@ -94,11 +94,11 @@ class SimulatedTrial:
         poses = patient.model_dump(mode="json", include={"start", "through", "goal"})
         on_time = content_id("driven", self._floor(world) | poses)
         late = content_id("driven", self._floor(world) | poses | {"time_limit_s": patient.time_limit_s})
-        known = self._known(on_time, _DRIVE)
-        if known is None or known.time_s > patient.time_limit_s:
-            known = self._known(late, _DRIVE)
-        if known is not None:
-            return known
+        cached = self._cached(on_time, _DRIVE)
+        if cached is None or cached.time_s > patient.time_limit_s:
+            cached = self._cached(late, _DRIVE)
+        if cached is not None:
+            return cached
         self.progress(f"Driving {route.name} {route.purpose}".rstrip() + ", with nobody about")
         with simulator_of("embedded", self.stack, on_message=self.progress) as prepared:
             run = prepared.run(scenario, world, seed=SEED)
@@ -112,7 +112,7 @@ class SimulatedTrial:
             touched_s=tuple(event.time_s for event in run.events if event.kind == "obstacle_contact"),
             way=_way(path.x, path.y),
         )
-        self._keep(on_time if drive.arrived else late, drive.model_dump(mode="json"))
+        self._store(on_time if drive.arrived else late, drive.model_dump(mode="json"))
         return drive
 
     def not_walked(self, world: World, hops: Sequence[Hop]) -> tuple[Hop, ...]:
@@ -125,13 +125,13 @@ class SimulatedTrial:
         hops = _beside_obstacles(world, hops)
         where = {name: world.grid.position(name) for name in sorted({name for hop in hops for name in hop})}
         key = content_id("hops", self._floor(world) | {"hops": [list(hop) for hop in hops], "where": where})
-        known = self._known(key, _HOPS)
-        if known is None:
+        cached = self._cached(key, _HOPS)
+        if cached is None:
             make_simulator("embedded").prepare(self.progress)
             self.progress(f"Walking the {len(hops)} hops beside obstacles, with nobody else about")
-            known = tuple((way[0], way[1]) for way in not_walked(world, hops))
-            self._keep(key, known)
-        return known
+            cached = tuple((way[0], way[1]) for way in not_walked(world, hops))
+            self._store(key, cached)
+        return cached
 
     @cached_property
     def _simulator(self) -> Simulator:
@@ -146,7 +146,7 @@ class SimulatedTrial:
             "simulator": simulator.name, "options": dict(simulator.options),
         }  # fmt: skip
 
-    def _known(self, key: str, kind: TypeAdapter[T]) -> T | None:
+    def _cached(self, key: str, kind: TypeAdapter[T]) -> T | None:
         """Return a result that is kept; None if there is none, or where its file is damaged."""
         if self.cache is None or not exists(self.cache / f"{key}.json"):
             return None
@@ -156,7 +156,7 @@ class SimulatedTrial:
         except (FileError, ValidationError):
             return None  # it is made again, and written again
 
-    def _keep(self, key: str, result: object) -> None:
+    def _store(self, key: str, result: object) -> None:
         if self.cache is None:
             return
         try:
@@ -168,11 +168,11 @@ class SimulatedTrial:
 
 def _way(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[tuple[float, float], ...]:
     """Return a driven way in points at least `STEP_M` apart, rounded to centimetres."""
-    kept = [0]
+    rows = [0]
     for k in range(1, len(x)):
-        if np.hypot(x[k] - x[kept[-1]], y[k] - y[kept[-1]]) >= STEP_M:
-            kept.append(k)
-    return tuple((round(float(x[k]), 2), round(float(y[k]), 2)) for k in [*kept, len(x) - 1])
+        if np.hypot(x[k] - x[rows[-1]], y[k] - y[rows[-1]]) >= STEP_M:
+            rows.append(k)
+    return tuple((round(float(x[k]), 2), round(float(y[k]), 2)) for k in [*rows, len(x) - 1])
 
 
 def _beside_obstacles(world: World, hops: Sequence[Hop]) -> list[Hop]:

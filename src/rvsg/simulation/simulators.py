@@ -68,26 +68,26 @@ class Simulator(Protocol):
         return
 
 
-def make_simulator(given: str | Spec | Simulator, stack: StackLike | None = None) -> Simulator:
+def make_simulator(simulator: str | Spec | Simulator, stack: StackLike | None = None) -> Simulator:
     """Return a simulator given by name, by Spec or by itself.
 
     Args:
         stack: the navigation stack under test, for a simulator that is given by name or Spec.
     """
-    if isinstance(given, str | Spec):
-        spec = with_stack(given, stack)
-        simulator: Simulator = plugins.make("simulator", spec.name, spec.options)
+    if isinstance(simulator, str | Spec):
+        spec = with_stack(simulator, stack)
+        instance: Simulator = plugins.make("simulator", spec.name, spec.options)
     elif stack is not None:
-        raise InputError(f"The simulator {given.name} is given as an instance. Give it the stack when you make it.")
+        raise InputError(f"The simulator {simulator.name} is given as an instance. Give it the stack when you make it.")
     else:
-        simulator = given
-    plugins.check_complete("simulator", simulator, Simulator)
-    return simulator
+        instance = simulator
+    plugins.check_complete("simulator", instance, Simulator)
+    return instance
 
 
-def with_stack(given: str | Spec, stack: StackLike | None) -> Spec:
+def with_stack(simulator: str | Spec, stack: StackLike | None) -> Spec:
     """Return a simulator's Spec with the stack under test among its options: as data, or as the object it is."""
-    spec = Spec.of(given)
+    spec = Spec.of(simulator)
     if stack is None:
         return spec
     if isinstance(stack, Spec):
@@ -97,7 +97,7 @@ def with_stack(given: str | Spec, stack: StackLike | None) -> Spec:
 
 @contextmanager
 def simulator_of(
-    given: str | Spec | Simulator,
+    simulator: str | Spec | Simulator,
     stack: StackLike | None = None,
     *,
     scenario: Scenario | None = None,
@@ -108,14 +108,14 @@ def simulator_of(
     Args:
         scenario: refuse its robot before the simulator is prepared, where the simulator does not know it.
     """
-    made = make_simulator(given, stack)
-    with nullcontext(made) if made is given else closing(made):
+    instance = make_simulator(simulator, stack)
+    with nullcontext(instance) if instance is simulator else closing(instance):
         if scenario is not None:
-            check_robot(scenario, made)
-        made.prepare(on_message)
+            check_robot(scenario, instance)
+        instance.prepare(on_message)
         if scenario is not None:
-            tell_of_robot(scenario.mission, made, on_message)
-        yield made
+            tell_of_robot(scenario.mission, instance, on_message)
+        yield instance
 
 
 def by_content(spec: Spec, effective: Mapping[str, object]) -> Spec:
@@ -144,8 +144,8 @@ def stack_name(spec: Spec) -> str:
 def described(spec: Spec) -> str:
     """Return a simulator in words: its name, the stack under test, and whether its runs can be repeated."""
     name = stack_name(spec)
-    known = stack_class(name) if name in stack_names() else None
-    repeatable = spec.options.get("repeatable", True) and (known is None or known.repeatable)
+    stack = stack_class(name) if name in stack_names() else None
+    repeatable = spec.options.get("repeatable", True) and (stack is None or stack.repeatable)
     words = f"{spec.name}, stack {name}" if name else spec.name
     return words if repeatable else f"{words} (not repeatable bit for bit: a seed is the number of a run)"
 

@@ -91,13 +91,13 @@ MOVED_BY = {
 
 
 def measures(
-    found: list[Metric], id: str, title: str, unit: str, worse: Worse, aim: Aim, *, source: str, **more: Any
+    metrics: list[Metric], id: str, title: str, unit: str, worse: Worse, aim: Aim, *, source: str, **more: Any
 ) -> Callable[[Value], Value]:
     """Return a decorator that adds the metric which a function computes to a list; `more` as for `Metric`."""
 
     def add(of: Value) -> Value:
-        told = {"moved_by": MOVED_BY[aim]} | more
-        found.append(Metric(id=id, title=title, unit=unit, worse=worse, aim=aim, source=source, of=of, **told))
+        fields = {"moved_by": MOVED_BY[aim]} | more
+        metrics.append(Metric(id=id, title=title, unit=unit, worse=worse, aim=aim, source=source, of=of, **fields))
         return of
 
     return add

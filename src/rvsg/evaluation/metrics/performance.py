@@ -25,8 +25,8 @@ _of_people = partial(_metric, of_people=True)
 
 def running_mean(values: Floats) -> Floats:
     """Return the mean of the values up to each of them; NaN counts nowhere."""
-    known = np.isfinite(values)
-    count, total = np.cumsum(known), np.cumsum(np.where(known, values, 0.0))
+    finite = np.isfinite(values)
+    count, total = np.cumsum(finite), np.cumsum(np.where(finite, values, 0.0))
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
@@ -44,8 +44,8 @@ def distance_to_obstacles(s: Sampled) -> float | None:
 
     Samples in which nobody is there are left out; None where that is all of them.
     """
-    known = s.nearest_distance[s.present.any(axis=1)]
-    return float(known.mean()) if len(known) else None
+    nearest = s.nearest_distance[s.present.any(axis=1)]
+    return float(nearest.mean()) if len(nearest) else None
 
 
 def _jerk_so_far(s: Sampled) -> Floats:
@@ -191,5 +191,5 @@ def mean_human_speed(s: Sampled) -> float | None:
 @_of_people("closest_human_speed", "Mean speed of the closest human", "m/s", "neither", Aim.SHARE, shown="person_speed")
 def mean_closest_human_speed(s: Sampled) -> float | None:
     """Mean over samples of the speed of the human whose centre is closest, while anybody is there."""
-    known = s.present.any(axis=1)
-    return float(s.series.human_speed[np.arange(len(s)), s.closest][known].mean()) if known.any() else None
+    anybody = s.present.any(axis=1)
+    return float(s.series.human_speed[np.arange(len(s)), s.closest][anybody].mean()) if anybody.any() else None

@@ -48,8 +48,8 @@ def contact_speed(s: Sampled) -> float | None:
 
     Where the simulator records contacts, the speed along the normal just before the contact counts, too.
     """
-    known = [touch.recorded.closing_speed_m_s for touch in s.contacts if touch.recorded is not None]
-    return max([0.0, *known, *(float(speed) for speed in s.relative_speed[s.touching])])
+    recorded = [touch.recorded.closing_speed_m_s for touch in s.contacts if touch.recorded is not None]
+    return max([0.0, *recorded, *(float(speed) for speed in s.relative_speed[s.touching])])
 
 
 @_of_people("contact_robot_speed", "Robot's speed in contact", "m/s", "larger", Aim.MEET)
