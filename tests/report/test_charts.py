@@ -140,8 +140,9 @@ def test_contact_is_marked_from_its_begin_on() -> None:
         time_s=4.0, until_s=4.5, x=float(path.x[60]), y=float(path.y[60]), person=shot.run.human_names[0],
         closing_speed_m_s=0.5, robot_part_m_s=0.5, person_part_m_s=0.0, bearing_rad=0.0, overlap_m=0.0,
     )  # fmt: skip
-    touching = replace(shot, run=replace(shot.run, events=(touch,)), moments=(2.0, 5.0))
-    plain = replace(shot, run=replace(shot.run, events=()), moments=(2.0, 5.0))
+    recording = replace(shot.run, robot_outline=((0.3, 0.2), (-0.3, 0.2), (-0.3, -0.2), (0.3, -0.2)))
+    touching = replace(shot, run=replace(recording, events=(touch,)), moments=(2.0, 5.0))
+    plain = replace(shot, run=replace(recording, events=()), moments=(2.0, 5.0))
     marked = (np.asarray(strip(touching, WIDTH)) != np.asarray(strip(plain, WIDTH))).any(axis=(0, 2))
     assert not marked[:WIDTH].any() and marked[WIDTH:].any()
 
