@@ -7,10 +7,14 @@ error of the tool.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import io
+import json
+import sys
 import tempfile
-from collections.abc import Callable, Container
+import traceback
+from collections.abc import Awaitable, Callable, Container, Iterator
 from pathlib import Path
 from typing import Any, Literal, ParamSpec, TypeVar
 
@@ -27,6 +31,7 @@ from rvsg.campaign.attempt import Measurement
 from rvsg.campaign.execution import Event, Message, RunFinished
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import path_inside
+from rvsg.core.inputs import parse_json
 from rvsg.evaluation.story import story_of
 from rvsg.report.film import shot_of_run, strip
 from rvsg.report.result import Answer
@@ -36,7 +41,7 @@ from rvsg.robots.robot import shipped_robots
 from rvsg.scenario.builder import load_scenario_in, save_scenario
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.scenario.scenario import Human
-from rvsg.simulation.stacks.stack_choice import listed_stacks, stack_names
+from rvsg.simulation.stacks.stack_choice import listed_stacks, stack_class, stack_names
 from rvsg.world.creation import create_world
 from rvsg.world.drawing import draw_world
 from rvsg.world.world_folder import shipped_worlds, world_summary
@@ -92,26 +97,62 @@ class Workspace:
         return self.either(name, shipped_robots())
 
     def stack(self, name: str | None) -> str | None:
-        """Return a registered stack, or the path of a file of parameters."""
+        """Return a registered stack, or the path of a file of parameters; InputError for one that runs elsewhere."""
+        if name in stack_names() and not getattr(stack_class(name), "repeatable", True):
+            raise InputError(f"{name} waits for programs outside of RVSG. Run it with `rvsg simulate --stack {name}`.")
         return None if name is None else self.either(name, stack_names())
 
+    def save(self, scenario: rvsg.Scenario, path: Path) -> None:
+        """Write a scenario to a new file, or over another scenario; InputError for any other file."""
+        if path.suffix != ".json":
+            raise InputError(f"{path.name}: a scenario is kept in a file that ends in .json.")
+        if path.exists():
+            try:
+                load_scenario_in(path)
+            except RvsgError as error:
+                raise InputError(f"{path.name} is there and is no scenario. Choose another name. ({error})") from None
+        save_scenario(scenario, path)
 
-def told(tool: Callable[P, T]) -> Callable[P, T]:
-    """Return the tool with errors of RVSG as errors of the tool."""
+
+def told(tool: Callable[P, T]) -> Callable[P, Awaitable[T]]:
+    """Return the tool in a thread that a cancelled call leaves at once, with every error as one of the tool."""
 
     @functools.wraps(tool)
-    def telling(*args: P.args, **options: P.kwargs) -> T:
-        try:
-            return tool(*args, **options)
-        except RvsgError as error:
-            raise ToolError(str(error)) from error
+    async def telling(*args: P.args, **options: P.kwargs) -> T:
+        with reasons():
+            return await anyio.to_thread.run_sync(functools.partial(tool, *args, **options), abandon_on_cancel=True)
 
     return telling
 
 
+@contextlib.contextmanager
+def reasons() -> Iterator[None]:
+    """Turn every error inside into one of the tool that says why; the SDK would leave out all but the name."""
+    try:
+        yield
+    except RvsgError as error:
+        raise ToolError(str(error)) from error
+    except Exception as unexpected:
+        traceback.print_exc(file=sys.stderr)
+        raise ToolError(f"Error in RVSG itself: {type(unexpected).__name__}: {unexpected}") from unexpected
+
+
+class Server(MCPServer[Any]):
+    """A server that refuses what the SDK would leave out in silence: arguments that a tool does not have."""
+
+    async def call_tool(self, name: str, arguments: dict[str, Any], context: Any = None) -> Any:
+        """Call a tool; ToolError where its arguments are unknown, nested too deep, or no values of JSON."""
+        with reasons():
+            parse_json(json.dumps(arguments), Path("arguments"))
+            known = {each.name: list(each.input_schema["properties"]) for each in await self.list_tools()}
+            if wrong := [each for each in arguments if each not in known.get(name, arguments)]:
+                raise InputError(f"{name} has no argument {wrong[0]!r}. It has: {', '.join(known[name]) or 'none'}.")
+        return await super().call_tool(name, arguments, context)
+
+
 def server(folder: Path) -> MCPServer[Any]:
     """Return the server of a workspace."""
-    made: MCPServer[Any] = MCPServer("rvsg", instructions=INSTRUCTIONS, version=rvsg.__version__, log_level="WARNING")
+    made = Server("rvsg", instructions=INSTRUCTIONS, version=rvsg.__version__, log_level="WARNING")
     tools = Tools(Workspace(folder))
     for tool in (
         tools.catalogue, tools.show_world, tools.new_world, tools.write_scenario, tools.simulate, tools.campaigns,
@@ -159,7 +200,7 @@ class Tools:
         walks = [rvsg.walk(p.name, *p.waypoints, **p.model_dump(exclude={"name", "waypoints"})) for p in people]
         place, driven = self.workspace.world(world), self.workspace.robot(robot)
         made = rvsg.scenario(place, route, walks, description=description, robot=driven)
-        save_scenario(made, self.workspace.path(file))
+        self.workspace.save(made, self.workspace.path(file))
         return f"{file} holds a valid scenario."
 
     def simulate(
@@ -191,7 +232,7 @@ class Tools:
         minutes. Called again with the same settings, it goes on where it was stopped. The simulator `kinematic` has no
         physics: only to try things out.
         """
-        try:
+        with reasons():
             campaign = rvsg.Campaign.create(
                 self.workspace.path(out), world=self.workspace.world(world), route=route,
                 requirement=self.workspace.requirement(requirement), scenarios=scenarios, humans=humans, seed=seed,
@@ -211,8 +252,6 @@ class Tools:
                 campaign.cancel()
             await anyio.to_thread.run_sync(campaign.report)
             return await anyio.to_thread.run_sync(self.findings, out)
-        except RvsgError as error:
-            raise ToolError(str(error)) from error
 
     def campaigns(self) -> dict[str, str]:
         """List the campaigns of the workspace, each with what it found."""
@@ -249,7 +288,7 @@ class Tools:
             run = ledger.run(row.run)
         measured = next(each for each in attempt.measurements if each.run_id == row.run)
         file = campaign.folder / f"scenario-{number}.json"
-        save_scenario(scenario, file)
+        self.workspace.save(scenario, file)
         return [
             scenario.description,
             *map(_in_words, scenario.people.humans),
