@@ -27,7 +27,7 @@ from rvsg.campaign.suite_folder import read_results
 from rvsg.core.documents import record_of
 from rvsg.core.errors import FileError
 from rvsg.core.files import write_whole
-from rvsg.core.inputs import parse_json
+from rvsg.core.inputs import LARGEST_FILE, parse_json
 from rvsg.core.records import Record
 from rvsg.report.renderer import component, look, render, viewer_script
 from rvsg.store.sqlite import SqliteLedger
@@ -38,6 +38,9 @@ LARGEST = 400_000_000
 """Bytes of a view, unpacked; the viewer has the same limit."""
 MEMBER = re.compile(rf"({re.escape(LEDGER)}|{CONFIG}|notes\.yaml|{RESULTS}|({INPUTS}|vlm)(/[^./\\\0][^/\\\0]*)+)")
 """What the files of a view may be named; none lies outside the folder."""
+_TEXTS = rb'(?:[\s,:0-9]++|"(?:[^"\\]++|\\.)*+"'
+_SHAPE = re.compile(rb"\{" + _TEXTS + rb"|\{" + _TEXTS + rb"){0,400000}+\}){0,99}+\}")
+"""A view as JSON: an object of few texts and of one object of texts."""
 
 
 class View(Record):
@@ -137,6 +140,9 @@ def read_view(path: Path) -> View:
         raise FileError(path, f"the file cannot be read: {error.strerror}") from None
     if len(data) > LARGEST:
         raise FileError(path, f"this unpacks to more than {LARGEST:,} bytes, the most that a view may have.")
+    if len(data) > LARGEST_FILE and not _SHAPE.fullmatch(data.strip()):
+        # Told before it is parsed: lists of lists need twenty times their size.
+        raise FileError(path, "this is large and holds other things than the files of a view.", code="view-damaged")
     value = parse_json(data.decode(errors="replace"), path)
     if not isinstance(value, dict) or value.get("format") != "rvsg-view":
         raise FileError(path, "this is no .rvsg file. `rvsg export --to view` writes one.", code="view-foreign")

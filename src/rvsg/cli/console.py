@@ -4,21 +4,34 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shlex
 import shutil
 import sys
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.segment import Segment
 
 
 def print_json(value: Any) -> None:
     """Print a result as readable JSON on standard output; NaN is refused (ValueError)."""
-    sys.stdout.write(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False)
+    sys.stdout.write(re.sub("[\x7f-\x9f]", lambda found: f"\\u{ord(found[0]):04x}", text) + "\n")
     sys.stdout.flush()
+
+
+def harmless(text: str) -> str:
+    """Return a text that a terminal shows and does not obey: control characters, also of direction, are replaced."""
+    return text.translate(_SHOWN)
+
+
+_CONTROLS = [*range(0x20), *range(0x7F, 0xA0), *range(0x202A, 0x202F), *range(0x2066, 0x206A)]
+_SHOWN = {code: "\N{REPLACEMENT CHARACTER}" for code in _CONTROLS if chr(code) not in "\t\n"}
 
 
 def say(*what: Any, **how: Any) -> None:
@@ -30,8 +43,14 @@ def say(*what: Any, **how: Any) -> None:
 @cache
 def _console(stream: Any) -> Console:
     from rich.console import Console
+    from rich.segment import Segment
 
     class Teller(Console):
+        def render(self, renderable: Any, options: Any = None) -> Iterator[Segment]:
+            """Draw what is printed; names of files and worlds may be a stranger's."""
+            for each in super().render(renderable, options):
+                yield each if each.control else Segment(harmless(each.text), each.style)
+
         def on_broken_pipe(self) -> None:
             """Leave it to the frame: rich would exit with code 1, which means "violated"."""
             raise

@@ -19,7 +19,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 import rvsg
-from rvsg.cli.console import as_started
+from rvsg.cli.console import as_started, harmless
 from rvsg.cli.interruption import interruptible
 from rvsg.core import permission
 from rvsg.core.errors import InputError, Interrupted, RvsgError, how_to_install
@@ -312,7 +312,7 @@ def _debugging(arguments: Sequence[str]) -> bool:
 
 def _tell(message: str) -> None:
     try:
-        print(message, file=sys.stderr, flush=True)
+        print(harmless(message), file=sys.stderr, flush=True)
     except OSError:  # where nothing can be written, the exit code says it, also when Python writes what is left
         _nobody_reads()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, count, cycle, pairwise
@@ -105,7 +106,7 @@ def ranking_markdown(found: Comparison) -> str:
         *_table(RANKING, [[_plain(cell) for cell in row] for row in ranking_rows(found)]),
     ]
     lines += ["", "Differences of the shares on the same scenarios and seeds (paired, 95 % interval):", ""]
-    return "\n".join([*lines, *(f"- {pair_sentence(pair)}" for pair in found.pairs)]) + "\n"
+    return "\n".join([*lines, *(f"- {_plain(pair_sentence(pair))}" for pair in found.pairs)]) + "\n"
 
 
 def changes_markdown(found: Comparison) -> str:
@@ -114,7 +115,7 @@ def changes_markdown(found: Comparison) -> str:
     rows = []
     for row in change_rows(found.changes):
         change = f"**{row['change']}**" if row["p"] else row["change"]
-        name = f"{_plain(row['title'])} (`{row['case']}`)"
+        name = f"{_plain(row['title'])} ({_plain(row['case'])})"
         rows.append((name, _plain(row["requirement"]), change, *(row[k] for k in ("before", "now", "difference", "p"))))
     head = f"### {second} against {first}: {_counted(found.changes) or 'no case in common'}"
     tested = [f"{_plain(each.version)}: {_plain(each.tested)}." for each in found.variants[:2] if each.tested]
@@ -127,8 +128,9 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _plain(text: str) -> str:
-    """Return the text of a file so that it fits into a table of Markdown."""
-    return " ".join(text.split()).replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;").replace("`", "'")
+    """Return the text of a file as text of Markdown: it ends no cell, mentions nobody, links to nothing."""
+    escaped = re.sub(r"[\\`*\[\]!|~]", r"\\\g<0>", " ".join(text.split()).replace("<", "&lt;"))
+    return re.sub("[@#]|://|www(?=[.])", lambda mark: f"{mark[0]}\N{ZERO WIDTH SPACE}", escaped)
 
 
 def _title(found: Comparison) -> str:

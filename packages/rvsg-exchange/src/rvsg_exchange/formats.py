@@ -166,6 +166,11 @@ def _scenario_in(source: Exportable) -> tuple[Scenario, World]:
     return source.scenario, source.world
 
 
+def _no_formula(value: Any) -> Any:
+    """Return a value of a cell; a text that a spreadsheet would run as a formula begins with an apostrophe."""
+    return f"'{value}" if isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r")) else value
+
+
 class Csv(Exporter):
     """Trajectories as CSV."""
 
@@ -178,7 +183,7 @@ class Csv(Exporter):
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(table)
         for row in zip(*(values.tolist() for values in table.values()), strict=True):
-            writer.writerow(["" if value != value else value for value in row])
+            writer.writerow(["" if value != value else _no_formula(value) for value in row])
         write_whole(path, text.getvalue())
         return ()
 
