@@ -6,6 +6,7 @@ where everything in it is escaped.
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import functools
 import json
@@ -13,7 +14,7 @@ from collections.abc import Awaitable, Callable, Container, Iterable, Iterator
 from typing import Any
 from urllib.parse import urlencode
 
-from nicegui import run, ui
+from nicegui import ui
 from nicegui.elements.mixins.text_element import TextElement
 
 from rvsg.core.errors import RvsgError
@@ -148,7 +149,7 @@ def page(workspace: Workspace, title: str, *, here: str = "", wide: bool = False
 
 async def load(work: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
     """Do work that reads files in a thread, so that other tabs stay responsive."""
-    return await run.io_bound(work, *arguments, **named)
+    return await asyncio.to_thread(work, *arguments, **named)  # NiceGUI's own returns None while the studio ends
 
 
 Built = Callable[..., Awaitable[None]]

@@ -48,7 +48,7 @@ FORMATS = {
     "mcap": "Foxglove, rosbag2 (.mcap)",
     "csv": "table (.csv)",
     "hunav": "HuNavSim agents (.yaml)",
-    "nav2-goals": "Nav2 goals (.py)",
+    "nav2-goals": "Nav2 goals (.yaml)",
     "initial-pose": "initial pose (.yaml)",
     "sdf": "Gazebo world (.sdf)",
     "osc": "OpenSCENARIO DSL (.osc)",
