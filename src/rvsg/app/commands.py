@@ -49,17 +49,16 @@ def confirm_command(folder: Path, attempt: int) -> str:
 
 def next_commands(config: CampaignConfig, result: Result) -> dict[str, str]:
     """Return the commands of next steps, by the names that `rvsg.report.result` gives them."""
-    folder, requirement, other = config.folder, config.requirement, _without_recording(config)
+    folder, other = config.folder, _without_recording(config)
     scenarios = sum(entry.state == "confirmed" for entry in result.ranking)
     verdict = result.confirmed.verdict if result.confirmed else None
     each = max(result.accounting.confirmation_runs, verdict.runs * scenarios if verdict else 0)
-    kept = ["--suite", "suite", *(("--requirement", requirement) if requirement != "R1" else ())]
     return {
         "resume": resume_command(config),
         "contact": command_for(other.replace(requirement="no_contact")),
         "confirm": shlex.join(["rvsg", "confirm", str(folder)]),
         "more": command_for_more(config, each),
-        "keep": shlex.join(["rvsg", "suite", "add", str(folder / BEST), *kept]),
+        "keep": shlex.join(["rvsg", "suite", "add", str(folder / BEST), "--suite", "suite"]),
         "planner": shlex.join(["rvsg", "replay", str(folder), "--trace"]),
         "repeat": command_for(other.replace(seed=config.seed + 1)),
     }
@@ -73,21 +72,21 @@ def _without_recording(config: CampaignConfig) -> CampaignConfig:
     return CampaignConfig(**{key: getattr(config, key) for key in kept}, seed=config.seed)
 
 
-def runs_command(scenario: str, config: CampaignConfig | None, *, seed: int, repeats: int, out: str) -> str:
-    """Return the command that simulates a scenario as a campaign does."""
+def runs_command(scenario: str, config: CampaignConfig, *, seed: int, repeats: int, out: str) -> str:
+    """Return the command that simulates a scenario of a campaign, whose file says with what."""
     words = ["rvsg", "simulate", scenario, "--seed", str(seed), "--repeats", str(repeats), "--out", out]
-    return shlex.join([*words, *_simulator(config)])
+    return shlex.join([*words, *_code(config)])
 
 
-def shrink_command(scenario: str, config: CampaignConfig | None, *, requirement: str, out: str) -> str:
-    """Return the command that shrinks a scenario under the requirement of a campaign."""
-    words = ["rvsg", "scenario", "shrink", scenario, "--requirement", requirement, "--out", out]
-    return shlex.join([*words, *_simulator(config)])
+def shrink_command(scenario: str, config: CampaignConfig, *, out: str) -> str:
+    """Return the command that shrinks a scenario of a campaign, whose file says with what."""
+    return shlex.join(["rvsg", "scenario", "shrink", scenario, "--out", out, *_code(config)])
 
 
-def _simulator(config: CampaignConfig | None) -> list[str]:
-    keys = ("simulator", "simulator_options", "stack", "stack_options")
-    return [] if config is None else _options(config, without=[k for k in CampaignConfig.model_fields if k not in keys])
+def _code(config: CampaignConfig) -> list[str]:
+    """Return the option for a stack that is code, which no file can allow."""
+    stack = config.stack or ""
+    return ["--stack", stack] if ":" in stack else []
 
 
 def _options(config: CampaignConfig, *, without: Sequence[str]) -> list[str]:

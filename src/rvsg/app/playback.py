@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from rvsg.app.campaign import Campaign
+from rvsg.app.rerun import AS_FOUND, Rerun, rerun
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.findings import worst_confirmation
 from rvsg.campaign.ranking import best_attempt
@@ -14,26 +16,31 @@ from rvsg.campaign.run_set import RunSet, simulate
 from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.core.files import check_writable, write_whole
 from rvsg.core.inputs import parse_json, read_text
-from rvsg.core.plugins import Spec, find_format, ignore
+from rvsg.core.plugins import find_format, ignore
 from rvsg.report.film import Shot, shot_of_run
 from rvsg.report.replay_data import FORMAT, VERSION, trace_file_beside, trace_json
 from rvsg.report.run_facts import closest_approach
 from rvsg.robots.robot import Robot
 from rvsg.scenario.builder import load_scenario_in
 from rvsg.scenario.scenario import Scenario
-from rvsg.scenario.world_lookup import load_world
+from rvsg.scenario.world_lookup import load_world, world_of
 from rvsg.simulation.archive import holds_runs, read_runs
 from rvsg.simulation.embedded.trace import Trace, trace, trace_again
 from rvsg.simulation.exporter import Exportable, Exporter
 from rvsg.simulation.run import Run
-from rvsg.simulation.stacks.stack_choice import StackLike
 from rvsg.world.world import World
 
 HEAD = ("format", "version", "run")
 
 
 def shot_of(
-    source: Path, *, run: str | None = None, seed: int = 0, world: str | None = None, simulator: str | Spec = "embedded"
+    source: Path,
+    *,
+    run: str | None = None,
+    seed: int = 0,
+    world: str | None = None,
+    given: Mapping[str, Any] = AS_FOUND,
+    on_message: Callable[[str], None] = ignore,
 ) -> Shot:
     """Return what to film.
 
@@ -43,6 +50,7 @@ def shot_of(
             run of the file.
         seed: The seed with which a scenario is simulated.
         world: The world, where it was moved or the file of runs does not name it.
+        given: What a scenario runs with, see `rerun`.
 
     Raises:
         InputError: the source holds no run, or its world is not known.
@@ -50,16 +58,15 @@ def shot_of(
     """
     if _is_campaign(source):
         campaign = Campaign.open(source)
-        scenario, measured, found = _stored(campaign, run)
-        place = campaign.world if world is None else load_world(world)
+        scenario, place, measured, found = _stored(campaign, run, world)
         return shot_of_run(found, measured, campaign.requirement, place, scenario)
     if holds_runs(source):
         if world is None:
             raise InputError(f"{source}: a file of runs does not say in which world they took place. Add --world.")
         return _plain(_run_in(source, run), load_world(world), None)
-    scenario, place = load_scenario_in(source, world)
-    made = simulate(scenario, [seed], simulator=simulator, world=place)
-    return _plain(made[0], place, scenario.mission.robot_record)
+    again = rerun(source, given, world=world, on_message=on_message)
+    made = simulate(again.scenario, [seed], simulator=again.simulator, world=again.world)
+    return _plain(made[0], again.world, again.scenario.mission.robot_record)
 
 
 def _is_campaign(source: Path) -> bool:
@@ -72,16 +79,21 @@ def _plain(run: Run, world: World, robot: Robot | None) -> Shot:
     return Shot(run=run, world=world, robot=robot, moments=times)
 
 
-def _stored(campaign: Campaign, run: str | None) -> tuple[Scenario, Measurement, Run]:
-    """Return a run of a campaign with its scenario and its measurement; by default the worst of the worst finding."""
+def _stored(campaign: Campaign, run: str | None, world: str | None = None) -> tuple[Scenario, World, Measurement, Run]:
+    """Return a run of a campaign with its scenario, the world as that has it, and its measurement.
+
+    By default it is the worst of the worst finding.
+    """
     attempts = [attempt for attempt in campaign.attempts() if attempt.measurements]
     known = {m.run_id: (attempt, m) for attempt in attempts for m in attempt.measurements}
     if run is not None and run not in known:
         raise UnknownName("run", run, known)
     attempt, measured = known[run] if run is not None else _worst(campaign, attempts)
-    assert attempt.proposal.scenario is not None, "an attempt with runs has a scenario"
+    scenario = attempt.proposal.scenario
+    assert scenario is not None, "an attempt with runs has a scenario"
+    place = world_of(scenario.mission, campaign.world if world is None else world)
     with campaign.reading() as ledger:
-        return attempt.proposal.scenario, measured, ledger.run(measured.run_id)
+        return scenario, place, measured, ledger.run(measured.run_id)
 
 
 def _worst(campaign: Campaign, attempts: list[Attempt]) -> tuple[Attempt, Measurement]:
@@ -162,15 +174,13 @@ def check_bag(path: Path | None, runs: int) -> None:
     check_writable(path)
 
 
-def write_bag_of(
-    runs: RunSet, path: Path, scenario: Scenario, *, simulator: Spec, stack: StackLike | None, world: World
-) -> None:
+def write_bag_of(runs: RunSet, path: Path, again: Rerun) -> None:
     """Write one run as a bag, with all that the robot sees where the simulator can record that."""
-    if simulator.name == "embedded":
-        again = trace(scenario, runs.runs[0].seed, simulator=simulator, stack=stack, world=world)
-        Traced(trace=again, world=world).write(path)
+    if again.simulator.name == "embedded":
+        traced = trace(again.scenario, runs.runs[0].seed, simulator=again.simulator, world=again.world)
+        Traced(trace=traced, world=again.world).write(path)
     else:
-        _bag_exporter().write(Exportable(world=world, runs=runs.runs), path)
+        _bag_exporter().write(Exportable(world=again.world, runs=runs.runs), path)
 
 
 def check_trace_files(source: Path, paths: Sequence[Path]) -> None:
@@ -189,14 +199,13 @@ def trace_source(
     seed: int = 0,
     scenario: Path | None = None,
     world: str | None = None,
-    simulator: str | Spec = "embedded",
-    stack: StackLike | None = None,
+    given: Mapping[str, Any] = AS_FOUND,
     on_message: Callable[[str], None] = ignore,
 ) -> Traced:
     """Trace a run of a campaign, of a file of runs, or of a scenario.
 
     Args:
-        source, run, seed, world: as for `shot_of`.
+        source, run, seed, world, given: as for `shot_of`.
         scenario: the scenario of a file of runs.
 
     Raises:
@@ -205,8 +214,7 @@ def trace_source(
     """
     if _is_campaign(source):
         campaign = Campaign.open(source)
-        asked, _, stored = _stored(campaign, run)
-        place = load_world(world) if world is not None else campaign.world
+        asked, place, _, stored = _stored(campaign, run, world)
         return Traced(trace=trace_again(stored, asked, place, on_message=on_message), world=place)
     if holds_runs(source):
         if scenario is None:
@@ -215,9 +223,9 @@ def trace_source(
         return Traced(trace=trace_again(_run_in(source, run), asked, place, on_message=on_message), world=place)
     if run is not None:
         raise InputError(f"{source}: --run names a run of a campaign or of a file of runs. Give --seed for a scenario.")
-    asked, place = load_scenario_in(source, world)
-    made = trace(asked, seed, simulator=simulator, stack=stack, world=place, on_message=on_message)
-    return Traced(trace=made, world=place)
+    again = rerun(source, given, world=world, on_message=on_message)
+    made = trace(again.scenario, seed, simulator=again.simulator, world=again.world, on_message=on_message)
+    return Traced(trace=made, world=again.world)
 
 
 def kept_trace(campaign: Campaign, run: str) -> str:
@@ -227,8 +235,8 @@ def kept_trace(campaign: Campaign, run: str) -> str:
         InputError: the run cannot be repeated.
         UnknownName: the campaign has no run of that id.
     """
-    scenario, _, stored = _stored(campaign, run)
-    path, world = trace_file_beside(campaign.folder, stored.id), campaign.world
+    scenario, world, _, stored = _stored(campaign, run)
+    path = trace_file_beside(campaign.folder, stored.id)
     if path.is_file():
         text = read_text(path)
         value = parse_json(text, path)

@@ -12,6 +12,7 @@ from rvsg.app.commands import command_for, confirm_command, next_commands
 from rvsg.app.folder import BEST, LEDGER, MATRIX, REPORT, reading, store_of
 from rvsg.app.input_files import paths_of
 from rvsg.app.record import CampaignRecord
+from rvsg.app.rerun import stack_file
 from rvsg.app.settings import CampaignConfig, safe_name
 from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.drive_alone import stored_alone
@@ -27,7 +28,7 @@ from rvsg.generation.vlm.recording import CALLS, Recording
 from rvsg.report.page import render_page
 from rvsg.report.replay_data import traces_beside
 from rvsg.report.result import Answer, Result, is_complete
-from rvsg.scenario.builder import scenario_json
+from rvsg.scenario.builder import FoundWith, scenario_json
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.scenario.world_lookup import load_world, world_of
@@ -108,9 +109,13 @@ class StoredCampaign:
         return with_stack(self.config.simulator_spec, self.config.stack_spec())
 
     @property
-    def found_with(self) -> Spec:
-        """What its scenarios are found with: the simulator as it was given, and the stack by content and version."""
-        return by_content(self.config.simulator_spec, self.record.simulator.options)
+    def found_with(self) -> FoundWith:
+        """What its scenarios are found with: the simulator as it was given, the stack by content, the requirement."""
+        return FoundWith(
+            simulator=by_content(self.config.simulator_spec, self.record.simulator.options),
+            stack_file=stack_file(self.config.stack),
+            requirement=self.requirement,
+        )
 
     @property
     def command(self) -> str:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import os
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import closing, suppress
 from itertools import groupby
 from pathlib import Path
 
 from rvsg.app.campaign import Campaign
+from rvsg.app.rerun import stack_file
 from rvsg.campaign.attempt import Measurement
 from rvsg.campaign.runner import Evaluator
-from rvsg.campaign.suite import Case, CaseResult, SuiteResult
+from rvsg.campaign.suite import CaseResult, SuiteResult
 from rvsg.campaign.suite_folder import SuiteCase, SuiteFolder, requirement_of, run_cases
 from rvsg.core import permission
 from rvsg.core.errors import InputError
@@ -21,8 +24,8 @@ from rvsg.report.film import shot_of_run, write_film
 from rvsg.robots.robot import Robot
 from rvsg.scenario.builder import as_robot
 from rvsg.simulation.run import Run
-from rvsg.simulation.simulators import Simulator, by_content, simulator_of, stack_in_words
-from rvsg.simulation.stacks.stack_choice import StackLike
+from rvsg.simulation.simulators import Simulator, as_found, by_content, simulator_of, stack_in_words
+from rvsg.simulation.stacks.stack_choice import StackChoice, StackLike
 
 
 class Suite(SuiteFolder):
@@ -84,14 +87,19 @@ class Suite(SuiteFolder):
             return result.replace(picture=picture.as_posix())
 
         other: Robot | str | None = None
-        for given, alike in groupby(chosen, lambda case: subject(case, simulator, stack)):
+        for given, alike in groupby(chosen, lambda case: as_found(case.simulator, simulator, stack)):
             cases = [self.tested(case.name) for case in alike]
             asked = given if isinstance(given, Spec) and _is_data(stack) else None
             named = permission.only({"simulator": simulator, "stack": stack})
             with named, simulator_of(given, stack, on_message=on_message) as made:
                 used = by_content(asked or Spec(made.name), made.options)
-                on_message(f"{stack_in_words(used)}, {made.name}: {counted(len(cases), 'case')}.")
-                for text in _changed_since(cases, used, self.folder):
+                tested = stack_in_words(used)
+                if stack is None:
+                    tested += " as the cases keep it"
+                elif file := stack_file(stack.name if isinstance(stack, Spec) else str(stack)):
+                    tested = f"{os.path.relpath(file)}, {tested}"
+                on_message(f"{tested}, {made.name}: {counted(len(cases), 'case')}.")
+                for text in _changed_since(cases, used, self.folder, tests_file=stack is not None):
                     on_message(text)
                 other = None if robot is None else as_robot(robot, made.robots)
                 driven = [each if other is None else each.driven_by(other) for each in cases]
@@ -120,30 +128,16 @@ def add_failures(suite: Suite, campaign: Campaign, rows: Sequence[Row]) -> Suite
     for row in rows:
         scenario = scenarios[row.attempt]
         assert scenario is not None, "a confirmed scenario is valid"
-        judged = str(campaign.record.config["requirement"]) if row.violated == "yes" else "no_contact"
-        suite = suite.add(scenario, judged, title=row.name, world=campaign.world, simulator=campaign.found_with)
+        judged = None if row.violated == "yes" else "no_contact"
+        suite = suite.add(scenario, judged, title=row.name, world=campaign.world, found=campaign.found_with)
     return suite
-
-
-def subject(case: Case, simulator: str | Spec | Simulator | None, stack: StackLike | None) -> Spec | Simulator:
-    """Return what runs a case: what is given, with what it leaves open as the case was found with it."""
-    kept = case.simulator or Spec("embedded")
-    if simulator is not None and not isinstance(simulator, str | Spec):
-        return simulator
-    given = kept if simulator is None else Spec.of(simulator)
-    options = {**kept.options, **given.options} if given.name == kept.name else dict(given.options)
-    if stack is not None:
-        options.pop("stack", None)
-    elif isinstance(known := options.get("stack"), Mapping):  # the version under test is the one that is present
-        options["stack"] = {key: value for key, value in known.items() if key != "version"}
-    return Spec(given.name, options)
 
 
 def _is_data(stack: StackLike | None) -> bool:
     return isinstance(stack, str | Path | Spec | Mapping | None)
 
 
-def _changed_since(cases: Sequence[SuiteCase], used: Spec, folder: Path) -> Iterator[str]:
+def _changed_since(cases: Sequence[SuiteCase], used: Spec, folder: Path, *, tests_file: bool) -> Iterator[str]:
     """Yield what is another version today than the cases were found with."""
     for tested in cases:
         kept = tested.case.simulator
@@ -156,3 +150,12 @@ def _changed_since(cases: Sequence[SuiteCase], used: Spec, folder: Path) -> Iter
                         f"{tested.case.name}: {each.requirement} is defined otherwise today. The case keeps its "
                         "definition; to take the new one, add the case again with `rvsg suite add`."
                     )
+    files = dict.fromkeys(folder / each.case.stack_file for each in cases if each.case.stack_file and not tests_file)
+    for file in filter(Path.is_file, files):
+        with closing(StackChoice.of(file)) as choice:
+            today = stack_in_words(Spec(used.name, {"stack": choice.record.model_dump(mode="json")}))
+        if today != stack_in_words(used):
+            yield (
+                f"{file.name} is {today} today, and this run tests what the cases keep. To test the file: "
+                f"--stack {shlex.quote(os.path.relpath(file))}"
+            )

@@ -16,7 +16,7 @@ from typing import Any, Literal, get_args
 from pydantic import Field
 
 from rvsg.app.record import differences, other_settings
-from rvsg.app.suites import Suite, subject
+from rvsg.app.suites import Suite
 from rvsg.app.tuning_checks import ProposalChecks
 from rvsg.campaign.parameter_search import SEEDS, Candidate, Optimiser, ParameterSearch
 from rvsg.campaign.runner import Evaluator
@@ -36,7 +36,7 @@ from rvsg.report.run_facts import run_facts
 from rvsg.robots.robot import DEFAULT_ROBOT, load_robot
 from rvsg.scenario.builder import as_robot
 from rvsg.simulation.embedded.simulator import can_plan
-from rvsg.simulation.simulators import make_simulator
+from rvsg.simulation.simulators import as_found, make_simulator
 from rvsg.simulation.stacks.parameter_file import (
     SKELETONS,
     has_filters,
@@ -204,7 +204,7 @@ class Tuner:
 
     def _case(self, suite: Suite, case: Case) -> TuningCase:
         """Return a case with what runs it."""
-        given, tested = subject(case, None, self.stack), suite.tested(case.name)
+        given, tested = as_found(case.simulator, None, self.stack), suite.tested(case.name)
         assert isinstance(given, Spec)
         if self.robot is not None:
             with closing(make_simulator(given)) as made:

@@ -18,13 +18,13 @@ from rvsg.evaluation.detection import EncounterKind, encounters_of
 from rvsg.evaluation.statistics import Sensitivity, Surface, clopper_pearson, fit_surface, sensitivities
 from rvsg.evaluation.verdict import load_requirement
 from rvsg.scenario import validity
-from rvsg.scenario.builder import load_family
+from rvsg.scenario.builder import FoundWith, load_family
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, Scenario
 from rvsg.scenario.variation import Range, ScenarioFamily, waypoints_used
 from rvsg.scenario.world_lookup import world_of
 from rvsg.simulation.run import Outcome, Run
-from rvsg.simulation.simulators import Simulator, simulator_of
+from rvsg.simulation.simulators import Simulator, as_found, simulator_of
 from rvsg.world.world import World
 
 FEWEST = 10
@@ -249,13 +249,13 @@ class Exercise:
 
 def explore(
     family: ScenarioFamily | str | Path,
-    requirement: Requirement | str = "R1",
+    requirement: Requirement | str | None = None,
     *,
     vary: Sequence[str] = (),
     runs: int = 60,
     seed: int = 0,
     jobs: int = 1,
-    simulator: str | Spec | Simulator = "embedded",
+    simulator: str | Spec | Simulator | None = None,
     world: World | str | Path | None = None,
     on_point: Callable[[Point], None] = ignore,
     on_message: Callable[[str], None] = ignore,
@@ -268,21 +268,22 @@ def explore(
     Args:
         runs: points of the Latin hypercube.
         seed: of the points and of the runs.
-        simulator: a name, a Spec, or an instance, which stays open.
+        requirement, simulator: by default those that the scenario of a file was found with, else R1 and `embedded`.
+            A simulator is a name, a Spec, or an instance, which stays open.
 
     Raises:
         InputError: no range, a requirement without a limit, or no point that is valid.
     """
+    kept = FoundWith()
     if not isinstance(family, ScenarioFamily):
-        family, found = load_family(family, vary)
-        world = world or found
+        family, world, kept = load_family(family, vary, world)
     place = world_of(family.middle.mission, world)
-    asked = load_requirement(requirement, family.middle.mission.route)
+    asked = load_requirement(requirement or kept.requirement or "R1", family.middle.mission.route)
     if asked.threshold is None:
         raise InputError(f"{asked.name} has no limit, so no run violates it. Choose a requirement with a limit.")
     measuring = Evaluator(asked, place)
     with (
-        simulator_of(simulator, scenario=family.middle, on_message=on_message) as made,
+        simulator_of(as_found(kept.simulator, simulator), scenario=family.middle, on_message=on_message) as made,
         Runner(made, place, measuring=measuring, jobs=jobs, notify=on_message) as runner,
     ):
         points = _run_points(family, runs, seed, asked, runner, on_point)

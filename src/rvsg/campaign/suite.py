@@ -53,6 +53,8 @@ class Case(Record):
     scenario: Scenario
     simulator: Spec | None = None
     """What it was found with: the simulator, and its stack by content and version. A run uses it by default."""
+    stack_file: str | None = None
+    """The parameter file that stack was read from, relative to the suite. A run tests it where it is given."""
     max_runs: Annotated[int, Field(ge=1, le=10_000)] = DEFAULT.max_runs
     """Runs at most; the sequential procedure stops as soon as the verdict is decided."""
 

@@ -33,7 +33,7 @@ from rvsg.core.records import Record
 from rvsg.evaluation.story import story_of
 from rvsg.evaluation.verdict import DEFAULT, Procedure, load_requirement, next_repeats
 from rvsg.robots.robot import Robot
-from rvsg.scenario.builder import check_valid, found_with, load_scenario_in, with_robot
+from rvsg.scenario.builder import FoundWith, check_valid, load_saved, with_robot
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.world_lookup import folder_of, world_of
@@ -77,6 +77,8 @@ class CaseFile(Record):
     max_runs: int = Field(default=DEFAULT.max_runs, ge=1, le=10_000)
     world: str | None = None
     simulator: Spec | None = None
+    stack_file: str | None = None
+    """The parameter file the stack was read from, relative to the suite."""
     scenario: Scenario
 
 
@@ -123,25 +125,25 @@ class SuiteFolder:
     def add(
         self,
         source: Scenario | str | Path,
-        requirement: str = "R1",
+        requirement: str | Requirement | None = None,
         *,
         name: str | None = None,
         title: str | None = None,
         expected: str = "violation",
         reason: str | None = None,
         world: World | str | Path | None = None,
-        simulator: Spec | None = None,
+        found: FoundWith | None = None,
     ) -> Self:
         """Add a scenario, or one more requirement to a case that holds the same scenario; return the new suite.
 
         Args:
             source: a scenario, or a file of one (also of a proposal or an attempt, such as `best_scenario.json`).
-            requirement: what it is judged by.
+            requirement: what it is judged by; by default what it was found with, else R1. A file of requirements is
+                looked for beside the suite, then in the current folder.
             name: the case's name and file; by default made from the title.
             expected: `violation` for a known failure, `pass` for a scenario the robot must master.
             reason: why a failure is known; by default that which the suite holds.
-            simulator: what the scenario was found with, the stack by content (`by_content`); by default what its file
-                says.
+            found: what the scenario was found with; by default what its file says.
 
         Raises:
             UnknownName: there is no such requirement, or `expected` is neither.
@@ -150,12 +152,18 @@ class SuiteFolder:
         if expected not in EXPECTED:
             raise UnknownName("expectation", expected, EXPECTED)
         if isinstance(source, Scenario):
-            scenario, place = source, world_of(source.mission, world)
+            scenario, place, saved = source, world_of(source.mission, world), FoundWith()
         else:
-            scenario, place = load_scenario_in(source, world)
-            simulator = simulator or found_with(source)
+            scenario, place, saved = load_saved(source, world)
+        found = found or saved
         check_valid(scenario, place)
-        definition = load_requirement(requirement_source(requirement, self.folder))
+        requirement = requirement or found.requirement or "R1"
+        if isinstance(requirement, str):
+            requirement = self._beside(requirement)
+            definition = load_requirement(requirement_source(requirement, self.folder))
+        else:
+            definition, requirement = load_requirement(requirement), requirement.name
+        simulator = found.simulator
         asked = {"requirement": requirement, "expected": expected, "definition": definition}
         expectation = Expectation.model_validate(asked | ({} if reason is None else {"reason": reason}))
         with FileLock(self.folder / ".lock"):  # another `rvsg suite add` may have changed the case
@@ -182,6 +190,7 @@ class SuiteFolder:
                     expectations=(expectation,),
                     scenario=scenario,
                     simulator=simulator,
+                    stack_file=found.stack_file and _relative(found.stack_file, self.folder),
                     max_runs=self.head.judging.max_runs,
                 )
             self._write(case, place)
@@ -222,6 +231,14 @@ class SuiteFolder:
         head = self.head.replace(tunings=(*kept, note))
         write_whole(self.folder / HEAD, _yaml(head.model_dump(mode="json")))
 
+    def _beside(self, requirement: str) -> str:
+        """Return the name of a requirement as the suite has it, also of a file in the current folder."""
+        source = requirement_source(requirement, self.folder)
+        file = requirement.partition("#")[0]
+        if source == requirement or Path(source.partition("#")[0]).exists() or not Path(file).exists():
+            return requirement
+        return _relative(file, self.folder) + requirement[len(file) :]
+
     def _write(self, case: Case, world: World) -> None:
         folder = folder_of(world.id)
         values = {
@@ -229,7 +246,8 @@ class SuiteFolder:
             "expectations": [each.model_dump(mode="json", exclude_defaults=True) for each in case.expectations],
             "max_runs": case.max_runs,
             "simulator": None if case.simulator is None else case.simulator.model_dump(mode="json"),
-            "world": None if folder is None else os.path.relpath(folder.resolve(), self.folder.resolve()),
+            "stack_file": case.stack_file,
+            "world": None if folder is None else _relative(folder, self.folder),
             "scenario": case.scenario.model_dump(mode="json"),
         }
         write_whole(self.folder / f"{case.name}.yaml", _yaml({k: v for k, v in values.items() if v is not None}))
@@ -252,6 +270,7 @@ def _read_case(path: Path) -> tuple[Case, World]:
             expectations=file.expectations,
             scenario=file.scenario,
             simulator=file.simulator,
+            stack_file=file.stack_file,
             max_runs=file.max_runs,
         )
         for expectation in case.expectations:
@@ -299,6 +318,10 @@ def _free_name(wanted: str, taken: set[str], *, given: bool) -> str:
     if given and name in taken:
         raise InputError(f'There is a case "{name}" already, with another scenario. Choose another --name.')
     return next(each for k in range(1, len(taken) + 2) if (each := name if k == 1 else f"{name}-{k}") not in taken)
+
+
+def _relative(path: str | Path, folder: Path) -> str:
+    return os.path.relpath(Path(path).resolve(), folder.resolve())
 
 
 def _yaml(values: dict[str, Any]) -> str:

@@ -25,11 +25,19 @@ if TYPE_CHECKING:
     from rvsg.generation.vlm.access import CallNews
 
 
-def setting_options(*keys: str, several: bool = False, **defaults: Any) -> Callable[[Callable[..., None]], Any]:
+RERUN = ("stack", "stack_options", "robot", "simulator", "simulator_options")
+"""The settings that replace what a scenario was found with."""
+FOUND = "as it was found"
+
+
+def setting_options(
+    *keys: str, several: bool = False, as_found: bool = False, **defaults: Any
+) -> Callable[[Callable[..., None]], Any]:
     """Give a command the options of these settings of a campaign; its `settings` are those that are given.
 
     Args:
         several: whether routes and requirements may be given several times.
+        as_found: whether those that are left out are as the scenario was found.
         defaults: settings whose default differs in this command.
     """
 
@@ -42,7 +50,10 @@ def setting_options(*keys: str, several: bool = False, **defaults: Any) -> Calla
         own = inspect.signature(command, eval_str=True).parameters
         parameters = [
             *(each.replace(kind=each.KEYWORD_ONLY) for name, each in own.items() if name not in ("settings", "json")),
-            *(_parameter(key, several=several and key in LISTED, default=defaults.get(key)) for key in keys),
+            *(
+                _parameter(key, several=several and key in LISTED, default=FOUND if as_found else defaults.get(key))
+                for key in keys
+            ),
             *(own[name].replace(kind=inspect.Parameter.KEYWORD_ONLY) for name in own if name == "json"),
         ]
         del with_settings.__wrapped__
@@ -136,6 +147,9 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON o
 Jobs = Annotated[int, typer.Option(min=1, help="Worker processes.")]
 JobsPerCore = Annotated[int | None, typer.Option(min=1, help="Worker processes. [one per core]")]
 Requirement = Annotated[str, typer.Option(help="A shipped requirement, or FILE.yaml#NAME.")]
+FoundRequirement = Annotated[
+    str | None, typer.Option("--requirement", help=f"A shipped requirement, or FILE.yaml#NAME. [{FOUND}, else R1]")
+]
 OtherWorld = Annotated[str | None, typer.Option(help="Instead of the scenario's world.", callback=named_world)]
 FailOnViolation = Annotated[
     bool, typer.Option("--fail-on-violation", help="Exit with code 1 if the requirement is violated.")

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rvsg.app.settings import effective
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
 from rvsg.cli.model import prompt, propose
-from rvsg.cli.options import AsJson, Jobs, OtherWorld, Prices, Record, Requirement, setting_options
+from rvsg.cli.options import RERUN, AsJson, FoundRequirement, Jobs, OtherWorld, Prices, Record, setting_options
 
 if TYPE_CHECKING:
     from rvsg.campaign.smallest_scenario import Shrunk, Simplification
@@ -91,11 +90,11 @@ def migrate(
 
 
 @app.command()
-@setting_options("simulator", "simulator_options")
+@setting_options(*RERUN, as_found=True)
 def nearest(
     settings: dict[str, Any],
     scenario: Annotated[Path, typer.Argument(help="A scenario or a proposal as JSON.")],
-    requirement: Requirement = "R1",
+    requirement: FoundRequirement = None,
     most: Annotated[float, typer.Option(min=0.1, max=20.0, help="The largest change that is tried, m or s.")] = 1.6,
     repeats: Annotated[int, typer.Option(min=1, help="Runs of every change.")] = 4,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the first run.")] = 0,
@@ -108,33 +107,32 @@ def nearest(
 
     A person does everything earlier, later, or nearer to the robot. At least half of the runs have to violate.
     """
+    from rvsg.app.rerun import rerun
     from rvsg.campaign.nearness import nearest_violation
     from rvsg.core.files import check_writable, write_text
-    from rvsg.scenario.builder import load_scenario_in, scenario_json
 
     if out is not None:
         check_writable(out)
-    asked, place = load_scenario_in(scenario, world)
-    simulator = effective(None, {}, settings).simulator_spec
+    again = rerun(scenario, settings, requirement=requirement, world=world, on_message=say)
     found = nearest_violation(
-        asked, requirement, most=most, repeats=repeats, seed=seed, jobs=jobs, simulator=simulator, world=place,
-        on_message=say,
+        again.scenario, again.requirement, most=most, repeats=repeats, seed=seed, jobs=jobs, simulator=again.simulator,
+        world=again.world, on_message=say,
     )  # fmt: skip
     for change in found.changes:
         say(f"- {change}")
     say(str(found))
     if out is not None and found.changes:
-        write_text(out, scenario_json(found.changes[0].scenario))
+        write_text(out, again.json(found.changes[0].scenario))
     if json:
         print_json(found.model_dump(mode="json"))
 
 
 @app.command()
-@setting_options("simulator", "simulator_options")
+@setting_options(*RERUN, as_found=True)
 def shrink(
     settings: dict[str, Any],
     scenario: Annotated[Path, typer.Argument(help="A scenario or a proposal as JSON; - is standard input.")],
-    requirement: Requirement = "R1",
+    requirement: FoundRequirement = None,
     repeats: Annotated[int, typer.Option(min=1, help="Runs of every simpler scenario.")] = 12,
     confirmations: Annotated[int, typer.Option(min=1, help="Confirmation runs of the original and the smallest.")] = 20,
     keep: Annotated[float, typer.Option(min=0.01, max=1.0, help="Share of the violations that must stay.")] = 0.8,
@@ -150,22 +148,21 @@ def shrink(
     violation. Confirmation runs with new seeds show how often the original and the smallest scenario violate it.
     """
     import rvsg
+    from rvsg.app.rerun import rerun
     from rvsg.core.files import check_writable, write_text
-    from rvsg.scenario.builder import load_scenario_in, scenario_json
 
     check_writable(out)
-    asked, place = load_scenario_in(scenario, world)
-
+    again = rerun(scenario, settings, requirement=requirement, world=world, on_message=say)
     shrunk = rvsg.shrink(
-        asked,
-        requirement,
+        again.scenario,
+        again.requirement,
         repeats=repeats,
         confirmations=confirmations,
         keep=keep,
         seed=seed,
         jobs=jobs,
-        simulator=effective(None, {}, settings).simulator_spec,
-        world=place,
+        simulator=again.simulator,
+        world=again.world,
         on_step=_show_step,
         on_message=say,
     )
@@ -173,7 +170,7 @@ def shrink(
     if json:
         print_json(shrunk.model_dump(mode="json"))
     else:
-        write_text(out, scenario_json(shrunk.smallest))
+        write_text(out, again.json(shrunk.smallest))
 
 
 def _show_step(step: Simplification) -> None:
@@ -201,11 +198,11 @@ def _show(shrunk: Shrunk) -> None:
 
 
 @app.command()
-@setting_options("simulator", "simulator_options")
+@setting_options(*RERUN, as_found=True)
 def explore(
     settings: dict[str, Any],
     scenario: Annotated[Path, typer.Argument(help='A scenario as JSON; a number of a person may be "0.8 to 1.4".')],
-    requirement: Requirement = "R1",
+    requirement: FoundRequirement = None,
     vary: Annotated[
         list[str] | None,
         typer.Option(metavar="PERSON.KEY=LOW to HIGH", help="A range, e.g. 'Human 1.speed_m_s=0.8 to 1.4'."),
@@ -225,31 +222,32 @@ def explore(
     The points are a Latin hypercube over the ranges. A logistic surface through the runs gives the violation
     probability, its boundary, and the sensitivity to each range.
     """
+    from rvsg.app.rerun import rerun
     from rvsg.campaign.exploration import explore as run_points
     from rvsg.core.files import check_writable, write_text
     from rvsg.report.comparison_page import check_exploration_file, write_exploration
     from rvsg.report.terminal import describe_exploration
-    from rvsg.scenario.builder import scenario_json
 
     if out is not None:
         check_exploration_file(out)
     if worst is not None:
         check_writable(worst)
+    again = rerun(scenario, settings, requirement=requirement, world=world, vary=vary or (), on_message=say)
+    assert again.family is not None
     found = run_points(
-        scenario,
-        requirement,
-        vary=vary or (),
+        again.family,
+        again.requirement,
         runs=runs,
         seed=seed,
         jobs=jobs,
-        simulator=effective(None, {}, settings).simulator_spec,
-        world=world,
+        simulator=again.simulator,
+        world=again.world,
         on_message=say,
     )
     if out is not None:
         write_exploration(out, found)
     if worst is not None:
-        write_text(worst, scenario_json(found.worst_scenario))
+        write_text(worst, again.json(found.worst_scenario))
     if json:
         print_json(found.model_dump(mode="json"))
     else:

@@ -7,17 +7,16 @@ from typing import Annotated, Any
 
 import typer
 
-from rvsg.app.settings import CampaignConfig, effective
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
-from rvsg.cli.options import AsJson, FailOnViolation, Jobs, OtherWorld, Requirement, setting_options
+from rvsg.cli.options import RERUN, AsJson, FailOnViolation, Jobs, OtherWorld, Requirement, setting_options
 from rvsg.core.errors import InputError
 
 app = verb()
 
 
 @app.command()
-@setting_options("moved", "doors", "stack", "stack_options", "simulator", "simulator_options")
+@setting_options("moved", "doors", *RERUN, as_found=True)
 def simulate(
     settings: dict[str, Any],
     scenario: Annotated[Path, typer.Argument(help="A scenario or a proposal as JSON; - is standard input.")],
@@ -26,9 +25,6 @@ def simulate(
     ] = 0,
     repeats: Annotated[int, typer.Option(min=1, help="Number of runs.")] = 1,
     world: OtherWorld = None,
-    robot: Annotated[
-        str | None, typer.Option(help="Instead of the scenario's robot: a shipped one (`rvsg robots`) or a robot file.")
-    ] = None,
     jobs: Jobs = 1,
     out: Annotated[
         Path | None, typer.Option(help="Write the runs here; - is standard output, the default without --bag.")
@@ -44,8 +40,8 @@ def simulate(
     """
     import rvsg
     from rvsg.app.playback import check_bag, write_bag_of
+    from rvsg.app.rerun import rerun
     from rvsg.core.files import check_writable, write_text
-    from rvsg.scenario.builder import load_changed
     from rvsg.simulation.archive import runs_text
     from rvsg.simulation.run import Outcome
 
@@ -53,10 +49,7 @@ def simulate(
     if out is not None:
         check_writable(out)
     check_bag(bag, repeats)
-    chosen = effective(None, {}, settings | {"doors": {}})
-    moved = Path(chosen.moved) if chosen.moved else None
-    doors = settings.get("doors", {})
-    asked, place = load_changed(scenario, world, robot=robot, moved=moved, doors=doors, on_message=say)
+    again = rerun(scenario, settings, world=world, on_message=say)
 
     def made(run: rvsg.Run) -> None:
         fault = run.stack_fault
@@ -66,21 +59,19 @@ def simulate(
             + "".join(f"\n  warning: {warning}" for warning in run.stack_warnings)
         )
 
-    simulator, stack = chosen.simulator_spec, chosen.stack_spec()
     runs = rvsg.simulate(
-        asked,
+        again.scenario,
         range(seed, seed + repeats),
         jobs=jobs,
-        simulator=simulator,
-        stack=stack,
-        world=place,
+        simulator=again.simulator,
+        world=again.world,
         on_run=made,
         on_message=say,
     )
     if out is not None:
         write_text(out, runs_text(runs))
     if bag is not None:
-        write_bag_of(runs, bag, asked, simulator=simulator, stack=stack, world=place)
+        write_bag_of(runs, bag, again)
     if any(run.outcome is Outcome.STACK_FAILED for run in runs):
         raise typer.Exit(2)
 
@@ -176,7 +167,7 @@ replay_app = verb()
 
 
 @replay_app.command()
-@setting_options("stack", "stack_options", "simulator", "simulator_options")
+@setting_options(*RERUN, as_found=True)
 def replay(
     settings: dict[str, Any],
     source: Annotated[Path, typer.Argument(help="The folder of a campaign, a file of runs, or a scenario.")],
@@ -210,15 +201,14 @@ def replay(
     from rvsg.core.files import check_writable
     from rvsg.report.film import check_film, write_film
 
-    chosen = effective(None, {}, settings)
     if trace:
-        _trace(source, out or [], chosen, run=run, seed=seed, scenario=scenario, world=world)
+        _trace(source, out or [], settings, run=run, seed=seed, scenario=scenario, world=world)
         return
     if out is None or len(out) != 1:
         raise InputError("Give one --out FILE for a film or a strip of pictures, or --trace.")
     check_film(out[0])
     check_writable(out[0])
-    shot = shot_of(source, run=run, seed=seed, world=world, simulator=chosen.simulator_spec)
+    shot = shot_of(source, run=run, seed=seed, world=world, given=settings, on_message=say)
     write_film(out[0], shot, speed=speed, width_px=width)
     say(f"Replay of {shot.run.id}, seed {shot.run.seed}: {out[0]}")
 
@@ -226,7 +216,7 @@ def replay(
 def _trace(
     source: Path,
     out: list[Path],
-    chosen: CampaignConfig,
+    settings: dict[str, Any],
     *,
     run: str | None,
     seed: int,
@@ -245,8 +235,7 @@ def _trace(
         seed=seed,
         scenario=scenario,
         world=world,
-        simulator=chosen.simulator_spec,
-        stack=chosen.stack_spec(),
+        given=settings,
         on_message=say,
     )
     written = out or [trace_file_beside(source, traced.run.id)]

@@ -10,9 +10,8 @@ import typer
 from rvsg.app.settings import effective, option_of
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
-from rvsg.cli.options import AsJson, Jobs, Junit, OtherWorld, setting_options
+from rvsg.cli.options import FOUND, RERUN, AsJson, Jobs, Junit, OtherWorld, setting_options
 from rvsg.core.errors import InputError
-from rvsg.core.plugins import Spec
 
 app = verb(no_args_is_help=True)
 
@@ -20,7 +19,7 @@ Folder = Annotated[Path, typer.Argument(help="The folder of the suite.")]
 
 
 @app.command()
-@setting_options("simulator", "simulator_options", "stack", "stack_options")
+@setting_options(*RERUN, as_found=True)
 def add(
     settings: dict[str, Any],
     scenario: Annotated[
@@ -32,7 +31,7 @@ def add(
     ],
     suite: Annotated[Path, typer.Option(help="The folder of the suite; created if missing.")],
     requirement: Annotated[
-        str | None, typer.Option(help="A shipped requirement, or FILE.yaml#NAME beside the suite. [R1]")
+        str | None, typer.Option(help=f"A shipped requirement, or FILE.yaml#NAME. [{FOUND}, else R1]")
     ] = None,
     name: Annotated[str | None, typer.Option(help="Name of the case, and of its file.")] = None,
     title: Annotated[str | None, typer.Option(help="Title of the case.")] = None,
@@ -42,10 +41,11 @@ def add(
 ) -> None:
     """Add a scenario to a suite, or one more requirement to a case that holds the same scenario.
 
-    The case keeps the requirement, the robot, the simulator and the stack by content. Simulator and stack are those of
-    the options; without them those that the scenario's file names, as best_scenario.json of a campaign does.
+    The case keeps the requirement, the robot, the simulator and the stack by content. They are those of the options;
+    without them those that the scenario's file names, as best_scenario.json of a campaign does.
     """
     from rvsg import Campaign, Suite
+    from rvsg.app.rerun import rerun
     from rvsg.app.suites import add_failures
     from rvsg.evaluation.verdict import counted
 
@@ -72,32 +72,17 @@ def add(
             )
         made = add_failures(Suite.create(suite), campaign, failures)
     else:
-        made = Suite.create(suite).add(
-            scenario,
-            requirement or "R1",
-            name=name,
-            title=title,
-            expected=expect or "violation",
-            reason=reason,
-            world=world,
-            simulator=_found_with(settings),
-        )
+        source: dict[str, Any] = {"source": scenario, "requirement": requirement, "world": world}
+        if settings:
+            again = rerun(scenario, settings, world=world, on_message=say)
+            source = {"source": again.scenario, "world": again.world, "found": again.found}
+            source["requirement"] = requirement or again.requirement
+        made = Suite.create(suite).add(**source, name=name, title=title, expected=expect or "violation", reason=reason)
     say(f"{suite} holds {counted(len(made.cases), 'case')}. Run it with: rvsg suite run {suite}")
 
 
-def _found_with(given: dict[str, Any]) -> Spec | None:
-    """Return the simulator and the stack that are given, by content; None where neither is."""
-    from rvsg.simulation.simulators import by_content, simulator_of
-
-    if not given:
-        return None
-    chosen = effective(None, {}, given)
-    with simulator_of(chosen.simulator_spec, chosen.stack_spec(), on_message=say) as made:
-        return by_content(chosen.simulator_spec, made.options)
-
-
 @app.command()
-@setting_options("simulator", "simulator_options", "stack", "stack_options")
+@setting_options("simulator", "simulator_options", "stack", "stack_options", as_found=True)
 def run(
     settings: dict[str, Any],
     suite: Folder,

@@ -6,7 +6,7 @@ A scenario is read from its own JSON, or from that of a proposal or an attempt.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -17,9 +17,11 @@ from rvsg.core.errors import FileError, InputError, InvalidScenario, UnknownName
 from rvsg.core.files import write_whole
 from rvsg.core.inputs import parse_json, read_text
 from rvsg.core.plugins import Spec
+from rvsg.core.records import Record
 from rvsg.robots.robot import Robot, load_robot
 from rvsg.scenario import validity
 from rvsg.scenario.repair import repair
+from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.rules import Finding
 from rvsg.scenario.scenario import (
     ROBOT,
@@ -40,32 +42,55 @@ from rvsg.world.world import Route, SolidObject, State, World
 
 WORLD_FOLDER = "world_folder"
 """The key beside a saved record under which the folder of its world stands. It is no part of the record or its id."""
-SIMULATOR = "simulator"
-"""The key beside a saved scenario under which the simulator and the stack stand that it was found with."""
+
+
+class FoundWith(Record):
+    """What a saved scenario was found with, by content. Each stands beside it under its name; its robot is in it."""
+
+    simulator: Spec | None = None
+    """The simulator and the stack, as `by_content` returns them."""
+    stack_file: str | None = None
+    """The file of parameters that the stack was read from."""
+    requirement: Requirement | None = None
+
+
+@dataclass(frozen=True)
+class Saved:
+    """The content of a scenario file."""
+
+    value: Any
+    """The JSON of the scenario, that of the proposal or attempt around it taken off; None where that holds none."""
+    world_folder: Path | None
+    found_with: FoundWith
 
 
 def read_scenario(path: Path) -> tuple[Scenario, Path | None]:
     """Return a scenario, on its own or inside a proposal or an attempt, and the saved folder of its world."""
-    value, folder = _read(path)
-    if value is None:
+    saved = read_saved(path)
+    return _scenario_in(saved, path), saved.world_folder
+
+
+def _scenario_in(saved: Saved, path: Path) -> Scenario:
+    if saved.value is None:
         raise FileError(path, "this proposal holds no valid scenario; its `problems` say why.")
-    return record_of(path, value, Scenario), folder
+    return record_of(path, saved.value, Scenario)
 
 
-def _read(path: Path) -> tuple[Any, Path | None]:
-    """Return the JSON of a scenario, that of the proposal or attempt around it taken off, and its world's folder."""
+def read_saved(path: Path) -> Saved:
+    """Return the content of a scenario file, its scenario unchecked; FileError where it holds runs or no JSON."""
     text = read_text(path)
     if '"arrays"' in text.partition("\n")[0]:
         reason = "these are runs; expected the scenario they are of, or a proposal."
         raise FileError(path, reason, code="runs-not-scenario")
     value = parse_json(text, path)
-    folder = value.pop(WORLD_FOLDER, None) if isinstance(value, dict) else None
+    folder, beside = None, dict[str, Any]()
     if isinstance(value, dict):
-        value.pop(SIMULATOR, None)
+        folder = value.pop(WORLD_FOLDER, None)
+        beside = {key: value.pop(key) for key in FoundWith.model_fields if key in value}
     for key in ("proposal", "scenario"):
         if isinstance(value, dict) and key in value and "people" not in value:
             value = value[key]
-    return value, Path(folder) if isinstance(folder, str) else None
+    return Saved(value, Path(folder) if isinstance(folder, str) else None, record_of(path, beside, FoundWith))
 
 
 def with_world_folder(text: str, folder: Path | None) -> str:
@@ -252,9 +277,15 @@ def load_scenario(path: str | Path, *, world: World | str | Path | None = None) 
 
 def load_scenario_in(path: str | Path, world: World | str | Path | None = None) -> tuple[Scenario, World]:
     """Load a scenario and the world it was made in, without checking the one in the other."""
+    return load_saved(path, world)[:2]
+
+
+def load_saved(path: str | Path, world: World | str | Path | None = None) -> tuple[Scenario, World, FoundWith]:
+    """Load a scenario, the world it was made in, and what it was found with, without checking the one in the other."""
     path = Path(path)
-    found, saved = read_scenario(path)
-    return found, world_of(found.mission, world, near=_near(path, found.mission, saved))
+    saved = read_saved(path)
+    found = _scenario_in(saved, path)
+    return found, world_of(found.mission, world, near=_near(path, found.mission, saved.world_folder)), saved.found_with
 
 
 def _near(path: Path, mission: Mission, saved: Path | None) -> tuple[Path, ...]:
@@ -263,57 +294,44 @@ def _near(path: Path, mission: Mission, saved: Path | None) -> tuple[Path, ...]:
     return (beside,) if saved is None else (saved, beside)
 
 
-def load_changed(
-    path: str | Path,
-    world: World | str | Path | None = None,
+def changed(
+    scenario: Scenario,
+    world: World,
     *,
     robot: str | None = None,
     moved: Path | None = None,
     doors: Mapping[str, State] | None = None,
-    on_message: Callable[[str], None],
-) -> tuple[Scenario, World]:
-    """Load a scenario and its world, with another robot, moved objects or door states where given, and check it.
+) -> tuple[Scenario, World, tuple[str, ...]]:
+    """Return a scenario and its world with another robot, moved objects or door states where given.
 
-    `on_message` gets what of the route was fitted to the robot, and what is doubtful.
+    The last is what of the route was fitted to the robot, in words.
 
     Raises:
         FileError: a file is wrong.
-        InvalidScenario: the scenario breaks a rule.
     """
-    asked, place = load_scenario_in(path, world)
     notes: tuple[str, ...] = ()
     if robot is not None:
-        asked, notes = with_robot(asked, robot, place)
+        scenario, notes = with_robot(scenario, robot, world)
     if moved is not None:
-        things = load_moved(moved, place)
-        asked, place = asked.replace(mission=asked.mission.replace(moved=things)), place.with_moved(things)
+        things = load_moved(moved, world)
+        scenario, world = scenario.replace(mission=scenario.mission.replace(moved=things)), world.with_moved(things)
     if doors:
-        place = doors_in(place, doors)
-        asked = asked.replace(mission=asked.mission.replace(doors=dict(place.door_states)))
-    for note in (*notes, *(f"warning: {doubtful}" for doubtful in check_valid(asked, place))):
-        on_message(note)
-    return asked, place
+        world = doors_in(world, doors)
+        scenario = scenario.replace(mission=scenario.mission.replace(doors=dict(world.door_states)))
+    return scenario, world, notes
 
 
-def scenario_json(scenario: Scenario, simulator: Spec | None = None) -> str:
+def scenario_json(scenario: Scenario, found: FoundWith | None = None) -> str:
     """Return a scenario as JSON, with the folder of its world beside it where that is not a shipped one.
 
     Args:
-        simulator: what the scenario was found with; `found_with` returns it again.
+        found: what the scenario was found with, which `load_saved` returns again.
     """
     text = with_world_folder(scenario.to_json(), folder_of(scenario.mission.world_id))
-    if simulator is None:
+    if found is None:
         return text
-    return json.dumps({SIMULATOR: simulator.model_dump(), **json.loads(text)}, indent=2, ensure_ascii=False) + "\n"
-
-
-def found_with(path: str | Path) -> Spec | None:
-    """Return the simulator, with its stack, that the scenario of a file was found with; None if it does not say."""
-    if str(path) == "-":
-        return None
-    value = parse_json(read_text(Path(path)), Path(path))
-    known = value.get(SIMULATOR) if isinstance(value, dict) else None
-    return None if known is None else record_of(Path(path), known, Spec)
+    beside = found.model_dump(mode="json", exclude_none=True)
+    return json.dumps({**beside, **json.loads(text)}, indent=2, ensure_ascii=False) + "\n"
 
 
 def without_people(scenario: Scenario) -> Scenario:
@@ -321,9 +339,9 @@ def without_people(scenario: Scenario) -> Scenario:
     return scenario.replace(people=HumanConfiguration(humans=()), description="")
 
 
-def save_scenario(scenario: Scenario, path: str | Path) -> None:
-    """Write a scenario to a file from which `load_scenario` finds its world again."""
-    write_whole(Path(path), scenario_json(scenario))
+def save_scenario(scenario: Scenario, path: str | Path, found: FoundWith | None = None) -> None:
+    """Write a scenario, with what it was found with, to a file from which `load_scenario` finds its world again."""
+    write_whole(Path(path), scenario_json(scenario, found))
 
 
 def migrate_scenario(
@@ -352,8 +370,10 @@ def migrate_scenario(
     return scenario, changes
 
 
-def load_family(source: str | Path, vary: Sequence[str] = ()) -> tuple[ScenarioFamily, World]:
-    """Load a scenario file that may hold ranges, and its world.
+def load_family(
+    source: str | Path, vary: Sequence[str] = (), world: World | str | Path | None = None
+) -> tuple[ScenarioFamily, World, FoundWith]:
+    """Load a scenario file that may hold ranges, its world, and what it was found with.
 
     Args:
         vary: further ranges, as `PERSON.KEY=LOW to HIGH`.
@@ -362,12 +382,13 @@ def load_family(source: str | Path, vary: Sequence[str] = ()) -> tuple[ScenarioF
         FileError: the file holds no scenario, or a range that cannot be used.
     """
     path = Path(source)
-    value, saved = _read(path)
-    if not isinstance(value, dict):
+    saved = read_saved(path)
+    if not isinstance(saved.value, dict):
         raise FileError(path, "this file holds no scenario.")
     try:
-        family = family_of(value, vary)
+        family = family_of(saved.value, vary)
     except InputError as error:
         raise FileError(path, str(error)) from None
     mission = family.middle.mission
-    return family, world_of(mission, near=_near(path, mission, saved))
+    place = world_of(mission, world, near=_near(path, mission, saved.world_folder))
+    return family, place, saved.found_with

@@ -95,6 +95,25 @@ def with_stack(simulator: str | Spec, stack: StackLike | None) -> Spec:
     return Spec(spec.name, {**spec.options, "stack": str(stack) if isinstance(stack, Path) else stack})
 
 
+def as_found(
+    kept: Spec | None, simulator: str | Spec | Simulator | None = None, stack: StackLike | None = None
+) -> Spec | Simulator:
+    """Return what runs a finding: what is given, with what it leaves open as the finding was found with it.
+
+    A stack that is given is not in the result; one that was found is, in the version that is present.
+    """
+    kept = kept or Spec("embedded")
+    if simulator is not None and not isinstance(simulator, str | Spec):
+        return simulator
+    given = kept if simulator is None else Spec.of(simulator)
+    options = {**kept.options, **given.options} if given.name == kept.name else dict(given.options)
+    if stack is not None:
+        options.pop("stack", None)
+    elif isinstance(known := options.get("stack"), Mapping):  # the version under test is the one that is present
+        options["stack"] = {key: value for key, value in known.items() if key != "version"}
+    return Spec(given.name, options)
+
+
 @contextmanager
 def simulator_of(
     simulator: str | Spec | Simulator,

@@ -6,7 +6,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -17,6 +17,7 @@ from jinja2 import Environment, PackageLoader
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from rvsg.app.rerun import AS_FOUND, rerun
 from rvsg.app.view import viewer_page, write_view
 from rvsg.campaign.run_set import RunSet, simulate
 from rvsg.core import plugins
@@ -32,7 +33,6 @@ from rvsg.simulation.archive import once, read_runs
 from rvsg.simulation.embedded.trace import trace as traced_run
 from rvsg.simulation.exporter import Exportable, Exporter
 from rvsg.simulation.run import Run
-from rvsg.simulation.stacks.stack_choice import StackLike
 from rvsg.world.world import Polygon, Route, SolidObject, World
 from rvsg_exchange import hunav_agents
 from rvsg_exchange.bag import rosbags_types, write_bag
@@ -323,8 +323,8 @@ def export(
     *,
     seed: int = 0,
     simulator: str | Spec = "embedded",
-    stack: StackLike | None = None,
-    world: World | str | Path | None = None,
+    settings: Mapping[str, Any] = AS_FOUND,
+    world: str | None = None,
     dialect: str = "block",
     release: str = "jazzy",
     trace: bool = False,
@@ -335,6 +335,8 @@ def export(
     Args:
         source: a scenario, runs, or a file of either. A format of runs simulates a scenario first, with the seed.
             For `view` the folder of a campaign, or a file of results of `rvsg suite run --json`.
+        simulator: simulates a scenario; that of a file is simulated as it was found.
+        settings: replace what the scenario of a file was found with, see `rerun`.
         format: a name registered under `rvsg.exporters`; `view`, or `viewer`, the page that opens views.
         dialect: of `hunav`: flat, block, v2.
         release: of `nav2-goals`: humble, jazzy, kilted.
@@ -362,7 +364,10 @@ def export(
     given = _source(source, world)
     if exporter.takes == "runs":
         if not given.runs:
-            given = _simulated(given, seed, simulator, stack, trace, on_message)
+            if isinstance(source, str | Path):
+                again = rerun(source, settings, world=world, on_message=on_message)
+                given, simulator = Exportable(scenario=again.scenario, world=again.world), again.simulator
+            given = _simulated(given, seed, simulator, trace, on_message)
         elif trace:
             raise InputError("A trace simulates a scenario again: give the scenario and --seed, not the runs.")
     elif given.scenario is None and exporter.takes == "scenario":
@@ -374,14 +379,13 @@ def _simulated(
     given: Exportable,
     seed: int,
     simulator: str | Spec,
-    stack: StackLike | None,
     traced: bool,
     on_message: Callable[[str], None],
 ) -> Exportable:
     """Return a scenario with a run of it, or with a trace of its run."""
     if given.scenario is None or given.world is None:
         raise InputError("Give a scenario or runs.")
-    work: dict[str, Any] = {"simulator": simulator, "stack": stack, "world": given.world, "on_message": on_message}
+    work: dict[str, Any] = {"simulator": simulator, "world": given.world, "on_message": on_message}
     if traced:
         trace = traced_run(given.scenario, seed, **work)
         return Exportable(scenario=given.scenario, world=given.world, runs=(trace.run,), trace=trace)

@@ -7,17 +7,16 @@ from typing import Annotated, Any
 
 import typer
 
-from rvsg.app.settings import effective
 from rvsg.cli.console import say
 from rvsg.cli.frame import verb
-from rvsg.cli.options import OtherWorld, setting_options
+from rvsg.cli.options import RERUN, OtherWorld, setting_options
 
 export_app = verb()
 import_app = verb(no_args_is_help=True, help="Read people of HuNavSim, or results of the published study.")
 
 
 @export_app.command()
-@setting_options("simulator", "simulator_options")
+@setting_options(*RERUN, as_found=True)
 def export(
     settings: dict[str, Any],
     to: Annotated[
@@ -52,7 +51,7 @@ def export(
         out,
         to,
         seed=seed,
-        simulator=effective(None, {}, settings).simulator_spec,
+        settings=settings,
         world=world,
         dialect=dialect,
         release=release,

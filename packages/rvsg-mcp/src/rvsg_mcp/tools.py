@@ -27,6 +27,7 @@ from pydantic import BaseModel, Field
 import rvsg
 from rvsg.app.campaign import campaigns_below
 from rvsg.app.folder import LEDGER
+from rvsg.app.rerun import rerun
 from rvsg.campaign.attempt import Measurement
 from rvsg.campaign.execution import Event, Message, RunFinished
 from rvsg.core.errors import InputError, RvsgError
@@ -38,7 +39,7 @@ from rvsg.report.result import Answer
 from rvsg.report.terminal import describe_case, describe_judgement
 from rvsg.report.words import limit_in_words
 from rvsg.robots.robot import shipped_robots
-from rvsg.scenario.builder import load_scenario_in, save_scenario
+from rvsg.scenario.builder import FoundWith, load_scenario_in, save_scenario
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.scenario.scenario import Human
 from rvsg.simulation.stacks.stack_choice import listed_stacks, stack_class, stack_names
@@ -102,7 +103,7 @@ class Workspace:
             raise InputError(f"{name} waits for programs outside of RVSG. Run it with `rvsg simulate --stack {name}`.")
         return None if name is None else self.either(name, stack_names())
 
-    def save(self, scenario: rvsg.Scenario, path: Path) -> None:
+    def save(self, scenario: rvsg.Scenario, path: Path, found: FoundWith | None = None) -> None:
         """Write a scenario to a new file, or over another scenario; InputError for any other file."""
         if path.suffix != ".json":
             raise InputError(f"{path.name}: a scenario is kept in a file that ends in .json.")
@@ -111,7 +112,7 @@ class Workspace:
                 load_scenario_in(path)
             except RvsgError as error:
                 raise InputError(f"{path.name} is there and is no scenario. Choose another name. ({error})") from None
-        save_scenario(scenario, path)
+        save_scenario(scenario, path, found)
 
 
 def told(tool: Callable[P, T]) -> Callable[P, Awaitable[T]]:
@@ -204,19 +205,25 @@ class Tools:
         return f"{file} holds a valid scenario."
 
     def simulate(
-        self, scenario: str, requirement: str = "R1", runs: int = 10, first_seed: int = 0, stack: str | None = None
-    ) -> list[str | Image]:
+        self, scenario: str, requirement: str | None = None, runs: int = 10, first_seed: int = 0,
+        stack: str | None = None, robot: str | None = None,
+    ) -> list[str | Image]:  # fmt: skip
         """Simulate a scenario file and judge a requirement: a verdict, the worst run as a story, and pictures of its
         decisive moments. A verdict takes at most 30 runs. Seeds count up from `first_seed`, and the same seed gives the
-        same run: confirm a scenario that you chose by its runs with seeds that it has not had.
+        same run: confirm a scenario that you chose by its runs with seeds that it has not had. Stack, robot and
+        requirement are those that the scenario was found with, unless you name others.
         """
-        loaded, world = load_scenario_in(self.workspace.path(scenario))
-        done = rvsg.simulate(
-            loaded, range(first_seed, first_seed + runs), world=world, stack=self.workspace.stack(stack)
-        )
-        judged = rvsg.judge(done, self.workspace.requirement(requirement), world=world)
+        given = {"stack": self.workspace.stack(stack), "robot": self.workspace.robot(robot) if robot else None}
+        said: list[str] = []
+        again = rerun(
+            self.workspace.path(scenario), {key: value for key, value in given.items() if value},
+            requirement=self.workspace.requirement(requirement) if requirement else None, on_message=said.append,
+        )  # fmt: skip
+        loaded, world = again.scenario, again.world
+        done = rvsg.simulate(loaded, range(first_seed, first_seed + runs), world=world, simulator=again.simulator)
+        judged = rvsg.judge(done, again.requirement, world=world)
         valued = [m for m in judged.measurements if m.objective is not None]
-        lines: list[str | Image] = ["\n".join(describe_judgement(judged, done))]
+        lines: list[str | Image] = ["\n".join([*said, *describe_judgement(judged, done)])]
         if valued:
             worst = max(valued, key=lambda m: judged.requirement.badness(m.objective or 0.0))
             run = next(run for run in done if run.id == worst.run_id)
@@ -288,7 +295,7 @@ class Tools:
             run = ledger.run(row.run)
         measured = next(each for each in attempt.measurements if each.run_id == row.run)
         file = campaign.folder / f"scenario-{number}.json"
-        self.workspace.save(scenario, file)
+        self.workspace.save(scenario, file, campaign.found_with)
         return [
             scenario.description,
             *map(_in_words, scenario.people.humans),
@@ -296,11 +303,14 @@ class Tools:
             *_shown(run, measured, campaign.requirement, campaign.world, scenario),
         ]
 
-    def keep(self, suite: str, scenario: str, requirement: str, expected: str = "violation", reason: str = "") -> str:
+    def keep(
+        self, suite: str, scenario: str, requirement: str | None = None, expected: str = "violation", reason: str = ""
+    ) -> str:
         """Add a scenario to a suite: a known failure (`violation`) or one that the robot must master (`pass`)."""
         folder = self.workspace.path(suite)
         opened = rvsg.Suite.open(folder) if folder.exists() else rvsg.Suite.create(folder)
-        source, judged_by = self.workspace.path(scenario), self.workspace.requirement(requirement)
+        source = self.workspace.path(scenario)
+        judged_by = self.workspace.requirement(requirement) if requirement else None
         added = opened.add(source, judged_by, expected=expected, reason=reason or None)
         return f"{suite} has {len(added.cases)} cases."
 

@@ -23,6 +23,7 @@ import rvsg
 from rvsg import Scenario, Spec, World
 from rvsg.app.comparison import VersionComparison, compare_versions
 from rvsg.app.playback import kept_trace, trace_source
+from rvsg.app.rerun import rerun
 from rvsg.app.tuning_checks import PAGE, RESULT
 from rvsg.campaign.run_set import RunSet
 from rvsg.campaign.tuning import Tuning
@@ -41,6 +42,7 @@ from rvsg.scenario.builder import check_valid, load_scenario_in, save_scenario
 from rvsg.scenario.requirement import Requirement, shipped_requirements
 from rvsg.scenario.world_lookup import world_of
 from rvsg.simulation.route_trial import SimulatedTrial, trial_of
+from rvsg.simulation.simulators import as_found
 from rvsg.simulation.stacks.stack_choice import stack_names
 from rvsg.world.creation import other_robot
 from rvsg.world.drawing.svg import floor_plan
@@ -179,7 +181,6 @@ def scenario(workspace: Workspace, given: Question) -> dict[str, Any]:
 
 def scenario_place(workspace: Workspace, given: Question) -> tuple[Scenario, World, Spec]:
     """Return the scenario a page is about, its world, and what simulates it."""
-    embedded = Spec("embedded")
     if given.campaign:
         folder, name = workspace.existing(text_of(given, "campaign")), given.name
         index = number_of(given, "attempt")
@@ -194,17 +195,19 @@ def scenario_place(workspace: Workspace, given: Question) -> tuple[Scenario, Wor
         return workspace.kept(("scenario", str(folder), name, index), folder, made)
     if given.case:
         suite, case = rvsg.Suite.open(workspace.existing(text_of(given, "suite"))), text_of(given, "case")
-        told = next((each.scenario for each in suite.cases if each.name == case), None)
+        told = next((each for each in suite.cases if each.name == case), None)
         if told is None:
             raise InputError(f"There is no case {case!r} in this suite.")
-        return told, suite.worlds[case], embedded
+        simulator = as_found(told.simulator)
+        assert isinstance(simulator, Spec)
+        return told.scenario, suite.worlds[case], simulator
     if given.file:
-        file = workspace.existing(text_of(given, "file"))
-        return *load_scenario_in(file), embedded
+        again = rerun(workspace.existing(text_of(given, "file")))
+        return again.scenario, again.world, again.simulator
     place = rvsg.load_world(world_place(workspace, Question(world=given.world or "warehouse")))
     if not place.routes:
         raise InputError(f"{place.name} has no route yet. Draw one on its map first.")
-    return empty_scenario(place, given.route or place.routes[0].name), place, embedded
+    return empty_scenario(place, given.route or place.routes[0].name), place, Spec("embedded")
 
 
 def scenario_try(workspace: Workspace, given: Question) -> dict[str, Any]:

@@ -18,6 +18,7 @@ import rvsg
 from rvsg.app.matrix import Ended, Matrix
 from rvsg.app.proposal import propose_as
 from rvsg.app.reconstruction import rebuild, world_of_recording
+from rvsg.app.rerun import Rerun, rerun
 from rvsg.app.settings import effective, safe_name
 from rvsg.app.tuner import Tuner
 from rvsg.app.wiring import wire
@@ -38,7 +39,7 @@ from rvsg.generation.vlm.access import CallNews
 from rvsg.recording.tracks import load_recording
 from rvsg.report.terminal import describe_calls
 from rvsg.report.tuning_page import front_row, headline, search_text
-from rvsg.scenario.builder import load_scenario_in, save_scenario
+from rvsg.scenario.builder import save_scenario
 from rvsg.simulation.archive import runs_text
 from rvsg.world.world import Description
 from rvsg.world.world_folder import shipped_worlds
@@ -79,12 +80,10 @@ class Work:
         machine = {key: value for key, value in self.arguments.get("machine", {}).items() if value is not None}
         return rvsg.Campaign.open(self.arguments["folder"], self.arguments.get("name"), **machine)
 
-    def judged_by(self) -> tuple[Any, Any]:
-        """Return requirement and simulator: those of the scenario's campaign, or the named ones."""
-        if self.arguments.get("folder") is None:
-            return self.arguments["requirement"], "embedded"
-        campaign = self.campaign()
-        return campaign.requirement, campaign.simulator
+    def rerun(self) -> Rerun:
+        """Return the scenario of the job, with what it was found with unless the job says otherwise."""
+        given = self.arguments
+        return rerun(given["scenario"], requirement=given.get("requirement"), on_message=self.say)
 
 
 def run_campaign(work: Work) -> dict[str, Any]:
@@ -163,28 +162,27 @@ def confirm(work: Work) -> dict[str, Any]:
 def make_runs(work: Work) -> dict[str, Any]:
     """Simulate a scenario with seeds one after the other, judge the runs and write them to a file."""
     given = work.arguments
-    scenario, world = load_scenario_in(given["scenario"])
-    requirement, simulator = work.judged_by()
+    again = work.rerun()
     first, count = given["seed"], given["repeats"]
     runs = rvsg.simulate(
-        scenario, range(first, first + count), jobs=os.cpu_count() or 1, simulator=simulator, world=world,
-        on_run=lambda run: work.tell("run", seed=run.seed), on_message=work.say,
+        again.scenario, range(first, first + count), jobs=os.cpu_count() or 1, simulator=again.simulator,
+        world=again.world, on_run=lambda run: work.tell("run", seed=run.seed), on_message=work.say,
     )  # fmt: skip
     write_whole(Path(given["out"]), runs_text(runs))
-    return {"state": "finished", "out": given["out"], "reason": str(rvsg.judge(runs, requirement))}
+    return {"state": "finished", "out": given["out"], "reason": str(rvsg.judge(runs, again.requirement))}
 
 
 def shrink(work: Work) -> dict[str, Any]:
     """Find the smallest scenario that violates about as often, and write it to a file."""
     given = work.arguments
-    scenario, world = load_scenario_in(given["scenario"])
-    requirement, simulator = work.judged_by()
+    again = work.rerun()
     shrunk = rvsg.shrink(
-        scenario, requirement, jobs=os.cpu_count() or 1, simulator=simulator, world=world, on_message=work.say,
+        again.scenario, again.requirement, jobs=os.cpu_count() or 1, simulator=again.simulator, world=again.world,
+        on_message=work.say,
         on_step=lambda step: work.tell("step", what=step.what, kept=step.kept, violations=step.violations,
                                        runs=step.runs),
     )  # fmt: skip
-    save_scenario(shrunk.smallest, given["out"])
+    write_whole(Path(given["out"]), again.json(shrunk.smallest))
     before, after = shrunk.before, shrunk.after
     reason = (
         f"{len(shrunk.original.people.humans)} people become {len(shrunk.smallest.people.humans)}. The original "

@@ -230,7 +230,7 @@ def _actions(made: Page, shown: Shown) -> None:
         """Add a button for a job on a scenario, which is written to a file first."""
 
         def start() -> None:
-            save_scenario(scenario, workspace.path(path))
+            save_scenario(scenario, workspace.path(path), shown.campaign.found_with)
             given = {**told, "scenario": path, **more}
             workspace.jobs.start(kind, title=title, command=command, target=path, **given)
             ui.navigate.reload()
@@ -243,8 +243,7 @@ def _actions(made: Page, shown: Shown) -> None:
         ui.navigate.reload()
 
     small = file.replace(".json", "-smallest.json")
-    requirement = str(shown.campaign.record.config["requirement"])
-    shrinking = shrink_command(file, config, requirement=requirement, out=small)
+    shrinking = shrink_command(file, config, out=small)
     confirming = confirm_command(Path(shown.folder), shown.attempt.index)
     with tag("span", cls="st-group"):
         offer("shrink", "Shrink", "Shrink", shown.scenario, file, shrinking, out=small)
