@@ -40,7 +40,7 @@ from rvsg.campaign.loop import stream_campaign
 from rvsg.campaign.ranking import best_attempt, confirmations, ranking, rule
 from rvsg.campaign.runner import Runner
 from rvsg.campaign.strategies import Ask, RandomStrategy, StudyStrategy, UnguidedStrategy
-from rvsg.core.errors import BudgetSpent, SimulationError, StoreError
+from rvsg.core.errors import BudgetSpent, NothingJudged, SimulationError, StoreError
 from rvsg.core.seeds import fresh_seeds, seed_for
 from rvsg.evaluation.verdict import Status, judge, violated
 from rvsg.generation.generator import Proposal
@@ -497,3 +497,13 @@ def test_a_campaign_holds_few_measurements_at_a_time(tmp_path: Path) -> None:
         most = max(measurements() - before for event in running if isinstance(event, AttemptFinished))
     assert len(strategy.attempts) == 12 and all(type(each) is AttemptSummary for each in strategy.attempts)
     assert most <= 3 * (2 + 1), "two attempts in the cache, and the last runs"
+
+
+def test_where_the_robot_alone_never_arrives_there_is_no_search_unless_asked_for() -> None:
+    the_plan, ledger = plan(scenarios=1, refinements=0, repeats=1, confirmations=0), MemoryLedger()
+    route = the_plan.mission.route.model_copy(update={"time_limit_s": 0.5})
+    the_plan = the_plan.replace(mission=the_plan.mission.replace(route=route))
+    for _ in range(2):  # also where its drives are stored
+        with pytest.raises(NothingJudged, check=coded("never-arrives")):
+            searched(RandomStrategy, the_plan, ledger, changes={"alone": True})
+    assert len(searched(RandomStrategy, the_plan, ledger, changes={"alone": True, "search_anyway": True})) == 1

@@ -17,9 +17,11 @@ from typing import Any
 
 import pytest
 from tests.cli.commands import Terminal, rvsg
+from tests.coded import coded
 
+from rvsg.app.campaign import Campaign
 from rvsg.app.folder import LEDGER, alone_in
-from rvsg.core.errors import SimulationError
+from rvsg.core.errors import InputError, SimulationError
 from rvsg.core.files import make_folder
 from rvsg.evaluation.verdict import Status
 from rvsg.generation.generator import Proposal
@@ -177,6 +179,15 @@ def test_a_campaign_whose_requirement_is_worded_otherwise_today_is_resumed_in_it
     resumed = attempts_of(Path("one"))
     assert [attempt.verdict for attempt in resumed] == verdicts
     assert {attempt.brief.requirement.text for attempt in resumed[4:6]} == {"Mind the people."}
+
+
+@pytest.mark.usefixtures("finished")
+def test_a_campaign_is_not_resumed_with_another_version_of_a_plug_in(terminal: Terminal) -> None:
+    change_settings(lambda of: of.update(plugins={"strategy": "mine 1.0 mine+0"}), kept=4)
+    error = terminal.refused("run --out one")
+    assert (error.code, error.keys) == ("other-settings", ("plugins",))
+    with pytest.raises(InputError, check=coded("other-settings")):
+        Campaign.open("one", "warehouse-route_1-R1-random-random-7").prepare()
 
 
 @pytest.mark.usefixtures("finished")

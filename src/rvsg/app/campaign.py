@@ -188,7 +188,8 @@ class Campaign(StoredCampaign):
         for note in wired.notes:
             on_message(note)
         begun_in = (stored.provenance.begun_in if stored else None) or begun_in or str(Path.cwd())
-        record = CampaignRecord.of(config, wired.plan, wired.strategy_spec, wired.simulator_spec, begun_in)
+        specs = (wired.strategy_spec, wired.simulator_spec)
+        record = CampaignRecord.of(config, wired.plan, *specs, wired.plugins, begun_in)
         if stored is not None:
             record, reworded = stored.kept_words(record)
             if reworded:
@@ -350,7 +351,10 @@ class Campaign(StoredCampaign):
     def _wired(self) -> Wired:
         if self._known is None:
             with permission.only(self._named):
-                self._known = wire(self.config, **self._given)
+                wired = wire(self.config, **self._given)
+            if changed := changed_settings(self.record, self.record.replace(plugins=wired.plugins)):
+                raise other_settings(self.folder, changed)
+            self._known = wired
         return self._known
 
     def _ledger(self) -> contextlib.AbstractContextManager[Ledger]:

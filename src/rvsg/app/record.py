@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 
 import rvsg
 from rvsg.app.settings import CampaignConfig
@@ -63,12 +63,17 @@ class CampaignRecord(Record):
     """With its effective options."""
     config: dict[str, Any]
     """The settings as they were given; paths as they were typed."""
+    plugins: dict[str, str] = Field(default_factory=dict, exclude_if=lambda plugins: not plugins)
+    """Distribution, version and content of the plug-ins that do not ship; empty also in records of 0.2."""
     provenance: Provenance = Provenance()
 
     @classmethod
-    def of(cls, config: CampaignConfig, plan: Plan, strategy: Spec, simulator: Spec, begun_in: str) -> Self:
+    def of(
+        cls, config: CampaignConfig, plan: Plan, strategy: Spec, simulator: Spec, plugins: dict[str, str], begun_in: str
+    ) -> Self:
         """Return the record of a new campaign."""
         return cls(
+            plugins=plugins,
             plan=plan,
             judging=config.judging,
             generator=config.generator_spec,
@@ -154,7 +159,8 @@ def other_settings(where: object, found: Mapping[str, str]) -> InvalidOptions:
 
 def changed_settings(known: CampaignRecord, asked: CampaignRecord) -> dict[str, str]:
     """Return the settings of a resumed campaign that would decide other records, as `differences` does."""
-    stored, wanted = (record.model_dump(mode="json", exclude={"provenance"}) for record in (known, asked))
+    left_out = {"provenance"} if known.plugins else {"provenance", "plugins"}
+    stored, wanted = (record.model_dump(mode="json", exclude=left_out) for record in (known, asked))
     # What follows from the options is listed only where no option differs.
     return differences(stored["config"], wanted["config"]) or differences(stored, wanted)
 

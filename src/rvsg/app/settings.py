@@ -223,6 +223,9 @@ class CampaignConfig(Record):
         Field(ge=0, le=1_000_000),
         Setting("Runs that shrink the distinct failures; 0: do not.", SEARCH, decides=False),
     ] = 200
+    search_anyway: Annotated[
+        bool, Setting("Search even where the robot never arrives without people.", SEARCH, decides=False)
+    ] = False
     budget_runs: Annotated[
         int | None,
         Field(ge=1, le=10_000_000),

@@ -20,6 +20,7 @@ from rvsg.campaign.strategies import Strategy
 from rvsg.core import plugins
 from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec
+from rvsg.evaluation.metrics import METRICS
 from rvsg.evaluation.signals import doubts_of
 from rvsg.evaluation.verdict import Procedure, load_requirement
 from rvsg.generation.generator import Abilities, Generator, InformedGenerator
@@ -62,6 +63,18 @@ class Wired:
     def strategy_spec(self) -> Spec:
         """The strategy with the options that tell its present form from earlier ones."""
         return Spec(self.config.strategy, self.strategy_class.recorded)
+
+    @property
+    def plugins(self) -> dict[str, str]:
+        """Distribution, version and content of every plug-in that does not ship; the stack's are in its version."""
+        generator, asked = self.generator, (self.plan.requirement, *self.plan.also)
+        used = {
+            "generator": generator.generator if isinstance(generator, InformedGenerator) else generator,
+            "strategy": self.strategy_class,
+            "simulator": self.simulator,
+            **{f"metric {each.metric}": METRICS[each.metric].of for each in asked if each.metric is not None},
+        }
+        return {what: content for what, each in used.items() if (content := plugins.content_of(each))}
 
     def strategy(self, ledger: CachedLedger, plan: Plan | None = None, recorded: Spec | None = None) -> Strategy:
         """Return a new strategy that reads its feedback from the ledger.
@@ -107,6 +120,7 @@ class Wired:
             cancelled=cancelled,
             limits=Limits() if config.replay is not None else limits,  # a replay costs nothing
             alone=True,
+            search_anyway=config.search_anyway,
             shrink_runs=config.shrink_runs,
         )
 

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.execution import AloneStarted, AttemptFinished, Event, Message, Parts, make, submit
 from rvsg.campaign.ledger import Ledger
+from rvsg.core.errors import NothingJudged
 from rvsg.core.records import Record
 from rvsg.core.seeds import fresh_seeds
 from rvsg.evaluation.verdict import counted, number
@@ -62,7 +63,11 @@ def campaigns_of(ledger: Ledger) -> list[str]:
 
 
 def drive_alone(plan: Plan, parts: Parts) -> Iterator[Event]:
-    """Run the mission without people, unless that is stored, and report at once what is wrong with it."""
+    """Run the mission without people, unless that is stored, and report at once what is wrong with it.
+
+    Raises:
+        NothingJudged: the robot never arrives, and nobody asked to search all the same.
+    """
     name, ledger = name_of(plan), parts.ledger.ledger
     known = stored_alone(ledger, plan)
     if ledger.settings(name) is None:
@@ -78,13 +83,30 @@ def drive_alone(plan: Plan, parts: Parts) -> Iterator[Event]:
     )
     pending = submit(attempt, fresh_seeds(plan.seed, "alone", RUNS, used=()), parts)
     if known is not None and [m.run_id for m in known.measurements] == [run.run_id for run in pending]:
+        _check_arrives(known, parts)
         return  # else another stack began in this folder, and nothing of it was kept
     yield AloneStarted(campaign=plan.name, runs=RUNS)
     for event in make(attempt, pending, parts):
-        if isinstance(event, AttemptFinished) and (warning := drove_alone(plan, event.attempt).warning):
-            yield Message(campaign=plan.name, text=warning)
-        elif not isinstance(event, AttemptFinished):
+        if not isinstance(event, AttemptFinished):
             yield event
+            continue
+        _check_arrives(event.attempt, parts)
+        if warning := drove_alone(plan, event.attempt).warning:
+            yield Message(campaign=plan.name, text=warning)
+
+
+def _check_arrives(attempt: Attempt, parts: Parts) -> None:
+    """Refuse a search in which nothing could be blamed on people."""
+    ended = [m.outcome for m in attempt.measurements]
+    if not ended or Outcome.REACHED.value in ended or parts.search_anyway:
+        return
+    fault = parts.ledger.ledger.run(attempt.measurements[0].run_id).stack_fault
+    raise NothingJudged(
+        f"Without people, the robot arrives in none of {counted(len(ended), 'run')}; the first ended so: {ended[0]}"
+        f"{f' ({fault})' if fault else ''}. So what people do to it cannot be judged, and nothing was searched. "
+        f"{CHECK} To search all the same, add --search-anyway.",
+        code="never-arrives",
+    )
 
 
 def drove_alone(plan: Plan, attempt: Attempt) -> DroveAlone:

@@ -224,6 +224,8 @@ class Parts:
     """What the calls of the generator may cost."""
     alone: bool = False
     """Whether the robot first drives the mission without people."""
+    search_anyway: bool = False
+    """Whether there is a search even where it never arrives so."""
     shrink_runs: int = 0
     """Runs in which the distinct failures are shrunk at the end, together; 0: they are not."""
 

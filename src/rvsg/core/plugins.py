@@ -7,12 +7,14 @@ A plug-in is loaded when it is asked for. An unknown name raises UnknownName, wh
 from __future__ import annotations
 
 import difflib
+import hashlib
 import sys
 import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
-from importlib.metadata import EntryPoint, entry_points
-from inspect import signature
+from importlib.metadata import EntryPoint, distribution, entry_points, packages_distributions
+from inspect import getsource, getsourcefile, isfunction, signature
+from pathlib import Path
 from typing import Annotated, Any, Generic, Protocol, TypeVar
 
 from pydantic import Field
@@ -113,6 +115,31 @@ def origin(point: EntryPoint) -> str:
 def origins(kind: str, name: str) -> str:
     """Return which packages register a name, for a message."""
     return " and ".join(sorted({origin(point) for point in _points(kind, tuple(sys.path)) if point.name == name}))
+
+
+def content_of(plugin: Any) -> str:
+    """Return distribution, version and content of a plug-in, or of the file that defines it; empty where it ships.
+
+    Args:
+        plugin: an instance, a class or a function.
+    """
+    kind = plugin if isinstance(plugin, type) or isfunction(plugin) else type(plugin)
+    top = _top(kind.__module__)
+    if top == "rvsg":
+        return ""
+    known = packages_distributions().get(top, ())
+    named = [f"{name} {distribution(name).version}" for name in known]
+    return " ".join([*named, f"{kind.__module__}+{source_hash(kind)}"])
+
+
+def source_hash(kind: Any) -> str:
+    """Return a hash of the file that defines a class or a function; empty where its source is not known."""
+    try:
+        file = getsourcefile(kind)
+        content = Path(file).read_bytes() if file and Path(file).is_file() else getsource(kind).encode()
+    except (OSError, TypeError):
+        return ""
+    return hashlib.sha256(content).hexdigest()[:12]
 
 
 def at_fault(error: BaseException) -> str | None:

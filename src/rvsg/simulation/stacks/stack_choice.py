@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import importlib
 import importlib.util
-import inspect
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -229,16 +228,9 @@ def _name(kind: type[NavigationStack]) -> str:
 
 def _version(driver: NavigationStack) -> str:
     """Return the declared version; for a stack that does not ship, with a hash of the file that defines its class."""
-    version = str(driver.version)
     kind = type(driver)
-    if kind.__module__.partition(".")[0] == "rvsg":
-        return version
-    try:
-        file = inspect.getsourcefile(kind)
-        content = Path(file).read_bytes() if file and Path(file).is_file() else inspect.getsource(kind).encode()
-    except (OSError, TypeError):
-        return version
-    return f"{version}+{hashlib.sha256(content).hexdigest()[:12]}"
+    content = "" if kind.__module__.partition(".")[0] == "rvsg" else plugins.source_hash(kind)
+    return f"{driver.version}+{content}" if content else str(driver.version)
 
 
 def _as_data(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
