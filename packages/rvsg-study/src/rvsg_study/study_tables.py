@@ -132,6 +132,8 @@ def gather(*ledgers: Ledger) -> Material:
 
 
 def _place(attempt: Attempt, material: Material, baselines: dict[str, dict[str, list[Trial]]]) -> None:
+    if attempt.purpose not in ("search", "confirmation"):
+        return  # runs with fewer people explain a failure; they are no runs of a method
     route = attempt.brief.mission.route.name
     where = f"{attempt.campaign}: scenario {attempt.brief.scenario_index}, "
     where += f"configuration {attempt.brief.configuration_index}"
