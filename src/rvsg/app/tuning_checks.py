@@ -23,14 +23,14 @@ from rvsg.campaign.parameter_search import Candidate, ParameterSearch, unsolved
 from rvsg.campaign.runner import Evaluator
 from rvsg.campaign.setting_runs import SettingRun, SettingRuns, TuningCase, Values, results_of
 from rvsg.campaign.suite import Case, CaseChange, Change, Comparison, SuiteResult, case_result, compare
-from rvsg.campaign.suite_folder import HEAD, SuiteCase, TuningNote, requirement_source
+from rvsg.campaign.suite_folder import HEAD, SuiteCase, TuningNote
 from rvsg.campaign.tuning import Change as ValueChange
 from rvsg.campaign.tuning import Check, Choice, Part, Split, Sweep, Tuning
 from rvsg.campaign.zones import Zones
 from rvsg.core.errors import InputError, SimulationError
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec
-from rvsg.core.records import Pose
+from rvsg.core.records import Pose, content_id
 from rvsg.core.seeds import seed_for
 from rvsg.evaluation.verdict import counted
 from rvsg.generation.random_search import RandomGenerator
@@ -322,24 +322,29 @@ class ProposalChecks:
         return Part(name="attacked", comparison=compare(results), failures=(failures[0], failures[1]))
 
     def _campaign(self, each: TuningCase, values: Values, budget: int) -> Campaign:
-        """Return a campaign against a setting on the route of a case; one folder for each setting."""
-        mission, expectation = each.scenario.mission, each.tested.case.expectations[0]
-        world, robot, stack = folder_of(mission.world_id), mission.robot, self.runs.maker.stack_of(values)
-        if isinstance(robot, Robot):
-            file = self.tuner.out / "robot.yaml"
-            write_whole(file, yaml.safe_dump(robot.model_dump(mode="json"), sort_keys=False))
-            robot = str(file)
+        """Return a campaign against a setting on the route of a case, judged as it is, in a folder of its own."""
+        mission, requirement = each.scenario.mission, each.tested.requirements[0]
+        world, stack = folder_of(mission.world_id), self.runs.maker.stack_of(values)
+        name = content_id(mission.route.name, [mission.id, requirement.id, stack.id])
+        folder = self.tuner.out / "attacks" / name
+        robot, limits = (folder.with_name(f"{name}.{kind}.yaml") for kind in ("robot", "requirement"))
+        if isinstance(mission.robot, Robot):
+            write_whole(robot, yaml.safe_dump(mission.robot.model_dump(mode="json"), sort_keys=False))
+        own = requirement.model_dump(mode="json", exclude={"name"}, exclude_none=True)
+        write_whole(limits, yaml.safe_dump({requirement.name: own}, sort_keys=False))
         return Campaign.create(
-            self.tuner.out / "attacks" / f"{mission.route.name}-{stack.id[5:]}",
+            folder,
             world=str(world) if world is not None else mission.world,
             route=mission.route.name,
-            requirement=requirement_source(expectation.requirement, self.suite.folder),
-            robot=robot,
+            requirement=str(limits),
+            robot=str(robot) if isinstance(mission.robot, Robot) else mission.robot,
+            doors=mission.doors,
             stack=stack,
             simulator=each.simulator,
             budget_runs=budget,
             confirmations=max(20, budget // 3),
             shrink_runs=0,
+            search_anyway=True,
             **each.judging.model_dump(exclude={"max_runs"}),
             seed=self.tuner.seed,
             named=({"stack": self.tuner.stack}, stack.options),
