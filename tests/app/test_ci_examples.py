@@ -52,7 +52,8 @@ def repository(tmp_path: Path) -> Path:
         (bin_ / sender).write_text('#!/bin/sh\necho "$@" >> sent.log\n')
     # The kinematic simulator in one process stands in for the embedded one, which would take minutes.
     (bin_ / "rvsg").write_text(
-        f'#!/bin/sh\ncase "$1 $2" in "suite run") set -- "$@" --simulator kinematic --jobs 1;; esac\n'
+        '#!/bin/sh\ncase "$1 $2 $4 $5" in "suite run --stack nav2_params.yaml") suite=$3; shift 5;\n'
+        'set -- suite run "$suite" "$@" --simulator kinematic --jobs 1;; esac\n'
         f'exec "{sys.executable}" -m rvsg "$@"\n'
     )
     for tool in bin_.iterdir():
@@ -67,6 +68,7 @@ def run_steps(folder: Path, steps: list[tuple[str, str]], branch: str) -> list[i
         "PATH": f"{folder / 'bin'}{os.pathsep}{os.environ['PATH']}",
         "PIP_LOG": str(folder / "pip.log"),
         "SUITE": "suite",
+        "STACK": "nav2_params.yaml",
         "RVSG": str(ROOT),
         "RUNS": "20",
         "JOBS": "1",
