@@ -66,7 +66,8 @@ def test_every_verb_runs_a_finding_with_what_it_was_found_with(campaign: rvsg.Ca
 
 def test_every_command_that_a_campaign_prints_runs(campaign: rvsg.Campaign, terminal: Terminal) -> None:
     row, answer = campaign.answer.rows[0], campaign.answer
-    printed = next_commands(campaign.config, campaign.summary())
+    with campaign.result() as result:
+        printed = next_commands(campaign.config, result)
     assert {step.command.split(" --run")[0] for step in answer.next} <= {*printed.values()}
     printed |= {"planner": f"{printed['planner']} --run {row.run}"}
     made = {"scenario": "c/best_scenario.json", "config": campaign.config}

@@ -13,11 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from rvsg.app.rerun import stack_file
 from rvsg.app.suites import Suite
 from rvsg.campaign.run_set import Judgement, judge, simulate
 from rvsg.campaign.runner import Evaluator
 from rvsg.core.errors import FileError, RvsgError
-from rvsg.core.plugins import ignore
+from rvsg.core.plugins import Spec, ignore
 from rvsg.core.records import Pose
 from rvsg.evaluation.detection import encounters_of
 from rvsg.evaluation.verdict import counted, load_requirement
@@ -27,9 +28,12 @@ from rvsg.recording.recorded_run import recorded_run
 from rvsg.recording.tracks import Recording, between, load_recording
 from rvsg.report.comparison_page import RECORDED, pair_replay, recording_page
 from rvsg.report.run_facts import RunFacts, run_facts
+from rvsg.scenario.builder import FoundWith
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.world_lookup import as_world, remember
 from rvsg.simulation.run import Run
+from rvsg.simulation.simulators import by_content
+from rvsg.simulation.stacks.stack_choice import StackLike
 from rvsg.world.creation import save_created, world_from
 from rvsg.world.occupancy import MOST_CELLS, write_map
 from rvsg.world.world import OccupancyMap, World
@@ -52,6 +56,8 @@ class Rebuilt:
     fidelities: tuple[Fidelity, ...]
     judged: Judgement
     estimates: tuple[Estimate, ...]
+    found: FoundWith
+    """What its runs were made and judged with."""
 
     @property
     def repeats(self) -> bool:
@@ -173,8 +179,8 @@ def rebuild(
     runs: int = 5,
     route: str | None = None,
     jobs: int = 1,
-    simulator: Any = "embedded",
-    stack: Any = None,
+    simulator: str | Spec = "embedded",
+    stack: StackLike | None = None,
     on_message: Callable[[str], None] = ignore,
     **options: Any,
 ) -> Rebuilt:
@@ -199,6 +205,11 @@ def rebuild(
         fidelities=tuple(each for _, each in pairs),
         judged=judge(kept, asked, scenario=scenario, world=world),
         estimates=estimates(made.recording, pairs[0][0], robot) if robot is not None else (),
+        found=FoundWith(
+            simulator=by_content(Spec.of(simulator), kept[0].options),
+            stack_file=stack_file(stack),
+            requirement=load_requirement(requirement),
+        ),
     )
 
 
@@ -304,6 +315,6 @@ def suite_of_recordings(cases: Sequence[RecordedCase], suite: str | Path, requir
             name = f"{len(known) + 1:02}-{(case.kinds or ('nobody-near',))[0].replace(' ', '-')}"
             made = made.add(
                 scenario, requirement, name=known.get(scenario.id, name), title=case.title[:120],
-                expected="violation" if bad else "pass", world=case.rebuilt.world,
+                expected="violation" if bad else "pass", world=case.rebuilt.world, found=case.rebuilt.found,
             )  # fmt: skip
     return made

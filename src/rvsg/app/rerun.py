@@ -19,7 +19,7 @@ from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.variation import ScenarioFamily
 from rvsg.simulation.simulators import as_found, by_content, check_robot, make_simulator, stack_in_words, with_stack
-from rvsg.simulation.stacks.stack_choice import default_stack
+from rvsg.simulation.stacks.stack_choice import StackLike, default_stack
 from rvsg.world.world import World
 
 AS_FOUND: Mapping[str, Any] = MappingProxyType({})
@@ -94,9 +94,10 @@ def rerun(
     )
 
 
-def stack_file(stack: str | None) -> str | None:
+def stack_file(stack: StackLike | None) -> str | None:
     """Return the path of the parameter file that a stack is given as; None of another one."""
-    return str(Path(stack).absolute()) if stack is not None and stack.endswith((".yaml", ".yml")) else None
+    name = stack.name if isinstance(stack, Spec) else str(stack)
+    return str(Path(name).absolute()) if name.endswith((".yaml", ".yml")) else None
 
 
 def _simulator(kept: Spec | None, given: Mapping[str, Any]) -> Spec:

@@ -29,7 +29,7 @@ from rvsg.report.page import render_page
 from rvsg.report.replay_data import traces_beside
 from rvsg.report.result import Answer, Result, is_complete
 from rvsg.scenario.builder import FoundWith, scenario_json
-from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.requirement import Requirement, shipped_requirements
 from rvsg.scenario.scenario import Mission
 from rvsg.scenario.world_lookup import load_world, world_of
 from rvsg.simulation.run import Run
@@ -111,10 +111,12 @@ class StoredCampaign:
     @property
     def found_with(self) -> FoundWith:
         """What its scenarios are found with: the simulator as it was given, the stack by content, the requirement."""
+        shipped = shipped_requirements().get(self.requirement.name, self.requirement)
+        same = shipped.for_time_limit(self.plan.mission.route.time_limit_s) == self.requirement
         return FoundWith(
             simulator=by_content(self.config.simulator_spec, self.record.simulator.options),
             stack_file=stack_file(self.config.stack),
-            requirement=self.requirement,
+            requirement=shipped if same else self.requirement,
         )
 
     @property

@@ -96,7 +96,7 @@ class Suite(SuiteFolder):
                 tested = stack_in_words(used)
                 if stack is None:
                     tested += " as the cases keep it"
-                elif file := stack_file(stack.name if isinstance(stack, Spec) else str(stack)):
+                elif file := stack_file(stack):
                     tested = f"{os.path.relpath(file)}, {tested}"
                 on_message(f"{tested}, {made.name}: {counted(len(cases), 'case')}.")
                 for text in _changed_since(cases, used, self.folder, tests_file=stack is not None):

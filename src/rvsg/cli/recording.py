@@ -111,7 +111,7 @@ def scenario(
         limit_m=limit,
         robot=robot,
     )
-    write_text(out, scenario_json(made.made.scenario))
+    write_text(out, scenario_json(made.made.scenario, made.found))
     if html is not None:
         write_text(html, made.page())
     if json:

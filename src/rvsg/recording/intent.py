@@ -15,9 +15,9 @@ from rvsg.core.errors import FileError, UnknownName
 from rvsg.core.records import Pose
 from rvsg.evaluation.sampled import stretches
 from rvsg.recording.inspection import misfits
-from rvsg.recording.recorded_run import ARRIVES_M
+from rvsg.recording.recorded_run import ARRIVES_M, speed_of
 from rvsg.recording.tracks import GAP_S, PERIOD_S, Floats, Note, PersonTrack, Recording, clean
-from rvsg.robots.robot import Robot
+from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
 from rvsg.scenario.builder import check_valid, mission_of
 from rvsg.scenario.rules import MAX_HUMANS, SPEED_RANGE_M_S
 from rvsg.scenario.scenario import (
@@ -47,6 +47,8 @@ DETOUR = 1.1
 AHEAD_M = 5.0
 """Who walks when last seen is taken to walk on for this far, up to the next obstacle."""
 NEAR_START_M = 0.3
+FASTER = 1.1
+"""A recorded robot that is faster than the assumed one by this is another one."""
 OTHER_ROUTE_M = 2.0
 """Who neither starts nor comes this near to the ends of a route drove another one."""
 
@@ -95,11 +97,21 @@ def recorded_scenario(
     form = People(people)
     named = [replace(person, name=f"Person {k}") for k, person in enumerate(recording.people, start=1)]
     names = {person.name: other.name for person, other in zip(recording.people, named, strict=True)}
+<<<<<<< HEAD
     contacts = [contact.replace(person=names[contact.person]) for contact in recording.contacts]
     mended = clean(replace(recording, people=tuple(named), contacts=tuple(contacts)))
     notes = list(mended.notes)
     notes += misfits(mended, world)
     mission, said = mission_of(world, _route(mended, world, route, notes), ROBOT if robot is None else robot)
+=======
+    contacts = [each.replace(person=names[each.person]) for each in recording.contacts]
+    found = clean(replace(recording, people=tuple(named), contacts=tuple(contacts)))
+    notes = list(found.notes)
+    notes += misfits(found, world)
+    if robot is None:
+        notes.append(_assumed(found))
+    mission, said = mission_of(world, _route(found, world, route, notes), ROBOT if robot is None else robot)
+>>>>>>> d470e1b9 (Say which robot a recording is taken to have, and keep what it ran with)
     notes += [Note(kind="route", text=text) for text in said]
     nearest = sorted(mended.people, key=lambda person: _nearest_m(mended, person))
     if (left_out := len(nearest) - MAX_HUMANS) > 0:
@@ -121,6 +133,20 @@ def recorded_scenario(
     scenario = scenario.replace(people=HumanConfiguration(humans=tuple(humans)))
     check_valid(scenario, world)
     return RecordedScenario(scenario=scenario, recording=mended, notes=tuple(notes))
+
+
+def _assumed(recording: Recording) -> Note:
+    """Return the note on the robot that is assumed; FileError where the recording contradicts it."""
+    limit = load_robot(DEFAULT_ROBOT).limits.speed_m_s
+    fast = float(np.quantile(speed_of(recording.robot), 0.95)) if len(recording.robot) > 1 else 0.0
+    if fast > FASTER * limit:
+        raise FileError(
+            Path(recording.source),
+            f"the robot drives {fast:.2f} m/s, and {DEFAULT_ROBOT}, which is assumed, at most {limit:g}. Name the "
+            "robot: --robot FILE (`rvsg robots` lists those that ship).",
+            code="robot-not-named",
+        )
+    return Note(kind="robot", text=f"The robot is assumed to be {DEFAULT_ROBOT}; --robot names another one.")
 
 
 def _valid(human: Human, scenario: Scenario, world: World) -> Human:

@@ -251,7 +251,7 @@ def rebuild_recording(work: Work) -> dict[str, Any]:
     place = world_of_recording(found, place, out.with_name(f"{out.stem}-world"), open_floor=given["open_floor"])
     options = {key: given[key] for key in ("robot", "people", "requirement")}
     made = rebuild(found, place, jobs=os.cpu_count() or 1, on_message=work.say, **options)
-    save_scenario(made.made.scenario, out)
+    save_scenario(made.made.scenario, out, made.found)
     write_whole(out.with_suffix(".html"), made.page())
     write_whole(work.folder / BOTH, json.dumps(made.replay()))
     return {"state": "finished", "out": work.target, "reason": made.verdict, "lines": made.lines}
