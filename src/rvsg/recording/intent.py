@@ -97,21 +97,13 @@ def recorded_scenario(
     form = People(people)
     named = [replace(person, name=f"Person {k}") for k, person in enumerate(recording.people, start=1)]
     names = {person.name: other.name for person, other in zip(recording.people, named, strict=True)}
-<<<<<<< HEAD
     contacts = [contact.replace(person=names[contact.person]) for contact in recording.contacts]
     mended = clean(replace(recording, people=tuple(named), contacts=tuple(contacts)))
     notes = list(mended.notes)
     notes += misfits(mended, world)
-    mission, said = mission_of(world, _route(mended, world, route, notes), ROBOT if robot is None else robot)
-=======
-    contacts = [each.replace(person=names[each.person]) for each in recording.contacts]
-    found = clean(replace(recording, people=tuple(named), contacts=tuple(contacts)))
-    notes = list(found.notes)
-    notes += misfits(found, world)
     if robot is None:
-        notes.append(_assumed(found))
-    mission, said = mission_of(world, _route(found, world, route, notes), ROBOT if robot is None else robot)
->>>>>>> d470e1b9 (Say which robot a recording is taken to have, and keep what it ran with)
+        notes.append(_assumed(mended))
+    mission, said = mission_of(world, _route(mended, world, route, notes), ROBOT if robot is None else robot)
     notes += [Note(kind="route", text=text) for text in said]
     nearest = sorted(mended.people, key=lambda person: _nearest_m(mended, person))
     if (left_out := len(nearest) - MAX_HUMANS) > 0:
