@@ -24,7 +24,7 @@ from rvsg.generation.prompts import Prompts
 from rvsg.generation.replies import Reply
 from rvsg.generation.reply_json import configuration_schema
 from rvsg.generation.vlm.access import ModelAccess
-from rvsg.generation.vlm.recording import CALLS, Recording, Replayed, place_of
+from rvsg.generation.vlm.call_log import CALLS, CallLog, Replayed, place_of
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import load_requirement
 from rvsg.scenario.scenario import HumanConfiguration, Mission
@@ -37,7 +37,7 @@ def briefs(name: str, world: World) -> list[Brief]:
     """The briefs of a recorded campaign, with what was measured then."""
     config = read_yaml(folder_of(name) / "campaign.yaml").value
     route = world.route(config["route"])
-    recording = Recording(folder_of(name))
+    recording = CallLog(folder_of(name))
     found = []
     requirement = load_requirement(config["requirement"]).for_time_limit(route.time_limit_s)
     for session in dict.fromkeys(call.session for call in recording):
@@ -61,7 +61,7 @@ def briefs(name: str, world: World) -> list[Brief]:
 class Renewing(VlmGenerator):
     """Asks recorded answers with today's prompts, and knows only the measurements of the recording."""
 
-    def __init__(self, old: Recording, folder: Path, conversation: Literal["compact", "study"]) -> None:
+    def __init__(self, old: CallLog, folder: Path, conversation: Literal["compact", "study"]) -> None:
         super().__init__(Replayed(old), conversation=conversation, folder=folder)
         self.old = old
 
@@ -92,12 +92,12 @@ class Renewed(CompactConversation):
 
 def renew(name: str, folder: Path) -> None:
     """Ask the recorded answers with today's prompts, and record that in a folder."""
-    world, old = load_world("warehouse"), Replayed(Recording(folder_of(name)))
+    world, old = load_world("warehouse"), Replayed(CallLog(folder_of(name)))
     if not (folder_of(name) / "campaign.yaml").exists():
-        EnvironmentDialogue(world, ModelAccess(old, recording=Recording(folder)), Prompts()).describe()
+        EnvironmentDialogue(world, ModelAccess(old, recording=CallLog(folder)), Prompts()).describe()
         return
     config = read_yaml(folder_of(name) / "campaign.yaml").value
-    generator = Renewing(Recording(folder_of(name)), folder, config["conversation"])
+    generator = Renewing(CallLog(folder_of(name)), folder, config["conversation"])
     for brief in briefs(name, world):
         generator.propose(brief, world)
 

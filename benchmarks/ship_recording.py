@@ -17,7 +17,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from rvsg.generation.vlm.recording import CALLS, HISTORIES, MEASURED, MESSAGES, Recording
+from rvsg.generation.vlm.call_log import CALLS, HISTORIES, MEASURED, MESSAGES, CallLog
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -30,7 +30,7 @@ def folder_of(name: str) -> Path:
 
 def ship(recording: Path, name: str) -> None:
     """Copy what a replay needs of a recording into the folder of the demonstration."""
-    answered = {call.key for call in Recording(recording) if call.answer is not None}
+    answered = {call.key for call in CallLog(recording) if call.answer is not None}
     calls = [call for call in lines(recording / CALLS) if call["key"] in answered and call["answer"] is not None]
     histories = lines(recording / HISTORIES)
     needed = {message for entry in (*calls, *histories) for message in entry["messages"]}

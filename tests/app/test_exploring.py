@@ -13,7 +13,7 @@ from tests.cli.commands import Terminal
 
 import rvsg
 from rvsg.campaign.exploration import Exploration, explore, shares_of
-from rvsg.campaign.nearness import nearest_violation
+from rvsg.campaign.nearest_violation import nearest_violation
 from rvsg.core.errors import FileError, InputError
 from rvsg.report.comparison_page import response_page, write_exploration
 from rvsg.report.terminal import describe_exploration

@@ -14,8 +14,8 @@ from tests.recordings import FOLDERS
 from rvsg.generation.environment import propose_area_names
 from rvsg.generation.prompts import Prompts
 from rvsg.generation.vlm.access import ModelAccess
+from rvsg.generation.vlm.call_log import CallLog
 from rvsg.generation.vlm.model import Scripted
-from rvsg.generation.vlm.recording import Recording
 from rvsg.world.passages import doorway
 from rvsg.world.schema import save_world
 from rvsg.world.world_folder import load_world
@@ -63,7 +63,7 @@ def test_labels_of_a_model_are_accepted_one_by_one(terminal: Terminal, monkeypat
     doors = [{"name": name, "between": between, "kind": "sliding", "why": "B"} for name in ("Gate", "Old gate", "No")]
     activities = ["Somebody writes at Desk 1.", "Somebody sleeps."]
     answer = json.dumps({"names": names, "activities": activities, "doors": doors})
-    access = ModelAccess(Scripted([answer]), recording=Recording("record"))
+    access = ModelAccess(Scripted([answer]), recording=CallLog("record"))
     propose_area_names(world, access, Prompts())
     answers = iter([True, False, True, True, False, True, False])
     monkeypatch.setattr("typer.confirm", lambda *_, **__: next(answers))

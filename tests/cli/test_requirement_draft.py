@@ -14,8 +14,8 @@ from rvsg.core.errors import GenerationError
 from rvsg.evaluation.metrics import measure
 from rvsg.evaluation.verdict import load_requirement
 from rvsg.generation.vlm.access import ModelAccess
+from rvsg.generation.vlm.call_log import CallLog
 from rvsg.generation.vlm.model import Scripted
-from rvsg.generation.vlm.recording import Recording
 from rvsg.simulation.archive import run_to_json
 from rvsg.simulation.kinematic import KinematicSimulator
 
@@ -53,7 +53,7 @@ def test_it_is_judged_over_stored_runs_and_nothing_is_written_before_it_is_accep
     Path("runs.jsonl").write_text(run_to_json(run) + "\n")
     answers: Iterator[bool] = iter([accepts])
     monkeypatch.setattr("typer.confirm", lambda *_, **__: next(answers))
-    access = ModelAccess(Scripted([said(limit=time_s - 1.0)]), recording=Recording("record"))
+    access = ModelAccess(Scripted([said(limit=time_s - 1.0)]), recording=CallLog("record"))
     draft_requirement(WORDS, access)
     told = terminal(["scenario", "requirement", WORDS, "--replay", "record", "--runs", "runs.jsonl"])
     assert f"{run.id}: " in told and ", fails" in told and "No runs show both" in told

@@ -19,9 +19,9 @@ from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.simulation.events import (
     EVENTS,
     Abort,
-    Arrival,
     BlockedGoal,
     Contact,
+    GoalReached,
     HardBrake,
     NearMiss,
     PersonPaused,
@@ -151,12 +151,12 @@ def test_a_person_on_the_goal_blocks_it_while_the_robot_is_near() -> None:
 
 @pytest.mark.parametrize(
     ("outcome", "kind"),
-    [(Outcome.REACHED, Arrival), (Outcome.TIMED_OUT, TimeOut), (Outcome.ABORTED, Abort), (Outcome.NO_PATH, Abort)],
+    [(Outcome.REACHED, GoalReached), (Outcome.TIMED_OUT, TimeOut), (Outcome.ABORTED, Abort), (Outcome.NO_PATH, Abort)],
 )
 def test_the_last_event_is_how_the_run_ended(outcome, kind) -> None:
     events = events_of(run_of(trajectory(T, 0.0), outcome=outcome, goal=(3.0, 4.0, 0.0)))
     assert isinstance(events[-1], kind) and events[-1].time_s == 20.0
-    assert kind is Arrival or events[-1].remaining_m == 5.0
+    assert kind is GoalReached or events[-1].remaining_m == 5.0
     assert events_of(run_of(trajectory(np.empty(0), np.empty(0)), outcome=outcome)) == ()
 
 

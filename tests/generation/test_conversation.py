@@ -20,8 +20,8 @@ from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.generation.replies import LESSON_CHARACTERS
 from rvsg.generation.reply_json import configuration_schema
 from rvsg.generation.result_facts import configuration_object
+from rvsg.generation.vlm.call_log import CallLog
 from rvsg.generation.vlm.model import Answer, Scripted
-from rvsg.generation.vlm.recording import Recording
 from rvsg.scenario.brief import (
     Arrival,
     Brief,
@@ -513,13 +513,13 @@ def test_a_campaign_stopped_between_two_calls_goes_on_without_asking_again(ask: 
 def test_a_service_that_ends_or_a_crash_leaves_what_is_recorded(ask: Asking, brief: Brief, tmp_path: Path) -> None:
     with pytest.raises(ModelUnavailable):
         ask(JUMP, folder=tmp_path / "a")
-    kept = Recording(tmp_path / "a" / "vlm")
+    kept = CallLog(tmp_path / "a" / "vlm")
     assert [(call.purpose, call.error is None) for call in kept] == [("new", True), ("correct", False)]
     ask(GOOD, folder=tmp_path / "b")
     calls = tmp_path / "b" / "vlm" / "calls.jsonl"
     calls.write_bytes(calls.read_bytes() + b'{"key": "s000-c0')
     ask(GOOD, brief=brief.replace(scenario_index=1), folder=tmp_path / "b")
-    assert [call.number for call in Recording(tmp_path / "b" / "vlm")] == [1, 1]
+    assert [call.number for call in CallLog(tmp_path / "b" / "vlm")] == [1, 1]
 
 
 def test_text_from_labels_reaches_the_model_only_as_data(brief: Brief, warehouse: World) -> None:

@@ -26,9 +26,9 @@ from tests.generation.loopback import (
 
 from rvsg.core.errors import BudgetSpent, InputError, ModelUnavailable
 from rvsg.generation.vlm.access import CallNews, ModelAccess
+from rvsg.generation.vlm.call_log import CallLog
 from rvsg.generation.vlm.client import Fault, ModelClient, _said
 from rvsg.generation.vlm.model import Access, Answer, Message, Picture, Request, Scripted, Usage
-from rvsg.generation.vlm.recording import Recording
 
 KEY = "sk-very-secret-key-0123456789"
 DOT = bytes.fromhex(
@@ -166,11 +166,11 @@ def test_a_server_without_structured_output_is_asked_again_in_plain_words() -> N
 
 def test_nothing_recorded_is_lost_and_no_key_is_kept_when_the_service_fails_later(tmp_path: Path) -> None:
     with serving(says(f"my key is {KEY}"), echoes_headers_then_fails(500)) as server:
-        model = ModelAccess(access(server.url)[0], recording=Recording(tmp_path))
+        model = ModelAccess(access(server.url)[0], recording=CallLog(tmp_path))
         model.ask(request(1, picture=True))
         with pytest.raises(ModelUnavailable):
             model.ask(request(2))
-    kept = Recording(tmp_path)
+    kept = CallLog(tmp_path)
     assert [call.error is None for call in kept] == [True, False]
     everything = b"".join(path.read_bytes() for path in tmp_path.rglob("*") if path.is_file())
     assert KEY.encode() not in everything
@@ -179,11 +179,11 @@ def test_nothing_recorded_is_lost_and_no_key_is_kept_when_the_service_fails_late
 
 def test_a_budget_stops_before_the_call_that_would_pass_it_and_a_record_resumes_for_free(tmp_path: Path) -> None:
     with serving(says("one"), says("two")) as server:
-        first = ModelAccess(access(server.url)[0], Access(budget_calls=1), Recording(tmp_path))
+        first = ModelAccess(access(server.url)[0], Access(budget_calls=1), CallLog(tmp_path))
         first.ask(request(1))
         with pytest.raises(BudgetSpent, check=coded("budget-calls")):
             first.ask(request(2))
-        second = ModelAccess(access(server.url)[0], Access(budget_calls=2), Recording(tmp_path))
+        second = ModelAccess(access(server.url)[0], Access(budget_calls=2), CallLog(tmp_path))
         again = second.ask(request(1))
         assert (again.text, again.source) == ("one", "record")
         assert second.ask(request(2)).text == "two"
@@ -290,7 +290,7 @@ def test_a_wait_before_another_try_is_told_without_a_key() -> None:
 
 def test_a_recorded_answer_of_another_model_is_not_taken_for_this_ones(tmp_path: Path) -> None:
     answers = [
-        ModelAccess(Scripted([text], name=name), recording=Recording(tmp_path)).ask(request()).text
+        ModelAccess(Scripted([text], name=name), recording=CallLog(tmp_path)).ask(request()).text
         for text, name in (("one", "a"), ("two", "a"), ("three", "b"))
     ]
     assert answers == ["one", "one", "three"]
@@ -299,7 +299,7 @@ def test_a_recorded_answer_of_another_model_is_not_taken_for_this_ones(tmp_path:
 def test_calls_are_told_while_they_are_made_with_what_was_spent(tmp_path: Path) -> None:
     told: list[CallNews] = []
     for _ in range(2):
-        watched = ModelAccess(Scripted(["one"]), recording=Recording(tmp_path))
+        watched = ModelAccess(Scripted(["one"]), recording=CallLog(tmp_path))
         watched.tell = told.append
         watched.ask(request())
     assert [(n.what, n.from_record, n.spent.calls) for n in told] == [

@@ -19,7 +19,7 @@ from rvsg.generation.facts import human_names
 from rvsg.generation.prompts import Prompts
 from rvsg.generation.replies import read_configuration
 from rvsg.generation.result_facts import configuration_object
-from rvsg.generation.vlm.recording import Recording, Replayed
+from rvsg.generation.vlm.call_log import CallLog, Replayed
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import load_requirement
 from rvsg.scenario.rules import read_ends
@@ -51,7 +51,7 @@ def configurations(name: str, world: World) -> list[dict[str, object]]:
     config = settings_of(name)
     mission = Mission(world="warehouse", world_id=world.id, route=world.route(config["route"]))
     read = []
-    for call in Recording(FOLDERS[name]):
+    for call in CallLog(FOLDERS[name]):
         if call.answer is None or call.purpose not in ("new", "refine", "correct", "P7"):
             continue
         reply = read_configuration(call.answer.text, human_names(config.get("humans", 2)))
@@ -76,7 +76,7 @@ def briefs(name: str, world: World) -> list[Brief]:
     config = settings_of(name)
     route = world.route(config["route"])
     requirement = load_requirement(config["requirement"]).for_time_limit(route.time_limit_s)
-    recording = Recording(FOLDERS[name])
+    recording = CallLog(FOLDERS[name])
     found = []
     for session in dict.fromkeys(call.session for call in recording):
         place = re.fullmatch(r"s(\d+)-c(\d+)-([0-9a-f]{8})", session)
@@ -118,7 +118,7 @@ def test_every_recorded_call_is_asked_today_as_it_was_then(name: str, warehouse:
 
 @pytest.mark.parametrize("name", [name for name in CAMPAIGNS if settings_of(name)["conversation"] == "compact"])
 def test_no_recorded_request_is_longer_than_three_thousand_words(name: str) -> None:
-    recording = Recording(FOLDERS[name])
+    recording = CallLog(FOLDERS[name])
     for call in recording:
         assert sum(len(recording.message(each).text.split()) for each in call.messages) <= 3000, call.key
 
@@ -141,7 +141,7 @@ def test_other_measured_values_are_told_and_change_no_prompt(warehouse: World) -
 
 
 def test_the_shipped_description_is_the_one_the_model_gave(warehouse: World) -> None:
-    replayed = Replayed(Recording(FOLDERS["describe-warehouse"]), strict=True)
+    replayed = Replayed(CallLog(FOLDERS["describe-warehouse"]), strict=True)
     dialogue = EnvironmentDialogue(warehouse, replayed, Prompts())
     try:
         described = dialogue.describe()

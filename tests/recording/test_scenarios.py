@@ -11,7 +11,7 @@ import pytest
 import rvsg
 from rvsg.app.reconstruction import rebuild, recorded_cases, suite_of_recordings, world_of_recording
 from rvsg.app.suites import Suite
-from rvsg.campaign.nearness import nearest_violation
+from rvsg.campaign.nearest_violation import nearest_violation
 from rvsg.core.errors import FileError
 from rvsg.evaluation.metrics import measure
 from rvsg.evaluation.sampled import sampled

@@ -12,7 +12,7 @@ import pytest
 from rvsg.core.errors import FileError
 from rvsg.core.records import Pose
 from rvsg.recording.inspection import inspect
-from rvsg.recording.tracker import Scan, people_in_scans, track_places
+from rvsg.recording.tracker import LaserScan, people_in_scans, track_places
 from rvsg.recording.tracks import PersonTrack, Recording, clean, load_recording
 from rvsg.world.world import OccupancyMap
 from rvsg.world.world_folder import load_world
@@ -129,7 +129,7 @@ def test_people_are_found_in_scans_of_their_legs() -> None:
     room = OccupancyMap(cells=cells, resolution=0.05, origin=Pose(x=0.0, y=0.0))
     angles = np.linspace(-math.pi, math.pi, 720, endpoint=False)
 
-    def seen(t: float) -> Scan:
+    def seen(t: float) -> LaserScan:
         legs = [(7.0 - 0.8 * t, 6.0), (7.15 - 0.8 * t, 6.25), (2.5, 2.5)]  # a walker, and something that stands
         ranges = np.full(len(angles), np.inf)
         for x, y in legs:
@@ -139,7 +139,7 @@ def test_people_are_found_in_scans_of_their_legs() -> None:
             ranges[hit] = np.minimum(
                 ranges[hit], away * np.cos(angles - bearing)[hit] - np.sqrt(0.0036 - off[hit] ** 2)
             )
-        return Scan(t, (5.0, 5.0, 0.0), angles, ranges)
+        return LaserScan(t, (5.0, 5.0, 0.0), angles, ranges)
 
     (walker,) = people_in_scans([seen(float(t)) for t in T[:50]], room)
     expected = np.column_stack([7.075 - 0.8 * walker.rows[:, 0], np.full(len(walker.rows), 6.125)])

@@ -22,7 +22,7 @@ from rvsg.core.errors import InputError
 from rvsg.evaluation.realism import PEOPLE_REALISM, motions, rarest
 from rvsg.evaluation.verdict import Status, how_sure, judge, number
 from rvsg.generation.generator import Proposal
-from rvsg.generation.vlm.recording import Recording
+from rvsg.generation.vlm.call_log import CallLog
 from rvsg.report.answer_row import Ranked
 from rvsg.report.junit import junit_of
 from rvsg.report.page import _curse, render_page, write_runs_page
@@ -362,7 +362,7 @@ def test_a_confirmation_is_paired_with_its_scenario_whatever_its_index_says() ->
 
 
 def test_the_conversation_of_a_model_stands_on_the_page_as_text(tmp_path: Any) -> None:
-    recording = Recording(tmp_path)
+    recording = CallLog(tmp_path)
     the_plan, attempts, ledger = default_campaign()
     said = call(recording, 1, ("user", NASTY), answer="an answer")
     changed = [a.replace(proposal=a.proposal.replace(calls=(said,))) if a.purpose == "search" else a for a in attempts]

@@ -13,8 +13,8 @@ from hypothesis.strategies import floats, lists, tuples
 
 from rvsg.campaign.feedback import MapCell
 from rvsg.generation.generator import Call
+from rvsg.generation.vlm.call_log import CallLog
 from rvsg.generation.vlm.model import Answer, Message, Request
-from rvsg.generation.vlm.recording import Recording
 from rvsg.report import page_contents
 from rvsg.report.page import broken
 from rvsg.report.page_contents import Conversations
@@ -27,7 +27,7 @@ from rvsg.simulation.run import Run
 from rvsg.world.world_folder import load_world
 
 
-def call(recording: Recording, number: int, *texts: tuple[str, str], answer: str | None) -> Call:
+def call(recording: CallLog, number: int, *texts: tuple[str, str], answer: str | None) -> Call:
     messages = tuple(Message(role=role, text=text) for role, text in texts)  # type: ignore[arg-type]
     request = Request(session="s000-c00", number=number, purpose=f"step {number}", messages=messages)
     given = Answer(text=answer, model="m") if answer is not None else None
@@ -36,7 +36,7 @@ def call(recording: Recording, number: int, *texts: tuple[str, str], answer: str
 
 
 def test_every_message_is_shown_once_and_every_answer(tmp_path: Path) -> None:
-    recording = Recording(tmp_path)
+    recording = CallLog(tmp_path)
     asked = (("system", "You test."), ("user", "One?"))
     first = call(recording, 1, *asked, answer="Two.")
     second = call(recording, 2, *asked, ("assistant", "Two."), ("user", "Again?"), answer="No.")
@@ -49,7 +49,7 @@ def test_every_message_is_shown_once_and_every_answer(tmp_path: Path) -> None:
 
 
 def test_a_failed_call_and_one_that_is_not_kept(tmp_path: Path) -> None:
-    recording = Recording(tmp_path)
+    recording = CallLog(tmp_path)
     failed = call(recording, 1, ("user", "One?"), answer=None)
     other = Call(purpose="x", model="m", recording="another")
     (shown,) = Conversations(recording).of([failed, other])
@@ -59,7 +59,7 @@ def test_a_failed_call_and_one_that_is_not_kept(tmp_path: Path) -> None:
 
 def test_a_long_conversation_is_cut_with_a_word(tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
     monkeypatch.setattr(page_contents, "MOST_CHARACTERS", 10)
-    recording = Recording(tmp_path)
+    recording = CallLog(tmp_path)
     made = call(recording, 1, ("user", "0123456"), answer="789abcdef")
     (shown,) = Conversations(recording).of([made])
     assert shown["said"][0]["text"] == "0123456"

@@ -13,7 +13,7 @@ from typing import Any
 from rvsg.app.settings import FILES, CampaignConfig, file_of
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
-from rvsg.generation.vlm.recording import recorded_files
+from rvsg.generation.vlm.call_log import recorded_files
 from rvsg.robots.robot import shipped_robots
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.world.world_folder import file_names, shipped_worlds, world_folder

@@ -22,7 +22,7 @@ from rvsg.core.plugins import Spec, ignore
 from rvsg.core.records import Pose
 from rvsg.evaluation.detection import encounters_of
 from rvsg.evaluation.verdict import counted, load_requirement
-from rvsg.recording.fidelity import Estimate, Fidelity, Limits, compare, estimates, recorded_as
+from rvsg.recording.fidelity import Fidelity, FidelityLimits, RobotEstimate, compare, estimates, recorded_as
 from rvsg.recording.intent import RecordedScenario, recorded_scenario
 from rvsg.recording.recorded_run import recorded_run
 from rvsg.recording.tracks import Recording, between, load_recording
@@ -55,7 +55,7 @@ class Rebuilt:
     runs: tuple[Run, ...]
     fidelities: tuple[Fidelity, ...]
     judged: Judgement
-    estimates: tuple[Estimate, ...]
+    estimates: tuple[RobotEstimate, ...]
     found: FoundWith
     """What its runs were made and judged with."""
 
@@ -68,7 +68,7 @@ class Rebuilt:
     def verdict(self) -> str:
         """Whether the scenario repeats the recording, and how its runs are judged, in words."""
         count = sum(each.repeats for each in self.fidelities)
-        limits = Limits()
+        limits = FidelityLimits()
         said = "The scenario repeats the recording" if self.repeats else "The scenario does not repeat the recording"
         said += (
             f": {count} of {counted(len(self.fidelities), 'run')} keep the smallest gap within {limits.gap_m:g} m, the "

@@ -24,7 +24,7 @@ from rvsg.core.errors import InputError, NothingJudged
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec
 from rvsg.evaluation.verdict import counted
-from rvsg.generation.vlm.recording import CALLS, Recording
+from rvsg.generation.vlm.call_log import CALLS, CallLog
 from rvsg.report.page import render_page
 from rvsg.report.replay_data import traces_beside
 from rvsg.report.result import Answer, Result, is_complete
@@ -274,12 +274,12 @@ class StoredCampaign:
         return page
 
     @property
-    def recording(self) -> Recording | None:
+    def recording(self) -> CallLog | None:
         """The calls of its model, where they are kept: in its folder, else in the folder it replays."""
         folders = [self.folder / "vlm"]
         if self.config.replay is not None:
             folders.append(Path(self.config.replay))
-        return next((Recording(each) for each in folders if (each / CALLS).is_file()), None)
+        return next((CallLog(each) for each in folders if (each / CALLS).is_file()), None)
 
     def page(self, *, several: bool = False) -> Path:
         """Return where its report is written; with a name of its own where the store holds several campaigns."""

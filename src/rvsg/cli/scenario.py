@@ -108,7 +108,7 @@ def nearest(
     A person does everything earlier, later, or nearer to the robot. At least half of the runs have to violate.
     """
     from rvsg.app.rerun import rerun
-    from rvsg.campaign.nearness import nearest_violation
+    from rvsg.campaign.nearest_violation import nearest_violation
     from rvsg.core.files import check_writable, write_text
 
     if out is not None:

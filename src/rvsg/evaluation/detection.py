@@ -17,12 +17,11 @@ from rvsg.evaluation.sampled import Flags, Floats, Sampled, joined, sampled, str
 from rvsg.scenario.scenario import Behaviour, Human, HumanAgent, HumanConfiguration, Scenario, decode, task_ends
 from rvsg.simulation.events import (
     Abort,
-    Arrival,
     BlockedGoal,
     Contact,
     DoorMoved,
     E,
-    Event,
+    GoalReached,
     HardBrake,
     NearMiss,
     ObstacleContact,
@@ -37,6 +36,7 @@ from rvsg.simulation.events import (
     RunEvent,
     Spell,
     StandStill,
+    TimedEvent,
     TimeOut,
     in_order,
 )
@@ -388,13 +388,13 @@ def blocked_goals(s: Sampled) -> Iterator[BlockedGoal]:
                 )
 
 
-def ending(s: Sampled) -> Arrival | TimeOut | Abort:
+def ending(s: Sampled) -> GoalReached | TimeOut | Abort:
     """Return the event that ends the run."""
     end = _start(s, len(s) - 1)
     remaining = round(float(s.goal_distance[-1]), 3)
     match s.run.outcome:
         case Outcome.REACHED:
-            return Arrival(**end)
+            return GoalReached(**end)
         case Outcome.TIMED_OUT:
             return TimeOut(**end, remaining_m=remaining)
         case outcome:
@@ -438,7 +438,7 @@ class EncounterKind(str, Enum):
     STANDING = "person stands"
 
 
-class Encounter(Event):
+class Approach(TimedEvent):
     """One person near the robot, from the moment the gap falls below `ENCOUNTER_M`; when and where it is smallest."""
 
     kind: EncounterKind
@@ -447,7 +447,7 @@ class Encounter(Event):
     """The smallest gap between the bodies; negative where they overlap."""
 
 
-def encounters_of(run: Run, *, world: World | None = None) -> tuple[Encounter, ...]:
+def encounters_of(run: Run, *, world: World | None = None) -> tuple[Approach, ...]:
     """Return every encounter of a run in order of time. A `world` names the places."""
     if not len(run.trajectory) or not run.human_names:
         return ()
@@ -457,7 +457,7 @@ def encounters_of(run: Run, *, world: World | None = None) -> tuple[Encounter, .
         for first, last in joined(stretches(gap < ENCOUNTER_M), s.series.t, ENCOUNTER_APART_S):
             closest = first + int(gap[first : last + 1].argmin())
             kind, gap_m = _kind(s, first, closest, person), round(float(gap[closest]), 3)
-            encounters.append(Encounter(**_start(s, closest), kind=kind, person=name, gap_m=gap_m))
+            encounters.append(Approach(**_start(s, closest), kind=kind, person=name, gap_m=gap_m))
     return tuple(sorted(encounters, key=lambda encounter: (encounter.time_s, encounter.person)))
 
 

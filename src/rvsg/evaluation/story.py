@@ -14,10 +14,10 @@ from rvsg.evaluation.verdict import metres, outcome_in_words
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.events import (
     Abort,
-    Arrival,
     BlockedGoal,
     Contact,
     DoorMoved,
+    GoalReached,
     HardBrake,
     NearMiss,
     ObstacleContact,
@@ -61,7 +61,7 @@ def story_of(
     if not len(run.trajectory):
         return ()
     events = events_of(run, world=world, scenario=scenario) if events is None else events
-    ends = (Arrival, TimeOut, Abort)
+    ends = (GoalReached, TimeOut, Abort)
     middle = [event for event in events if not isinstance(event, ends)]
     chosen = sorted(middle, key=lambda event: WEIGHTS[type(event)](event), reverse=True)[: MOST - 2]
     located = [event.model_copy(update={"waypoint": _place(world, event.x, event.y)}) for event in chosen]
@@ -155,7 +155,7 @@ def _what(event: RunEvent) -> str:
             return f"the time limit passes; the robot is {metres(event.remaining_m)} from its goal"
         case Abort():
             return f"{outcome_in_words(event.outcome)}; the robot is {metres(event.remaining_m)} from its goal"
-        case Arrival():
+        case GoalReached():
             return "the robot reaches its goal"
 
 

@@ -26,8 +26,8 @@ from rvsg.generation.replies import Reply, read_configuration, read_description,
 from rvsg.generation.reply_json import configuration_schema
 from rvsg.generation.result_facts import MOST_ROWS, answer_object, configuration_object, passes_of, rehearsal_facts
 from rvsg.generation.vlm.access import Tell, model_access
+from rvsg.generation.vlm.call_log import MEASURED, place_of
 from rvsg.generation.vlm.model import Access, Answer, Message, Model, Picture
-from rvsg.generation.vlm.recording import MEASURED, place_of
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.repair import repair
 from rvsg.scenario.rules import Finding, Repair, read_ends

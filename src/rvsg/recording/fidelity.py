@@ -36,7 +36,7 @@ SHOWN = 0.1
 """A drive that never goes, or speeds up, faster than this, m/s or m/s², shows nothing of what the robot can."""
 
 
-class Limits(Record):
+class FidelityLimits(Record):
     """How near a run has to come to a recording to repeat it."""
 
     gap_m: float = 0.1
@@ -86,7 +86,7 @@ class Fidelity(Record):
         return " ".join(self.differences) or "repeats the recording."
 
 
-class Estimate(Record):
+class RobotEstimate(Record):
     """A parameter of the robot that the recording shows otherwise than the robot file says."""
 
     parameter: str
@@ -119,9 +119,9 @@ def recorded_as(recording: Recording, run: Run) -> Run:
     )  # fmt: skip
 
 
-def compare(recording: Recording, run: Run, world: World, limits: Limits | None = None) -> Fidelity:
+def compare(recording: Recording, run: Run, world: World, limits: FidelityLimits | None = None) -> Fidelity:
     """Return how a run differs from the cleaned recording that its scenario was made of."""
-    limits = limits or Limits()
+    limits = limits or FidelityLimits()
     recorded = recorded_as(recording, run)
     a, b = sampled(recorded, world), sampled(run, world)
     spreads = {
@@ -174,7 +174,7 @@ def _apart(path: Trajectory, other: Trajectory) -> float:
     return float(tree.query(np.column_stack([path.x, path.y]))[0].max())
 
 
-def estimates(recording: Recording, run: Run, robot: Robot) -> tuple[Estimate, ...]:
+def estimates(recording: Recording, run: Run, robot: Robot) -> tuple[RobotEstimate, ...]:
     """Return what of a robot file differs from the recording: speed, acceleration and latency of the base.
 
     Speed and acceleration are those that both drives reach in one of twenty moments, so the same drive is compared.
@@ -183,7 +183,7 @@ def estimates(recording: Recording, run: Run, robot: Robot) -> tuple[Estimate, .
     if len(recording.robot) < LEAST_COMMANDS:
         return ()
     pairs = [(rows[:, 0], speed_of(rows)) for rows in (recording.robot, np.column_stack(_path(run.trajectory)))]
-    differing = []
+    estimated = []
     for parameter, file, least, of in (
         ("limits.speed_m_s", robot.limits.speed_m_s, 0.1, _fast),
         ("limits.acceleration_m_s2", robot.limits.acceleration_m_s2, 0.3, _quick),
@@ -193,11 +193,12 @@ def estimates(recording: Recording, run: Run, robot: Robot) -> tuple[Estimate, .
         if run.outcome is not Outcome.REACHED:
             simulated = min(file, recorded)
         if recorded > SHOWN and abs(recorded - simulated) > least * simulated:
-            differing.append(Estimate(parameter=parameter, file=file, recorded=round(file * recorded / simulated, 2)))
+            value = round(file * recorded / simulated, 2)
+            estimated.append(RobotEstimate(parameter=parameter, file=file, recorded=value))
     latency_s = _latency(recording)
     if latency_s is not None and abs(latency_s - robot.latency_s) > 0.1:
-        differing.append(Estimate(parameter="latency_s", file=robot.latency_s, recorded=round(latency_s, 2)))
-    return tuple(differing)
+        estimated.append(RobotEstimate(parameter="latency_s", file=robot.latency_s, recorded=round(latency_s, 2)))
+    return tuple(estimated)
 
 
 def _path(path: Trajectory) -> tuple[Floats, Floats, Floats]:

@@ -111,7 +111,7 @@ TOGETHER_S, TOGETHER_M = 0.02, 0.4
 """Scans and people this near to each other are of one moment and one person."""
 
 
-class Scan(NamedTuple):
+class LaserScan(NamedTuple):
     """One laser scan: time, pose of the lidar in the map (x, y, yaw), angles (rad) and ranges (m)."""
 
     t: float
@@ -132,7 +132,7 @@ class LegDetector:
 
         self._far = distance_transform_edt(self.occupancy.cells != OCCUPIED) * self.occupancy.resolution
 
-    def places(self, scan: Scan) -> Floats:
+    def places(self, scan: LaserScan) -> Floats:
         """Return where people are in the map, (N, 2)."""
         valid = np.isfinite(scan.ranges) & (scan.ranges > 0.05) & (scan.ranges < FARTHEST_M)
         ranges = scan.ranges[valid] + LEG_RADIUS_M
@@ -177,7 +177,7 @@ def _pairs(legs: Floats) -> Iterator[list[int]]:
         yield [one]
 
 
-def people_in_scans(scans: Iterable[Scan], occupancy: OccupancyMap) -> tuple[PersonTrack, ...]:
+def people_in_scans(scans: Iterable[LaserScan], occupancy: OccupancyMap) -> tuple[PersonTrack, ...]:
     """Return the people who move in scans of one or more lidars, in the frame of the map."""
     detector = LegDetector(occupancy)
     return track_places(_frames((scan.t, detector.places(scan)) for scan in scans), moving=True)

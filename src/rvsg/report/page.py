@@ -23,7 +23,7 @@ from rvsg.core.files import check_writable, write_whole
 from rvsg.core.records import Pose
 from rvsg.evaluation.verdict import counted, how_sure, number, why_ended
 from rvsg.generation.people_sampler import added
-from rvsg.generation.vlm.recording import Recording
+from rvsg.generation.vlm.call_log import CallLog
 from rvsg.report.charts import confirmation_chart, search_chart
 from rvsg.report.page_contents import (
     PageContents,
@@ -126,7 +126,7 @@ def render_page(
     simulator: str = "",
     overview: str = "",
     traces: Sequence[Mapping[str, Any]] = (),
-    recording: Recording | None = None,
+    recording: CallLog | None = None,
     replayed: bool = False,
 ) -> str:
     """Return the page of a campaign, finished or not.

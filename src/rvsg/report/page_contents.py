@@ -10,7 +10,7 @@ from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.ranking import best_attempt, confirmed_candidate, search_attempts
 from rvsg.evaluation.verdict import metres, number, outcome_in_words, percent, value_in_words
 from rvsg.generation.generator import Call
-from rvsg.generation.vlm.recording import RecordedCall, Recording
+from rvsg.generation.vlm.call_log import CallLog, RecordedCall
 from rvsg.report.answer_row import status_of
 from rvsg.report.replay_data import distinct_colours, people_colours
 from rvsg.report.result import Answer, Result
@@ -213,7 +213,7 @@ MOST_CHARACTERS = 600_000
 class Conversations:
     """What was said in the calls of a campaign. Every message is given once, where it is said first."""
 
-    def __init__(self, recording: Recording | None) -> None:
+    def __init__(self, recording: CallLog | None) -> None:
         self._recording = recording
         answered_last = sorted(recording or (), key=lambda call: call.answer is not None)
         self._calls = {call.key: call for call in answered_last}
@@ -230,7 +230,7 @@ class Conversations:
                 found.append(self._one(kept, self._recording))
         return found
 
-    def _one(self, call: RecordedCall, recording: Recording) -> dict[str, Any]:
+    def _one(self, call: RecordedCall, recording: CallLog) -> dict[str, Any]:
         said = []
         for message_id in call.messages:
             if message_id in self._said:
@@ -255,7 +255,7 @@ WIDTH_M, WIDEST = 0.12, 3
 """Width of a planned path; those drawn under others are wider, up to so many times more, so that all are seen."""
 
 
-def thinking(shown: PageContents, recording: Recording | None) -> list[dict[str, Any]]:
+def thinking(shown: PageContents, recording: CallLog | None) -> list[dict[str, Any]]:
     """Return one entry for each scenario of the search, with its configurations in their order."""
     conversations = Conversations(recording)
     unit = shown.result.requirement.unit

@@ -37,7 +37,7 @@ class Outcome(str, Enum):
         return cls.BLOCKED_START if value == "the robot stands in an obstacle or a person at the start" else None
 
 
-class Event(Record):
+class TimedEvent(Record):
     """The fields that all events share. The place is the robot's, or the person's for an event of a person."""
 
     time_s: float
@@ -55,7 +55,7 @@ class Event(Record):
         return self.waypoint or f"({self.x:.1f}, {self.y:.1f})"
 
 
-class Spell(Event):
+class Spell(TimedEvent):
     """An event with a duration."""
 
     until_s: float
@@ -111,7 +111,7 @@ class ObstacleContact(Spell):
     """The name of the door whose leaf it touches first; empty for anything else, or if the world is not given."""
 
 
-class NearMiss(Event):
+class NearMiss(TimedEvent):
     """The robot passes a person closely without touching; the time is that of the smallest gap."""
 
     kind: Literal["near_miss"] = "near_miss"
@@ -151,7 +151,7 @@ class StandStill(Spell):
     """The person of the reason; else empty."""
 
 
-class Replan(Event):
+class Replan(TimedEvent):
     """The global planner returns a path to the same goal that differs clearly from the one before."""
 
     kind: Literal["replan"] = "replan"
@@ -186,7 +186,7 @@ class PersonStuck(Spell):
     """Who stands next to the person when it begins."""
 
 
-class PersonReached(Event):
+class PersonReached(TimedEvent):
     """A person reaches a waypoint for the first time; the full list has the ends of tasks alone."""
 
     kind: Literal["person_reached"] = "person_reached"
@@ -225,7 +225,7 @@ class DoorMoved(Spell):
     """How far it is open when it begins, 0 to 1."""
 
 
-class TimeOut(Event):
+class TimeOut(TimedEvent):
     """The time limit passes before the robot reaches its goal."""
 
     kind: Literal["time_out"] = "time_out"
@@ -233,7 +233,7 @@ class TimeOut(Event):
     """Straight distance from the robot to its goal."""
 
 
-class Abort(Event):
+class Abort(TimedEvent):
     """The run ends before the goal and before the time limit."""
 
     kind: Literal["abort"] = "abort"
@@ -243,7 +243,7 @@ class Abort(Event):
     """Straight distance from the robot to its goal."""
 
 
-class Arrival(Event):
+class GoalReached(TimedEvent):
     """The robot reaches its goal."""
 
     kind: Literal["arrival"] = "arrival"
@@ -255,12 +255,12 @@ RecordedEvent = Annotated[
 ]
 """What a simulator records."""
 RunEvent = Annotated[
-    RecordedEvent | NearMiss | HardBrake | StandStill | BlockedGoal | TimeOut | Abort | Arrival,
+    RecordedEvent | NearMiss | HardBrake | StandStill | BlockedGoal | TimeOut | Abort | GoalReached,
     Field(discriminator="kind"),
 ]
 EVENTS: TypeAdapter[tuple[RunEvent, ...]] = TypeAdapter(tuple[RunEvent, ...])
 """Reads and writes a list of events: `EVENTS.dump_json(events)`, `EVENTS.validate_json(text)`."""
-E = TypeVar("E", bound=Event)
+E = TypeVar("E", bound=TimedEvent)
 
 
 def in_order(events: Iterable[E]) -> tuple[E, ...]:

@@ -30,7 +30,7 @@ from rvsg.core.errors import FileError, UnknownName
 from rvsg.core.inputs import parse_json
 from rvsg.core.records import Pose
 from rvsg.recording.recorded_run import speed_of
-from rvsg.recording.tracker import Scan, people_in_scans, track_places
+from rvsg.recording.tracker import LaserScan, people_in_scans, track_places
 from rvsg.recording.tracks import Note, PersonTrack, Recording, Stream
 from rvsg.simulation.archive import RunHeader
 from rvsg.simulation.events import Contact
@@ -573,14 +573,14 @@ class _Alignment:
         )
         return found
 
-    def _scans(self) -> Iterator[Scan]:
+    def _scans(self) -> Iterator[LaserScan]:
         with open_bag(self.path) as reader:
             for _, received, message in bag_messages(reader, self.path, self.contents.scan_topics):
                 t, frame = _seconds(message.header) or received, message.header.frame_id.lstrip("/")
                 ranges = np.asarray(message.ranges, np.float64)
                 angles = message.angle_min + message.angle_increment * np.arange(len(ranges))
                 x, y, yaw = self._in_map(np.array([[t, 0.0, 0.0, 0.0]]), frame, "scans")[0, 1:4]
-                yield Scan(t, (float(x), float(y), float(yaw)), angles, ranges)
+                yield LaserScan(t, (float(x), float(y), float(yaw)), angles, ranges)
 
     def _in_map(self, track: Floats, frame: str, what: str) -> Floats:
         """Return a track in the frame that counts as the map; FileError where no transforms lead there."""

@@ -21,7 +21,7 @@ from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.generation.environment import description_of
 from rvsg.generation.generator import Call
-from rvsg.generation.vlm.recording import PICTURES, RecordedCall, Recording
+from rvsg.generation.vlm.call_log import PICTURES, CallLog, RecordedCall
 from rvsg.world.areas import unknown_areas
 from rvsg.world.world import Description, World
 from rvsg.world.world_folder import shipped_worlds
@@ -281,11 +281,11 @@ def picture_of_call(campaign: Campaign, digest: str) -> bytes:
     raise InputError("This picture is not kept in the record of the campaign.")
 
 
-def _picture(recording: Recording, digest: str) -> Path:
+def _picture(recording: CallLog, digest: str) -> Path:
     return recording.folder / PICTURES / f"{digest}.png"
 
 
-def _turns(calls: Iterable[Call], by_key: Mapping[str, RecordedCall], recording: Recording | None) -> Iterator[Turn]:
+def _turns(calls: Iterable[Call], by_key: Mapping[str, RecordedCall], recording: CallLog | None) -> Iterator[Turn]:
     known: set[str] = set()
     for call in calls:
         kept = by_key.get(call.recording or "")

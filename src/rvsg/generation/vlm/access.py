@@ -9,9 +9,9 @@ from typing import Literal
 
 from rvsg.core.errors import BudgetSpent, InputError, ModelUnavailable
 from rvsg.core.records import Record
+from rvsg.generation.vlm.call_log import CALLS, CallLog, Replayed
 from rvsg.generation.vlm.client import ModelClient
 from rvsg.generation.vlm.model import Access, Answer, Model, Request, Spending, estimated_input_tokens
-from rvsg.generation.vlm.recording import CALLS, Recording, Replayed
 
 MOST_DIVERGENCES = 3
 
@@ -46,7 +46,7 @@ class ModelAccess:
         self,
         model: Model,
         options: Access | None = None,
-        recording: Recording | None = None,
+        recording: CallLog | None = None,
         *,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
@@ -165,7 +165,7 @@ class ModelAccess:
 def model_access(model: str | Model | None, options: Access) -> ModelAccess:
     """Return access to a model, or to a replay. InputError where neither is named."""
     if options.replay is not None:
-        recording = Recording(options.replay)
+        recording = CallLog(options.replay)
         if not len(recording):
             what = "holds no whole recorded call" if (recording.folder / CALLS).exists() else "does not exist"
             raise InputError(f"There are no recorded calls in {options.replay}: {CALLS} {what}.", code="replay-empty")
@@ -176,7 +176,7 @@ def model_access(model: str | Model | None, options: Access) -> ModelAccess:
             "(with its key in the environment), or --replay FOLDER to answer from recorded calls.",
             code="model-missing",
         )
-    recorded = Recording(options.record) if options.record is not None else None
+    recorded = CallLog(options.record) if options.record is not None else None
     if not isinstance(model, str):
         return ModelAccess(model, options, recorded)
     client = ModelClient(model, options)

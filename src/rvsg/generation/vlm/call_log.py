@@ -57,7 +57,7 @@ class RecordedCall(Record):
     error: str | None = None
 
 
-class Recording:
+class CallLog:
     """The calls kept in a folder; made when the first call is kept."""
 
     def __init__(self, folder: str | Path) -> None:
@@ -229,7 +229,7 @@ class Replayed:
     so that a record replays under another seed; an attempt asked again takes the recorded ones in turn.
     """
 
-    def __init__(self, recording: Recording, *, strict: bool = False) -> None:
+    def __init__(self, recording: CallLog, *, strict: bool = False) -> None:
         self._recording = recording
         self._strict = strict
         self._calls = {call.key: call for call in recording if call.answer is not None}
