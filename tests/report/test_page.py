@@ -152,19 +152,6 @@ def test_page_terminal_and_json_say_in_the_same_words_how_far_people_go(objectiv
     assert text.count(unbroken(found.realism)) == 1
 
 
-def test_page_terminal_json_and_junit_say_in_the_same_words_how_sure_the_verdict_is() -> None:
-    the_plan, made, ledger = default_campaign()
-    attempts = [_with_objectives(a, 0.5) if a.purpose == "confirmation" else a for a in made]
-    summary = result_of(the_plan, attempts, ledger)
-    (found,) = result_of(the_plan, attempts, ledger).findings
-    said = how_sure(found.verdict)
-    assert found.model_dump(mode="json")["how_sure"] == said == found.verdict.reason
-    assert said in " ".join(describe_finding(found, the_plan.requirement))
-    assert unbroken(said) in html.unescape(page(the_plan, attempts, ledger))
-    case = _scenario_case(_junit(summary), summary.ranking[0])
-    assert said in "".join((*case.itertext(), *(each.attrib.get("message", "") for each in case)))
-
-
 def test_every_link_of_the_page_opens_runs_that_the_replay_holds() -> None:
     text = default_page()
     known = {run["id"] for group in data_of(text)["groups"] for run in group["runs"]}

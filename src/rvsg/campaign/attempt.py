@@ -30,6 +30,11 @@ class Measurement(Record):
     objective: float | None = None
     """The value of the requirement's metric, or the robustness of its formula."""
 
+    @property
+    def touches(self) -> bool:
+        """Whether robot and people touch."""
+        return (self.values.get("contacts") or 0.0) > 0.0
+
 
 class Failure(Record):
     """A run that the simulator could not make, and why."""

@@ -417,7 +417,7 @@ def case_result(attempt: Attempt, requirement: Requirement) -> CaseResult:
         verdict=verdict,
         seeds=tuple(m.seed for m in attempt.measurements),
         violations=tuple(flags),
-        contacts=sum((m.values.get("contacts") or 0.0) > 0.0 for m in attempt.measurements),
+        contacts=sum(m.touches for m in attempt.measurements),
         seconds=sum(m.values.get("trg") or 0.0 for m in attempt.measurements),
         attempt=attempt.index,
     )

@@ -433,7 +433,7 @@ def _result(
         verdict=verdict,
         seeds=tuple(run.seed for run in made),
         violations=tuple(None if m.objective is None else requirement.violated_by(m.objective) for m in row),
-        contacts=sum((m.values.get("contacts") or 0.0) > 0.0 for m in row),
+        contacts=sum(m.touches for m in row),
         arrived=sum(run.completed for run in made),
         failed=sum(run.outcome is Outcome.STACK_FAILED for run in made),
         robot=scenario.mission.robot_name + (f" ({record.id})" if (record := scenario.mission.robot_record) else ""),

@@ -230,15 +230,14 @@ class _ShownRun:
 
     def __init__(
         self,
-        measurements: Sequence[Measurement],
+        shown: Attempt,
         requirement: Requirement,
         world: World,
         run_of: Callable[[str], Run],
         mode_of: Callable[[str], FailureMode | None],
     ) -> None:
-        touched = [m for m in measurements if (m.values.get("contacts") or 0.0) > 0.0]
-        bad = [m for m in measurements if m.objective is not None and requirement.violated_by(m.objective)]
-        chosen = touched if touched and 2 * len(touched) >= len(bad) else bad or list(measurements)
+        touched, bad = [m for m in shown.measurements if m.touches], shown.violating(requirement)
+        chosen = touched if touched and 2 * len(touched) >= len(bad) else bad or list(shown.measurements)
         runs = {m.run_id: run_of(m.run_id) for m in chosen}
         modes = {run_id: mode_of(run_id) for run_id in runs}
         self.mode = usual(modes.values())
@@ -297,7 +296,7 @@ def row_of(
         finding: What its confirmation means; None without one.
     """
     verdict, seen = entry.verdict, entry.seen
-    best = _ShownRun(shown.measurements, requirement, world, run_of, mode_of)
+    best = _ShownRun(shown, requirement, world, run_of, mode_of)
     cause, caused = cause_of(finding) if finding is not None else ("–", "not confirmed")
     bounds = verdict.violation_interval
     gap = metres(seen.least_clearance_m) if seen.least_clearance_m is not None else "–"

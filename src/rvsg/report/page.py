@@ -41,14 +41,14 @@ from rvsg.report.page_contents import (
 from rvsg.report.renderer import component, render, script_safe
 from rvsg.report.replay_data import ReplayGroup, replay_payload
 from rvsg.report.result import Result, answer_of_runs
-from rvsg.report.run_facts import AttemptFacts, RunFacts, facts_of, run_facts
+from rvsg.report.run_facts import AttemptFacts, RunFacts
 from rvsg.report.stills import frame, plan_markup
 from rvsg.report.words import direction, limit_in_words, quantity, robot_words, shown_at, tried_of, under_test, untimed
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.scenario.world_lookup import as_world, world_of
 from rvsg.simulation.run import Run
-from rvsg.world.drawing.svg import FloorPlan, floor_plan
+from rvsg.world.drawing.svg import FloorPlan
 from rvsg.world.world import Route, World
 
 
@@ -139,12 +139,7 @@ def render_page(
         replayed: Whether the model answered earlier, in another campaign.
     """
     plan, requirement, attempts = result.plan, result.requirement, result.attempts
-    shown = PageContents(
-        result=result,
-        answer=result.answer,
-        facts=facts_of(attempts, requirement, result.world, result.run_of),
-        floor=floor_plan(result.world, tooltips=False),
-    )
+    shown = PageContents(result, result.answer)
     confirmed, candidate = result.confirmed, shown.candidate
     final = confirmed.verdict if confirmed is not None else None
     drawn = candidate is not None and confirmed is not None and final is not None and final.objectives
@@ -259,19 +254,12 @@ def write_runs_page(
     requirement, verdict, measurements = judged.requirement, judged.verdict, judged.measurements
     people = len(runs[0].human_names)
     attempt = Attempt.by_hand(mission, requirement, scenario, people=people, measurements=measurements, verdict=verdict)
-    told = tuple(run_facts(run, m, requirement, where, scenario) for run, m in zip(runs, measurements, strict=True))
-    facts = AttemptFacts(attempt=attempt, runs=told)
     plan = Plan(name=BY_HAND, mission=mission, requirement=requirement)
-    by_id = {run.id: run for run in runs}
-    shown = PageContents(
-        result=Result(plan, [attempt], where, by_id.__getitem__),
-        answer=answer_of_runs(plan, attempt, world=where, run_of=by_id.__getitem__),
-        facts=[facts],
-        floor=floor_plan(where, tooltips=False),
-    )
+    result = Result(plan, [attempt], where, {run.id: run for run in runs}.__getitem__)
+    shown = PageContents(result, answer_of_runs(plan, attempt, world=where, run_of=result.run_of))
     text = render(
         "runs.html",
-        **_shared(shown, [facts], given=True),
+        **_shared(shown, shown.facts, given=True),
         notes=[*notes, *(f"{label}: {text}." for label, text in under_test(runs).rows)],
         traces=(),
         sure=how_sure(verdict),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from rvsg.campaign.attempt import Attempt
@@ -14,23 +15,32 @@ from rvsg.generation.vlm.call_log import CallLog, RecordedCall
 from rvsg.report.answer_row import status_of
 from rvsg.report.replay_data import distinct_colours, people_colours
 from rvsg.report.result import Answer, Result
-from rvsg.report.run_facts import AttemptFacts, footprint_of
+from rvsg.report.run_facts import AttemptFacts, facts_of, footprint_of
 from rvsg.report.stills import Look, Turn
 from rvsg.report.terminal import describe_calls
 from rvsg.report.words import in_short, shown_at
 from rvsg.scenario.brief import Feedback
 from rvsg.scenario.scenario import Attention, Behaviour, Human
-from rvsg.world.drawing.svg import FloorPlan
+from rvsg.world.drawing.svg import FloorPlan, floor_plan
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class PageContents:
     """What the parts of a page share."""
 
     result: Result
     answer: Answer
-    facts: Sequence[AttemptFacts]
-    floor: FloorPlan
+
+    @cached_property
+    def facts(self) -> list[AttemptFacts]:
+        """The runs of every attempt that was simulated."""
+        result = self.result
+        return facts_of(result.attempts, result.requirement, result.world, result.run_of)
+
+    @cached_property
+    def floor(self) -> FloorPlan:
+        """The floor plan without tooltips."""
+        return floor_plan(self.result.world, tooltips=False)
 
     @property
     def confirmed(self) -> AttemptFacts | None:

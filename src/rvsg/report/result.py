@@ -437,7 +437,7 @@ def _elsewhere(rows: Sequence[Row], attempts: Sequence[Attempt], requirement: Re
         number = attempt.number
         if attempt.purpose not in ("search", "confirmation") or (rows and number == rows[0].number):
             continue
-        met = {m.run_id: (m.values.get("contacts") or 0.0) > 0.0 for m in attempt.measurements}
+        met = {m.run_id: m.touches for m in attempt.measurements}
         touches.setdefault(number, {}).update(met)
         if attempt.purpose == "search":
             found.setdefault(number, attempt.index)

@@ -190,13 +190,12 @@ def facts_of(
     facts = []
     by_run: dict[str, RunFacts] = {}  # a strategy may measure a configuration several times, each time in more runs
     for attempt in attempts:
-        scenario = attempt.proposal.scenario
-        if scenario is None or not attempt.measurements:
-            continue
         for measured in attempt.measurements:
             if measured.run_id not in by_run:
-                by_run[measured.run_id] = run_facts(run_of(measured.run_id), measured, requirement, world, scenario)
-        facts.append(AttemptFacts(attempt=attempt, runs=tuple(by_run[m.run_id] for m in attempt.measurements)))
+                run, scenario = run_of(measured.run_id), attempt.proposal.scenario
+                by_run[measured.run_id] = run_facts(run, measured, requirement, world, scenario)
+        if attempt.measurements:
+            facts.append(AttemptFacts(attempt=attempt, runs=tuple(by_run[m.run_id] for m in attempt.measurements)))
     return facts
 
 

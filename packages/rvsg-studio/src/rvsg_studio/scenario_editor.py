@@ -19,7 +19,7 @@ from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
 from rvsg.report.page import data_of
-from rvsg.report.run_facts import AttemptFacts, facts_of, run_facts
+from rvsg.report.run_facts import AttemptFacts, facts_of
 from rvsg.report.stills import area_colours, floor_svg
 from rvsg.scenario.builder import check_route, walk
 from rvsg.scenario.repair import repair
@@ -212,9 +212,8 @@ def replay_of_runs(runs: RunSet, requirement: Requirement) -> dict[str, Any]:
         measurements=measured,
         verdict=measuring.judge(measured),
     )
-    each = (run_facts(run, m, requirement, world, scenario) for run, m in zip(runs, measured, strict=True))
-    facts = AttemptFacts(attempt=attempt, runs=tuple(each))
-    return _data([facts], scenario.mission, requirement, world, given=True)
+    facts = facts_of([attempt], requirement, world, {run.id: run for run in runs}.__getitem__)
+    return _data(facts, scenario.mission, requirement, world, given=True)
 
 
 def _data(
