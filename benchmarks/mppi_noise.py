@@ -138,7 +138,7 @@ class Noise:
         steps, samples = work.noise_v.shape
         self._take(2 * steps * samples * self._left)
         self._left = 0
-        for target, deviation in ((work.noise_v, numbers.v_std), (work.noise_w, numbers.w_std)):
+        for target, deviation in ((work.noise_v, numbers.options.vx_std), (work.noise_w, numbers.options.wz_std)):
             target[:] = np.float32(deviation) * self._take(steps * samples).reshape(samples, steps).T
         self.used += 1
 

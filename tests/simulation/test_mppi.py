@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from tests.simulation.parts import route
 
+from rvsg.core.references import refer
 from rvsg.simulation.costmap import outline_hits
 from rvsg.simulation.embedded.simulator import empty_room, simulate_agents
 from rvsg.simulation.stacks import mppi as k
@@ -25,7 +26,7 @@ def prepared(samples: int = 400, **options: Any) -> tuple[Any, mppi_critics.Work
     p = stack._of(SQUARE, 100.0, 0.05)
     work = mppi_critics.new_work(stack.settings.time_steps, samples, p)
     mppi_critics.start_again(work, np.random.default_rng(1), p)
-    return p, work
+    return refer(p), work
 
 
 def drive(
@@ -106,10 +107,10 @@ def test_where_every_trajectory_collides_there_is_no_command(free: np.ndarray[An
 
 
 def test_it_starts_again_with_other_noise() -> None:
-    p, m = prepared()
+    _, m = prepared()
     before = m.noise_v.copy()
     m.control[:] = m.history[:] = 0.3
-    mppi_critics.start_again(m, np.random.default_rng(2), p)
+    mppi_critics.start_again(m, np.random.default_rng(2), Mppi()._of(SQUARE, 100.0, 0.05))
     assert not m.control.any() and not m.history.any() and (m.noise_v != before).mean() > 0.99
     assert m.noise_v.std() == pytest.approx(0.2, rel=0.02) and m.noise_w.std() == pytest.approx(0.4, rel=0.02)
 

@@ -20,7 +20,7 @@ from rvsg.core.records import text_id
 from rvsg.robots.robot import Robot
 from rvsg.simulation.stacks.nav2_params import read_nav2_text
 from rvsg.simulation.stacks.parameter_file import has_place
-from rvsg.simulation.stacks.parameters import Parameter, value_at
+from rvsg.simulation.stacks.parameters import Parameter
 from rvsg.simulation.stacks.protocol import Command, Ended, Observation, StackError, Task, Twist, WholeStack
 from rvsg.simulation.stacks.stack_choice import StackChoice
 from rvsg.world.world import OCCUPIED, OccupancyMap
@@ -413,9 +413,8 @@ class Ros2Stack(WholeStack):
         path = Path(str(self._options.params))
         read = read_nav2_text(text, path)
         driver = StackChoice.of(Spec(read.stack, read.options)).driver
-        options = {**driver.default_options(), **driver.options}
         return tuple(
-            each.with_present(float(value_at(options, each.name))).replace(name=f"values.{each.name}")
+            each.replace(name=f"values.{each.name}")
             for each in driver.tunable_parameters(robot)
             if has_place(text, path, each.name, each.value(each.at(0.37)))
         )
