@@ -226,7 +226,7 @@ SLOW_AXES = [(0.0, 1.0, 0.2, 20), (0.0, 0.0, 0.2, 1), (-1.0, 1.0, 0.3, 20)]
 
 class TestDynamicWindow:
     def test_the_tiago_samples_its_whole_range_at_any_velocity(self) -> None:
-        assert stack_of(TIAGO).dwb_whole_range
+        assert stack_of(TIAGO).whole_range
         samples = np.zeros((500, 5))
         for v, w in ((0.0, 0.0), (0.5, -1.0), (0.31, 0.7)):
             count = fill_window(samples, v, 0.0, w, 1.0, STACK)
