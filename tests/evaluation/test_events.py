@@ -68,6 +68,8 @@ def test_a_contact_says_who_when_how_fast_and_who_moved_into_whom(robot_speed, p
     assert contact.time_s == 5.0 and contact.duration_s == pytest.approx(1.95)
     towards = robot_speed + (person_speed if person_yaw else -person_speed)
     assert contact.closing_speed_m_s == pytest.approx(max(0.0, towards), abs=1e-3)
+    assert contact.robot_part_m_s + contact.person_part_m_s == pytest.approx(towards, abs=1e-3)
+    assert (contact.robot_speed_m_s, contact.person_speed_m_s) == (robot_speed, person_speed)
     assert contact.overlap_m == pytest.approx(0.1)
 
 

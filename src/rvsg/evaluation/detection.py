@@ -250,9 +250,13 @@ def contacts(s: Sampled) -> Iterator[Contact]:
     """Yield one event for each contact of the robot with a person, as the metric `contacts` counts them."""
     for touch in s.contacts:
         first, last, person = touch.first, touch.last, touch.person
-        fastest = round(float(s.series.speed[max(0, first - 1) : last + 1].max()), 3)
+        rows = slice(max(0, first - 1), last + 1)
+        fastest = {
+            "robot_speed_m_s": round(float(s.series.speed[rows].max()), 3),
+            "person_speed_m_s": round(float(s.series.human_speed[rows, person].max()), 3),
+        }
         if touch.recorded is not None:
-            yield _named(touch.recorded, s, robot_speed_m_s=fastest)
+            yield _named(touch.recorded, s, **fastest)
             continue
         at = max((max(0, first - 1), first), key=lambda row: s.closing_speed[row, person])
         distance = max(float(s.distance[at, person]), 1e-9)
@@ -265,7 +269,7 @@ def contacts(s: Sampled) -> Iterator[Contact]:
             closing_speed_m_s=round(max(0.0, float(s.closing_speed[at, person])), 3),
             robot_part_m_s=round(robot, 3),
             person_part_m_s=round(other, 3),
-            robot_speed_m_s=fastest,
+            **fastest,
             bearing_rad=_bearing(s, first, person),
             overlap_m=round(float(-s.gap[first : last + 1, person].min()), 3),
         )

@@ -85,10 +85,12 @@ class Contact(Spell):
     """The person's part of it, towards the robot."""
     robot_speed_m_s: Annotated[float | None, ABSENT] = None
     """Largest speed of the robot while they touch."""
+    person_speed_m_s: Annotated[float | None, ABSENT] = None
+    """Largest speed of the person while they touch."""
     bearing_rad: float
     """Direction of the person off the robot's heading at first touch; 0 ahead, positive to the left."""
     overlap_m: float
-    """How far the bodies overlap at most; 0 if the simulator keeps them apart."""
+    """How far the bodies overlap at most, the smallest gap negated; 0 if the simulator keeps them apart."""
 
     @property
     def moved_by(self) -> Literal["robot", "person", "both", "neither"]:
