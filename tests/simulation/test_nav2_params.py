@@ -230,6 +230,12 @@ def test_pure_pursuit_and_options_on_top_of_a_file(tmp_path: Path) -> None:
     assert any("dynamic window" in message for message in StackChoice.of(path).messages)
 
 
+def test_names_of_dwb_that_went_are_told_with_those_of_nav2() -> None:
+    with pytest.raises(InputError, match=r"dwb\.obstacle_scale is BaseObstacle\.scale") as refused:
+        StackChoice.of("nav2-dwb", {"dwb": {"obstacle_scale": 0.1}})
+    assert refused.value.code == "options"
+
+
 def test_what_is_not_supported_is_always_told(tmp_path: Path) -> None:
     told: list[str] = []
     simulator = EmbeddedSimulator(stack=written(tmp_path, HUMBLE + COSTMAPS))

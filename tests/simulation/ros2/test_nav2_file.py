@@ -13,8 +13,11 @@ from rvsg.cli import main
 from rvsg.core.errors import InputError
 from rvsg.robots.robot import load_robot, shipped_robots
 from rvsg.simulation.embedded.robot_parameters import stack_of
-from rvsg.simulation.stacks.nav2_params import read_nav2_params
+from rvsg.simulation.stacks.nav2_keys import OPTIONS
+from rvsg.simulation.stacks.nav2_params import read_nav2_params, read_nav2_text
 from rvsg.simulation.stacks.nav2_stack import Configured, Nav2Settings
+from rvsg.simulation.stacks.parameter_file import with_values_in_file
+from rvsg.simulation.stacks.parameters import value_at
 from rvsg.simulation.stacks.stack_choice import StackChoice
 from rvsg_ros2.interfaces import Release
 from rvsg_ros2.nav2_file import nav2_text, scale_nav2_params
@@ -54,6 +57,23 @@ def test_what_is_written_reads_back_as_the_same_stack(name: str, stack: str, rel
     assert different == ([] if release == "jazzy" else ["behaviours"])
     own = {} if stack == "nav2-dwb" else type(written.settings).model_fields.keys() - Nav2Settings.model_fields.keys()
     assert [key for key in own if getattr(written.settings, key) != getattr(read.settings, key)] == []
+
+
+@pytest.mark.parametrize("stack", STACKS)
+def test_every_key_of_the_table_is_changed_where_it_is_read(stack: str) -> None:
+    text, path = nav2_text(load_robot("tiago_omni"), driver(stack), "jazzy"), Path("nav2_params.yaml")
+    read = read_nav2_text(text, path)
+    table = {option for kind in OPTIONS.values() for option in kind.values()}
+    numbers = {option: value_at(read.options, option) for option in read.places}
+    changed = {key: value for key, value in numbers.items() if isinstance(value, int | float) and value > 1e-6}
+    assert table <= changed.keys()
+    for option, value in changed.items():
+        if isinstance(value, bool):
+            continue
+        other = value + 1 if isinstance(value, int) else 0.9 * value
+        after = with_values_in_file(text, path, {option: other})
+        different = [(old, new) for old, new in zip(text.splitlines(), after.splitlines(), strict=True) if old != new]
+        assert len(different) == 1
 
 
 def test_a_robot_that_moves_sideways_may_do_so_past_the_velocity_smoother(tmp_path: Path) -> None:

@@ -123,5 +123,5 @@ SAME_AS = {
     "acc_lim_y": "acc_lim_x", "decel_lim_y": "acc_lim_x",
 }  # fmt: skip
 """DWB's parameters that are simulated as others are."""
-NEGATIVE = ("min_velocity", "max_decel", "decel_lim_x")
+NEGATIVE = frozenset({"min_velocity", "max_decel", "decel_lim_x"})
 """Limits that Nav2 gives below zero."""

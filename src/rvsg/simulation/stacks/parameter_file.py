@@ -15,6 +15,7 @@ from typing import Any
 import yaml
 
 from rvsg.core.errors import FileError
+from rvsg.simulation.stacks.nav2_keys import NEGATIVE
 from rvsg.simulation.stacks.nav2_params import Key, read_nav2_text
 from rvsg.simulation.stacks.parameters import value_at
 
@@ -69,7 +70,8 @@ def with_values_in_file(text: str, path: Path, values: Mapping[str, float]) -> s
     for option, value in values.items():
         if option not in before.places:
             raise FileError(path, f"this file has no place for {option}.", code="no-place")
-        text = _changed(text, before.places[option], f"{value!r}")
+        place = before.places[option]
+        text = _changed(text, place, f"{-value if NEGATIVE & {*place} else value!r}")
     after = read_nav2_text(text, path)
     for option, value in values.items():
         if value_at(after.options, option) != value:
@@ -152,6 +154,9 @@ def _changed(text: str, place: Sequence[str], value: str) -> str:
         rest = rest[count:]
         if not rest:
             return text[: found.start_mark.index] + value + text[found.end_mark.index :]
+        if isinstance(found, yaml.SequenceNode) and len(found.value) > int(rest[0]):
+            item = found.value[int(rest[0])]
+            return text[: item.start_mark.index] + value + text[item.end_mark.index :]
         if not isinstance(found, yaml.MappingNode):
             break
         node = found
