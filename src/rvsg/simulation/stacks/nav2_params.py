@@ -17,6 +17,7 @@ from rvsg.core.documents import Document, DocumentError, parse_yaml, problems_of
 from rvsg.core.errors import FileError
 from rvsg.core.inputs import read_text
 from rvsg.robots.robot import MonitorPolygon
+from rvsg.simulation.stacks.mppi import CRITICS as MPPI_CRITICS
 from rvsg.simulation.stacks.mppi import MppiSettings
 from rvsg.simulation.stacks.nav2_keys import (
     ACTIONS,
@@ -47,7 +48,6 @@ SETTINGS: dict[str, type[Nav2Settings]] = {
     "nav2-rpp": PurePursuitSettings,
     "nav2-mppi": MppiSettings,
 }
-MPPI_CRITICS = [name for name in MppiSettings.model_fields if name.endswith("Critic")]
 POLYGON = MonitorPolygon.model_fields.keys() - {"name", "action_type", "points"}
 """Fields of a polygon that are numbers, under Nav2's names."""
 
