@@ -18,17 +18,17 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from rvsg.campaign.attempt import Attempt, Plan
-from rvsg.campaign.execution import Parts
-from rvsg.campaign.feedback import StoredFeedback
-from rvsg.campaign.ledger import CachedLedger, MemoryLedger
-from rvsg.campaign.loop import run_campaign
-from rvsg.campaign.runner import Evaluator, Runner
-from rvsg.campaign.strategies import StudyStrategy
-from rvsg.campaign.worker_pool import Processes
 from rvsg.core import plugins
+from rvsg.findings.feedback import StoredFeedback
+from rvsg.runs.attempt import Attempt, Plan
+from rvsg.runs.ledger import CachedLedger, MemoryLedger
+from rvsg.runs.runner import Evaluator, Runner
+from rvsg.runs.worker_pool import Processes
 from rvsg.scenario.requirement import load_requirement
 from rvsg.scenario.scenario import Mission
+from rvsg.search.execution import Parts
+from rvsg.search.loop import run_campaign
+from rvsg.search.strategies import StudyStrategy
 from rvsg.world.world_folder import load_world
 
 

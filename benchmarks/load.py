@@ -18,10 +18,10 @@ import time
 from collections import deque
 from pathlib import Path
 
-from rvsg.campaign.ledger import CachedLedger
-from rvsg.campaign.runner import Evaluator, FinishedRun, PendingRun, Runner
 from rvsg.core import plugins
 from rvsg.core.seeds import seed_for
+from rvsg.runs.ledger import CachedLedger
+from rvsg.runs.runner import Evaluator, FinishedRun, PendingRun, Runner
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import load_requirement
 from rvsg.scenario.scenario import Mission, Scenario

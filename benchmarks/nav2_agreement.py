@@ -140,8 +140,8 @@ def asked(given: argparse.Namespace) -> list[Question]:
     """Return the scenarios to drive."""
     import rvsg
     from rvsg.app.suites import Suite
-    from rvsg.campaign.suite_folder import requirement_of
     from rvsg.scenario.builder import load_scenario_in
+    from rvsg.suites.suite_folder import requirement_of
 
     world = rvsg.load_world(given.world)
     stems = [path.stem for path in given.scenarios]
@@ -250,7 +250,7 @@ def built_in(question: Question, runs: int, stack: str) -> Wanted:
 
 def kept(folder: Path | None, name: str, question: Question, wanted: Wanted) -> list[Any]:
     """Return the runs of that name in the folder; those that are not there yet are made and kept."""
-    from rvsg.campaign.run_set import RunSet, load_runs
+    from rvsg.search.run_set import RunSet, load_runs
 
     file = None if folder is None else folder / f"{name}.jsonl"
     runs = list(load_runs(file)) if file is not None and file.is_file() else []
@@ -298,7 +298,7 @@ def figures(runs: list[Any], question: Question) -> dict[str, Any]:
         found["speed"] = float(np.mean([each.get("speed", 0.0) for each in told]))
         found["turned_back"] = int(sum(each.get("turned_back", 0) for each in told))
     if question.requirement is not None:
-        from rvsg.campaign.run_set import RunSet, judge
+        from rvsg.search.run_set import RunSet, judge
 
         known = {"scenario": question.scenario, "world": question.world}
         judged = judge(RunSet(tuple(runs)), question.requirement, **known)
@@ -312,7 +312,7 @@ def each_run(stack: str, driver: str, question: Question, runs: list[Any]) -> li
     """Return one line of the table for each run; `value` is the requirement's, empty where there is none."""
     values: list[Any] = [None] * len(runs)
     if question.requirement is not None:
-        from rvsg.campaign.run_set import RunSet, evaluate
+        from rvsg.search.run_set import RunSet, evaluate
 
         known = {"scenario": question.scenario, "world": question.world}
         judged = evaluate(RunSet(tuple(runs)), question.requirement, **known)

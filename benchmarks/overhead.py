@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import Any
 
 from rvsg import Campaign
-from rvsg.campaign.execution import RunFinished
-from rvsg.campaign.loop import FeedbackFrom
-from rvsg.campaign.runner import RunMaker
 from rvsg.generation.heuristic import HeuristicGenerator
+from rvsg.runs.runner import RunMaker
+from rvsg.search.execution import RunFinished
+from rvsg.search.loop import FeedbackFrom
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.store.sqlite import SqliteLedger
 

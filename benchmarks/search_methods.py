@@ -24,14 +24,6 @@ import typer
 
 from rvsg.app.settings import CampaignConfig, effective
 from rvsg.app.wiring import Wired, jobs_of, wire
-from rvsg.campaign.attempt import Attempt, Measurement
-from rvsg.campaign.execution import Parts, calls_of
-from rvsg.campaign.feedback import failure_map
-from rvsg.campaign.ledger import CachedLedger, MemoryLedger
-from rvsg.campaign.loop import run_campaign
-from rvsg.campaign.observation import FailureMode, mode_of, usual
-from rvsg.campaign.ranking import best_attempt, in_full, measured, search_attempts, standing
-from rvsg.campaign.runner import FinishedRun
 from rvsg.cli.frame import guarded, verb
 from rvsg.cli.options import setting_options
 from rvsg.core.errors import BudgetSpent, InputError
@@ -41,9 +33,17 @@ from rvsg.core.seeds import fresh_seeds
 from rvsg.evaluation.diversity import available, description_diversity, positions, simulation_diversity, task_diversity
 from rvsg.evaluation.statistics import Comparison, compare, holm
 from rvsg.evaluation.verdict import Verdict, violated
+from rvsg.findings.feedback import failure_map
+from rvsg.findings.ranking import best_attempt, in_full, measured, search_attempts, standing
 from rvsg.report.charts import COLOURS, Scale, span, ticks
+from rvsg.runs.attempt import Attempt, Measurement
+from rvsg.runs.ledger import CachedLedger, MemoryLedger
+from rvsg.runs.observation import FailureMode, mode_of, usual
+from rvsg.runs.runner import FinishedRun
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
+from rvsg.search.execution import Parts, calls_of
+from rvsg.search.loop import run_campaign
 from rvsg.simulation.run import Run
 
 BEST_RUNS = 20

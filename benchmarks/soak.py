@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 
 from rvsg import Campaign
-from rvsg.campaign.execution import RunFinished
+from rvsg.search.execution import RunFinished
 
 
 def resident_kb(pid: int | str = "self") -> int:

@@ -20,12 +20,12 @@ from pathlib import Path
 
 from rvsg.app.comparison import compare_stacks
 from rvsg.app.suites import Suite
-from rvsg.campaign.suite import CaseResult, Comparison, SuiteResult, compare
 from rvsg.evaluation.statistics import wilson
 from rvsg.evaluation.verdict import percent
 from rvsg.report.charts import COLOURS
 from rvsg.report.comparison_page import ranking_markdown, shares_figure
 from rvsg.report.stills import Turn
+from rvsg.suites.suite import CaseResult, Comparison, SuiteResult, compare
 from rvsg.world.drawing.sheet import palette
 from rvsg.world.drawing.svg import floor_plan, style
 from rvsg.world.world_folder import load_world

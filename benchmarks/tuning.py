@@ -13,8 +13,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from rvsg.app.tuner import Tuner
-from rvsg.report.tuning_page import headline, part_text
+from rvsg.tune.tuner import Tuner
+from rvsg.tune.tuning_page import headline, part_text
 
 SUITE = Path(__file__).parents[1] / "examples" / "suites" / "stacks"
 

@@ -14,7 +14,7 @@ import tempfile
 from pathlib import Path
 
 from rvsg import Campaign, Suite
-from rvsg.campaign.suite import CaseResult, State
+from rvsg.suites.suite import CaseResult, State
 
 SUITE = Path(__file__).parent / "suites" / "warehouse"
 PAIRS = [

@@ -6,13 +6,6 @@ from typing import Any
 from rvsg.app.campaign import Campaign as Campaign
 from rvsg.app.proposal import propose as propose
 from rvsg.app.suites import Suite as Suite
-from rvsg.campaign.run_set import Judgement as Judgement
-from rvsg.campaign.run_set import RunSet as RunSet
-from rvsg.campaign.run_set import evaluate as evaluate
-from rvsg.campaign.run_set import judge as judge
-from rvsg.campaign.run_set import load_runs as load_runs
-from rvsg.campaign.run_set import simulate as simulate
-from rvsg.campaign.smallest_scenario import shrink as shrink
 from rvsg.core.errors import InvalidScenario as InvalidScenario
 from rvsg.core.errors import RvsgError as RvsgError
 from rvsg.core.plugins import Spec as Spec
@@ -25,6 +18,13 @@ from rvsg.scenario.builder import walk as walk
 from rvsg.scenario.requirement import Requirement as Requirement
 from rvsg.scenario.scenario import Scenario as Scenario
 from rvsg.scenario.world_lookup import load_world as load_world
+from rvsg.search.run_set import Judgement as Judgement
+from rvsg.search.run_set import RunSet as RunSet
+from rvsg.search.run_set import evaluate as evaluate
+from rvsg.search.run_set import judge as judge
+from rvsg.search.run_set import load_runs as load_runs
+from rvsg.search.run_set import simulate as simulate
+from rvsg.search.smallest_scenario import shrink as shrink
 from rvsg.simulation.run import Run as Run
 from rvsg.world.world import World as World
 

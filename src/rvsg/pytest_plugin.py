@@ -23,7 +23,7 @@ import pytest
 
 if TYPE_CHECKING:
     from rvsg.app.suites import Suite
-    from rvsg.campaign.suite import Case, CaseResult
+    from rvsg.suites.suite import Case, CaseResult
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class SuiteItem(pytest.Item):
 
     def runtest(self) -> None:
         """Run the case; a broken one fails, a known failure or an unclear one is skipped with the reason."""
-        from rvsg.campaign.suite import State
+        from rvsg.suites.suite import State
 
         result = self.scenario.run(
             simulator=self.config.getoption("--rvsg-simulator"), stack=self.config.getoption("--rvsg-stack")

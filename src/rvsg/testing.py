@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from rvsg.campaign.ledger import MemoryLedger
-from rvsg.campaign.strategies import check_ledger, check_strategy
 from rvsg.core.errors import GenerationError
 from rvsg.core.records import Pose
 from rvsg.generation.generator import Generator, Proposal
+from rvsg.runs.ledger import MemoryLedger
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Human, HumanAgent, HumanConfiguration, Scenario, Task
 from rvsg.scenario.validity import check
+from rvsg.search.strategies import check_ledger, check_strategy
 from rvsg.simulation.archive import arrays_of, run_from_json, run_to_json
 from rvsg.simulation.embedded.simulator import empty_room, simulate_agents
 from rvsg.simulation.run import Outcome, Run, run_id

@@ -13,11 +13,11 @@ import rvsg
 from rvsg.app.campaign import campaigns_in
 from rvsg.app.record import CampaignRecord
 from rvsg.app.stored_campaign import check_same_route
-from rvsg.campaign import execution
 from rvsg.core.errors import InputError
 from rvsg.robots.robot import shipped_robots
 from rvsg.scenario import world_lookup
 from rvsg.scenario.builder import check_mission, mission_of
+from rvsg.search import execution
 from rvsg.store.sqlite import SqliteLedger
 from rvsg.testing import WalkingGenerator
 from rvsg.world.world_folder import SHIPPED, shipped_worlds

@@ -17,8 +17,8 @@ from tests.app.parts import crossing, suite_of
 
 import rvsg
 from rvsg import Spec
-from rvsg.campaign.run_set import load_recordings
-from rvsg.campaign.suite import SuiteResult
+from rvsg.search.run_set import load_recordings
+from rvsg.suites.suite import SuiteResult
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"

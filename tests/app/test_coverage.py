@@ -13,9 +13,9 @@ from tests.cli.commands import Terminal
 
 import rvsg
 from rvsg.app.coverage import coverage
-from rvsg.campaign.exploration import Exercise
 from rvsg.core.errors import InputError
 from rvsg.report.overview import write_coverage
+from rvsg.search.exploration import Exercise
 
 FAST = "kinematic"
 

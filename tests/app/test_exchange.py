@@ -12,10 +12,10 @@ from tests.app.parts import crossing
 from tests.cli.commands import Terminal
 
 import rvsg
-from rvsg.campaign.run_set import load_recordings
 from rvsg.core.errors import InputError, UnknownName
 from rvsg.evaluation.metrics import measure
 from rvsg.scenario.builder import save_scenario
+from rvsg.search.run_set import load_recordings
 from rvsg.simulation.archive import rounded
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.simulation.embedded.trace import trace

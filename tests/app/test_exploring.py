@@ -12,12 +12,12 @@ from tests.app.parts import crossing
 from tests.cli.commands import Terminal
 
 import rvsg
-from rvsg.campaign.exploration import Exploration, explore, shares_of
-from rvsg.campaign.nearest_violation import nearest_violation
 from rvsg.core.errors import FileError, InputError
 from rvsg.report.comparison_page import response_page, write_exploration
 from rvsg.report.terminal import describe_exploration
 from rvsg.scenario.builder import load_family, scenario_json
+from rvsg.search.exploration import Exploration, explore, shares_of
+from rvsg.search.nearest_violation import nearest_violation
 
 FAST = "kinematic"
 SPEED: dict[str, Any] = {"vary": ["Anna.speed_m_s=0.8 to 1.4"], "runs": 24, "simulator": FAST}

@@ -9,11 +9,11 @@ from tests.cli.commands import Terminal
 
 import rvsg
 from rvsg.app.comparison import compare_stacks, write_comparison
-from rvsg.campaign.suite import CaseResult, SuiteResult, compare, state_of
 from rvsg.core.errors import InputError, NothingJudged
 from rvsg.evaluation.verdict import judge
 from rvsg.report.comparison_page import comparison_page, ranking_rows
 from rvsg.scenario.requirement import Requirement
+from rvsg.suites.suite import CaseResult, SuiteResult, compare, state_of
 
 LIMIT = Requirement(name="X", title="x", text="x", metric="min_distance", worse="smaller", limit=0.5)
 

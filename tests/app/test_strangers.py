@@ -16,7 +16,7 @@ from tests.app.parts import crossing, suite_of
 from tests.generation.loopback import fails, serving
 
 import rvsg
-from rvsg.campaign.ranking import candidates, search_attempts
+from rvsg.findings.ranking import candidates, search_attempts
 from rvsg.scenario.builder import save_scenario
 from rvsg_exchange.formats import export
 

@@ -11,10 +11,10 @@ from tests.app.parts import RPP, crossing
 
 import rvsg
 from rvsg.app.comparison import compare_versions
-from rvsg.campaign.suite import State, compare
 from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.report.comparison_page import changes_markdown
 from rvsg.report.junit import suite_junit
+from rvsg.suites.suite import State, compare
 
 FAST = "kinematic"
 

@@ -14,19 +14,12 @@ import yaml
 from tests.coded import coded
 
 import rvsg
-from rvsg.app.tuner import ASKED, RUNS, Tuner
-from rvsg.campaign.parameter_search import SEEDS, Candidate, ParameterSearch, is_worse, score_of, unsolved
-from rvsg.campaign.setting_runs import SettingRun, SettingRuns, TuningCase, results_of
-from rvsg.campaign.suite import compare
-from rvsg.campaign.tuning import Choice, Part, Tuning, split
-from rvsg.campaign.zones import Zones, zones_around
 from rvsg.cli.tune import _Shown
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Pose
 from rvsg.evaluation.verdict import Procedure
-from rvsg.report.tuning_page import headline, trade, tuning_page, unsolved_text
 from rvsg.robots.robot import load_robot
 from rvsg.simulation.run import Outcome
 from rvsg.simulation.stacks.parameter_file import (
@@ -38,6 +31,13 @@ from rvsg.simulation.stacks.parameter_file import (
 )
 from rvsg.simulation.stacks.parameters import Parameter, value_at, with_values
 from rvsg.simulation.stacks.stack_choice import StackChoice
+from rvsg.suites.suite import compare
+from rvsg.tune.parameter_search import SEEDS, Candidate, ParameterSearch, is_worse, score_of, unsolved
+from rvsg.tune.setting_runs import SettingRun, SettingRuns, TuningCase, results_of
+from rvsg.tune.tuner import ASKED, RUNS, Tuner
+from rvsg.tune.tuning import Choice, Part, Tuning, split
+from rvsg.tune.tuning_page import headline, trade, tuning_page, unsolved_text
+from rvsg.tune.zones import Zones, zones_around
 from rvsg.world.occupancy import write_mask
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "stacks"

@@ -14,8 +14,8 @@ from tests.cli.commands import Terminal
 
 import rvsg
 from rvsg.app.comparison import compare_versions
-from rvsg.campaign.suite import Change, compare
 from rvsg.core.errors import InputError
+from rvsg.suites.suite import Change, compare
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "suites" / "warehouse"
 

@@ -11,13 +11,13 @@ from tests.app.parts import crossing, suite_of
 from tests.cli.commands import Terminal
 
 import rvsg
-from rvsg.app.watch import approve, watch
-from rvsg.campaign.self_adaptation import Journal, RuleSet
-from rvsg.campaign.suite_watch import LiveSuite, RecordingMonitor, Subject, SuiteWatch
 from rvsg.core.errors import InputError
 from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.store.knowledge_base import KnowledgeBase
+from rvsg.watch.self_adaptation import Journal, RuleSet
+from rvsg.watch.suite_watch import LiveSuite, RecordingMonitor, Subject, SuiteWatch
+from rvsg.watch.watch import approve, watch
 from rvsg_exchange.formats import export
 
 FAST = "kinematic"

@@ -35,11 +35,11 @@ PUBLIC = {
     "rvsg.testing": ["check_simulator"],
     "rvsg.evaluation.metrics": ["METRICS", "measure", "metric"],
     "rvsg.evaluation.verdict": ["Verdict", "Status", "judge", "objective"],
-    "rvsg.campaign.attempt": ["Attempt", "Measurement", "Failure", "Plan"],
-    "rvsg.campaign.ledger": ["Ledger"],
-    "rvsg.campaign.loop": ["run_campaign", "stream_campaign"],
-    "rvsg.campaign.feedback": ["feedback_of"],
-    "rvsg.campaign.strategies": [
+    "rvsg.runs.attempt": ["Attempt", "Measurement", "Failure", "Plan"],
+    "rvsg.runs.ledger": ["Ledger"],
+    "rvsg.search.loop": ["run_campaign", "stream_campaign"],
+    "rvsg.findings.feedback": ["feedback_of"],
+    "rvsg.search.strategies": [
         *("Strategy", "StudyStrategy", "UnguidedStrategy", "RandomStrategy"),
         *("check_strategy", "check_ledger"),
     ],

@@ -9,19 +9,19 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any
 
-from rvsg.campaign.attempt import Attempt, Failure, Measurement, Plan
-from rvsg.campaign.execution import Parts
-from rvsg.campaign.feedback import StoredFeedback
-from rvsg.campaign.ledger import CachedLedger, Ledger
-from rvsg.campaign.ledger import MemoryLedger as MemoryLedger
-from rvsg.campaign.loop import run_campaign
-from rvsg.campaign.runner import Evaluator, FinishedRun, PendingRun, Runner
-from rvsg.campaign.strategies import Strategy, StudyStrategy
 from rvsg.core.errors import GenerationError
+from rvsg.findings.feedback import StoredFeedback
 from rvsg.generation.generator import Proposal
+from rvsg.runs.attempt import Attempt, Failure, Measurement, Plan
+from rvsg.runs.ledger import CachedLedger, Ledger
+from rvsg.runs.ledger import MemoryLedger as MemoryLedger
+from rvsg.runs.runner import Evaluator, FinishedRun, PendingRun, Runner
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission, Scenario
+from rvsg.search.execution import Parts
+from rvsg.search.loop import run_campaign
+from rvsg.search.strategies import Strategy, StudyStrategy
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 from rvsg.simulation.simulators import Simulator

@@ -9,13 +9,13 @@ import pytest
 from tests.campaign.parts import warehouse
 
 from rvsg.app.wiring import let_rehearse
-from rvsg.campaign.abilities import abilities_of
 from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.generator import Abilities
 from rvsg.generation.vlm.model import Scripted
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import load_requirement
 from rvsg.scenario.scenario import Mission
+from rvsg.search.abilities import abilities_of
 from rvsg.simulation.simulators import make_simulator
 
 

@@ -19,16 +19,16 @@ import pytest
 from tests.campaign.parts import Distance, Disturbed, MemoryLedger, a_scenario, die, measure, plan, searched, warehouse
 from tests.coded import coded
 
-from rvsg.campaign.attempt import Attempt, Plan
-from rvsg.campaign.ledger import CachedLedger
-from rvsg.campaign.runner import FinishedRun, RunMaker, Runner
-from rvsg.campaign.strategies import StudyStrategy
 from rvsg.core.errors import InputError, SimulationError
+from rvsg.runs.attempt import Attempt, Plan
+from rvsg.runs.ledger import CachedLedger
+from rvsg.runs.runner import FinishedRun, RunMaker, Runner
+from rvsg.search.strategies import StudyStrategy
 from rvsg.simulation.kinematic import KinematicSimulator
 
 distributed = pytest.importorskip("distributed", reason="Dask is not installed (the extra `cluster`)")
 
-from rvsg.campaign.cluster import Cluster, versions  # noqa: E402
+from rvsg.runs.cluster import Cluster, versions  # noqa: E402
 
 pytestmark = [
     pytest.mark.service,
@@ -220,7 +220,7 @@ def test_a_scheduler_whose_machine_is_lost_stops_the_campaign(
     with Runner(KinematicSimulator(), warehouse(), executor=executor) as runner:
         assert isinstance(runner.submit(scenario, 1).result(), FinishedRun)
         os.kill(frozen.pid, signal.SIGSTOP)
-        monkeypatch.setattr("rvsg.campaign.cluster.CONNECT_S", 1.0)
+        monkeypatch.setattr("rvsg.runs.cluster.CONNECT_S", 1.0)
         executor.patience_s = 1.0
         with pytest.raises(SimulationError, check=coded("cluster-no-worker")):
             runner.submit(scenario, 2).result()
@@ -230,7 +230,7 @@ def test_a_scheduler_whose_machine_is_lost_stops_the_campaign(
 
 def test_workers_of_other_versions_are_refused(cluster, monkeypatch: pytest.MonkeyPatch) -> None:
     mine = versions() | {"numba": "0.1"}
-    monkeypatch.setattr("rvsg.campaign.cluster.versions", lambda: mine)
+    monkeypatch.setattr("rvsg.runs.cluster.versions", lambda: mine)
     monkeypatch.setattr(distributed.Client, "run", lambda self, function: {"tcp://w": versions_of_old})
     versions_of_old = mine | {"numba": "0.2"}
     with pytest.raises(InputError, check=coded("cluster-versions")):

@@ -8,15 +8,15 @@ from tests.campaign.parts import REQUIREMENT, MemoryLedger, a_scenario, parts, p
 from tests.evaluation.runs import run_of as measured_run
 from tests.evaluation.runs import trajectory
 
-from rvsg.campaign.attempt import Attempt, Measurement
-from rvsg.campaign.confirmation import Confirmations
-from rvsg.campaign.findings import Finding, Removal, distinct_failures, severity_of, worst_confirmation
-from rvsg.campaign.ledger import CachedLedger
-from rvsg.campaign.observation import FailureMode, encounter_of, met, mode_of, observe, usual
-from rvsg.campaign.runner import Evaluator, FinishedRun, Runner
-from rvsg.campaign.strategies import StudyStrategy
 from rvsg.evaluation.verdict import judge
+from rvsg.findings.findings import Finding, Removal, distinct_failures, severity_of, worst_confirmation
 from rvsg.report.answer_row import cause_of
+from rvsg.runs.attempt import Attempt, Measurement
+from rvsg.runs.ledger import CachedLedger
+from rvsg.runs.observation import FailureMode, encounter_of, met, mode_of, observe, usual
+from rvsg.runs.runner import Evaluator, FinishedRun, Runner
+from rvsg.search.confirmation import Confirmations
+from rvsg.search.strategies import StudyStrategy
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Outcome, Run
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 import pytest
 from tests.campaign.parts import Counted, MemoryLedger, Stops, WalkGenerator, plan, searched
 
-from rvsg.campaign.attempt import Attempt, Plan
-from rvsg.campaign.execution import Limits, account
-from rvsg.campaign.hybrid import HybridStrategy
-from rvsg.campaign.strategies import StudyStrategy
 from rvsg.core.errors import BudgetSpent, GenerationError
 from rvsg.generation.generator import Call, Proposal
 from rvsg.generation.people_sampler import box
 from rvsg.report.answer_row import ranked_scenarios
+from rvsg.runs.attempt import Attempt, Plan
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.rules import Finding
+from rvsg.search.execution import Limits, account
+from rvsg.search.hybrid import HybridStrategy
+from rvsg.search.strategies import StudyStrategy
 from rvsg.world.world import World
 
 STRATEGIES = [StudyStrategy, HybridStrategy]

@@ -7,14 +7,14 @@ import pytest
 from tests.campaign.parts import REQUIREMENT, KinematicSimulator, WalkGenerator, measure, plan, warehouse
 from tests.evaluation.runs import run_of, trajectory
 
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.feedback import decisive_moments, feedback_of, separable
-from rvsg.campaign.observation import passings_of, stops_of, touches_of
 from rvsg.evaluation.realism import motions, rarest
 from rvsg.evaluation.sampled import sampled
 from rvsg.evaluation.story import story_of
 from rvsg.evaluation.verdict import Verdict, judge
+from rvsg.findings.feedback import decisive_moments, feedback_of, separable
 from rvsg.generation.result_facts import feedback_facts
+from rvsg.runs.attempt import Attempt
+from rvsg.runs.observation import passings_of, stops_of, touches_of
 from rvsg.scenario.brief import Brief, Feedback, PersonAt, Row
 from rvsg.simulation.events import Recovery
 from rvsg.simulation.run import Run

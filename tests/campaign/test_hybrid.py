@@ -21,24 +21,24 @@ from tests.campaign.parts import (
 )
 from tests.campaign.test_failures import run_of
 
-from rvsg.campaign.attempt import Attempt, Measurement, Plan
-from rvsg.campaign.candidates import Candidate
-from rvsg.campaign.execution import Limits, account
-from rvsg.campaign.feedback import StoredFeedback, failure_map
-from rvsg.campaign.hybrid import HybridStrategy, MultiStrategy
-from rvsg.campaign.ledger import CachedLedger
-from rvsg.campaign.loop import run_campaign
-from rvsg.campaign.observation import encounter_of
-from rvsg.campaign.race import FIT, estimate, fit, in_the_race
-from rvsg.campaign.ranking import best_attempt, front_of, hypervolume, measured, seeds_of, share_of, undominated
 from rvsg.core.errors import BudgetSpent, NotRecorded
 from rvsg.evaluation.metrics import measure as measure_all
+from rvsg.findings.feedback import StoredFeedback, failure_map
+from rvsg.findings.ranking import best_attempt, front_of, hypervolume, measured, seeds_of, share_of, undominated
 from rvsg.generation.generator import Call, Proposal
 from rvsg.generation.reply_json import TUNABLE
+from rvsg.runs.attempt import Attempt, Measurement, Plan
+from rvsg.runs.ledger import CachedLedger
+from rvsg.runs.observation import encounter_of
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Aim, Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.variation import differences
+from rvsg.search.candidates import Candidate
+from rvsg.search.execution import Limits, account
+from rvsg.search.hybrid import HybridStrategy, MultiStrategy
+from rvsg.search.loop import run_campaign
+from rvsg.search.race import FIT, estimate, fit, in_the_race
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 

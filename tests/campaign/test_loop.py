@@ -29,25 +29,25 @@ from tests.campaign.parts import (
 )
 from tests.coded import coded
 
-from rvsg.campaign import ledger, runner
-from rvsg.campaign.attempt import Attempt, AttemptSummary, Measurement, Plan
-from rvsg.campaign.confirmation import Confirmations
-from rvsg.campaign.execution import AttemptFinished, account
-from rvsg.campaign.feedback import StoredFeedback
-from rvsg.campaign.hybrid import HybridStrategy
-from rvsg.campaign.ledger import CachedLedger, Ledger
-from rvsg.campaign.loop import stream_campaign
-from rvsg.campaign.ranking import best_attempt, confirmations, ranking, rule
-from rvsg.campaign.runner import Runner
-from rvsg.campaign.strategies import Ask, RandomStrategy, StudyStrategy, UnguidedStrategy
 from rvsg.core.errors import BudgetSpent, NothingJudged, SimulationError, StoreError
 from rvsg.core.seeds import fresh_seeds, seed_for
 from rvsg.evaluation.verdict import Status, judge, violated
+from rvsg.findings.feedback import StoredFeedback
+from rvsg.findings.ranking import best_attempt, confirmations, ranking, rule
 from rvsg.generation.generator import Proposal
 from rvsg.generation.heuristic import HeuristicGenerator
+from rvsg.runs import ledger, runner
+from rvsg.runs.attempt import Attempt, AttemptSummary, Measurement, Plan
+from rvsg.runs.ledger import CachedLedger, Ledger
+from rvsg.runs.runner import Runner
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
+from rvsg.search.confirmation import Confirmations
+from rvsg.search.execution import AttemptFinished, account
+from rvsg.search.hybrid import HybridStrategy
+from rvsg.search.loop import stream_campaign
+from rvsg.search.strategies import Ask, RandomStrategy, StudyStrategy, UnguidedStrategy
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 from rvsg.store.sqlite import SqliteLedger
@@ -400,8 +400,8 @@ def test_workers_end_when_their_parent_is_killed(tmp_path: Path) -> None:
     code = (
         "import sys, time, os, signal\n"
         "from tests.campaign.parts import MemoryLedger, parts, plan\n"
-        "from rvsg.campaign.loop import run_campaign\n"
-        "from rvsg.campaign.strategies import RandomStrategy\n"
+        "from rvsg.search.loop import run_campaign\n"
+        "from rvsg.search.strategies import RandomStrategy\n"
         "the_plan = plan(scenarios=1, refinements=0)\n"
         "made = parts(MemoryLedger(), jobs=2)\n"
         "run_campaign(the_plan, RandomStrategy(the_plan), made)\n"

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from tests.campaign.parts import WalkGenerator, plan, warehouse
 
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.candidates import Candidate
-from rvsg.campaign.mutation import Kinds, Operators, _closest, foreseen
-from rvsg.campaign.observation import FailureMode
 from rvsg.generation.descriptions import TUNED, describe_new, tells_of
 from rvsg.generation.forecast import forecaster_of
 from rvsg.generation.people_sampler import box
+from rvsg.runs.attempt import Attempt
+from rvsg.runs.observation import FailureMode
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Aim
 from rvsg.scenario.scenario import HumanConfiguration, Scenario
+from rvsg.search.candidates import Candidate
+from rvsg.search.mutation import Kinds, Operators, _closest, foreseen
 
 TOLD = "Ann brings boxes to the shelf and waits there for 5 s."
 

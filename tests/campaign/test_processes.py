@@ -13,11 +13,11 @@ import pytest
 from tests.campaign.parts import Disturbed, MemoryLedger, a_scenario, die, parts, plan, searched, warehouse
 from tests.coded import coded
 
-from rvsg.campaign.attempt import Attempt, Failure
-from rvsg.campaign.runner import FinishedRun, RunMaker
-from rvsg.campaign.strategies import StudyStrategy
-from rvsg.campaign.worker_pool import ATTEMPTS, Processes
 from rvsg.core.errors import FileError, SimulationError
+from rvsg.runs.attempt import Attempt, Failure
+from rvsg.runs.runner import FinishedRun, RunMaker
+from rvsg.runs.worker_pool import ATTEMPTS, Processes
+from rvsg.search.strategies import StudyStrategy
 from rvsg.simulation.kinematic import KinematicSimulator
 
 pytestmark = pytest.mark.slow
@@ -100,7 +100,7 @@ def test_a_result_that_is_half_written_is_made_again(tmp_path: Path) -> None:
     def write_half_once(_: int) -> None:
         if not (tmp_path / "mark").exists():
             (tmp_path / "mark").touch()
-            from rvsg.campaign import worker_pool
+            from rvsg.runs import worker_pool
 
             def half(stream, data: bytes) -> None:  # type: ignore[no-untyped-def]
                 stream.write(len(data).to_bytes(8, "little") + data[: len(data) // 2])
@@ -166,8 +166,8 @@ def test_workers_that_cannot_begin_to_work_are_one_message(
     simulator: KinematicSimulator, command: list[str] | None, start_s: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if command is not None:
-        monkeypatch.setattr("rvsg.campaign.worker_pool.command", lambda _: command)
-    monkeypatch.setattr("rvsg.campaign.worker_pool.START_S", start_s)
+        monkeypatch.setattr("rvsg.runs.worker_pool.command", lambda _: command)
+    monkeypatch.setattr("rvsg.runs.worker_pool.START_S", start_s)
     processes = started(simulator)
     for seed in (0, 1):
         with pytest.raises(SimulationError, check=coded("worker-start")):

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.candidates import Candidate
-from rvsg.campaign.race import ITERATIONS, PRIOR_RUNS, SHARES, SMALLEST, estimate
+from rvsg.runs.attempt import Attempt
+from rvsg.search.candidates import Candidate
+from rvsg.search.race import ITERATIONS, PRIOR_RUNS, SHARES, SMALLEST, estimate
 
 
 def race(seed: int, count: int, seeds: int) -> list[Candidate]:

@@ -19,19 +19,19 @@ from tests.campaign.parts import (
 )
 from tests.coded import coded
 
-from rvsg.campaign.attempt import Attempt, Measurement, Plan
-from rvsg.campaign.execution import account
-from rvsg.campaign.findings import Smallest, distinct_failures, findings
-from rvsg.campaign.runner import Evaluator, Runner
-from rvsg.campaign.smallest_scenario import Shrinker, simpler, size
-from rvsg.campaign.strategies import RandomStrategy
 from rvsg.cli import main
 from rvsg.cli.scenario import _show
 from rvsg.core.errors import InputError
 from rvsg.evaluation.verdict import DEFAULT
+from rvsg.findings.findings import Smallest, distinct_failures, findings
+from rvsg.runs.attempt import Attempt, Measurement, Plan
+from rvsg.runs.runner import Evaluator, Runner
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task
 from rvsg.scenario.validity import check
+from rvsg.search.execution import account
+from rvsg.search.smallest_scenario import Shrinker, simpler, size
+from rvsg.search.strategies import RandomStrategy
 from rvsg.simulation.run import Run
 
 WORLD = warehouse()

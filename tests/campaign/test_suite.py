@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rvsg.campaign.suite import CaseResult, Change, State, SuiteResult, changes_of, counts, state_of
 from rvsg.evaluation.verdict import Verdict, judge
 from rvsg.scenario.requirement import Requirement
+from rvsg.suites.suite import CaseResult, Change, State, SuiteResult, changes_of, counts, state_of
 
 LIMIT = Requirement(name="X", title="x", text="x", metric="min_distance", worse="smaller", limit=0.5)
 

@@ -12,17 +12,8 @@ import pytest
 from tests.campaign.parts import REQUIREMENT, Distance, MemoryLedger, WalkGenerator, parts, plan, searched, warehouse
 from tests.campaign.test_hybrid import Dear, hybrid
 
-from rvsg.campaign.attempt import Attempt, Measurement
-from rvsg.campaign.candidates import Candidate, last_written, tried, with_others
-from rvsg.campaign.feedback import FeedbackSource, StoredFeedback, rehearsing
-from rvsg.campaign.hybrid import LEAST_FORMS, HybridStrategy
-from rvsg.campaign.ledger import CachedLedger
-from rvsg.campaign.loop import run_campaign
-from rvsg.campaign.mutation import Change
-from rvsg.campaign.observation import acting, observe
-from rvsg.campaign.ranking import REHEARSAL, badness_of
-from rvsg.campaign.runner import Runner
-from rvsg.campaign.strategies import Batches, StudyStrategy
+from rvsg.findings.feedback import FeedbackSource, StoredFeedback, rehearsing
+from rvsg.findings.ranking import REHEARSAL, badness_of
 from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.generator import Proposal, Rehearsal
 from rvsg.generation.heuristic import HeuristicGenerator
@@ -30,9 +21,18 @@ from rvsg.generation.people_sampler import box
 from rvsg.generation.prompts import Prompts, number
 from rvsg.generation.result_facts import configuration_object, feedback_facts
 from rvsg.generation.vlm.model import Answer, Request
+from rvsg.runs.attempt import Attempt, Measurement
+from rvsg.runs.ledger import CachedLedger
+from rvsg.runs.observation import acting, observe
+from rvsg.runs.runner import Runner
 from rvsg.scenario.brief import Brief, Feedback
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Scenario, Task
+from rvsg.search.candidates import Candidate, last_written, tried, with_others
+from rvsg.search.hybrid import LEAST_FORMS, HybridStrategy
+from rvsg.search.loop import run_campaign
+from rvsg.search.mutation import Change
+from rvsg.search.strategies import Batches, StudyStrategy
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 from rvsg.simulation.simulators import make_simulator

@@ -8,11 +8,11 @@ import pytest
 from tests.campaign.parts import MemoryLedger, plan, searched, warehouse
 from tests.evaluation.runs import trajectory
 
-from rvsg.campaign.observation import Walk, walks_of
-from rvsg.campaign.strategies import StudyStrategy
 from rvsg.core import plugins
+from rvsg.runs.observation import Walk, walks_of
 from rvsg.scenario.scenario import Human, HumanConfiguration, Pause, Scenario, Task, begin_at
 from rvsg.scenario.variation import differences
+from rvsg.search.strategies import StudyStrategy
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 import rvsg
-from rvsg.campaign.findings import Entry
-from rvsg.campaign.self_adaptation import Change, DeclaredRules, Journal, Loop, Note, Planned, RuleSet, Symptom, Watched
-from rvsg.campaign.suite import CaseResult, State
 from rvsg.core.errors import FileError, SimulationError
 from rvsg.evaluation.verdict import judge
+from rvsg.findings.findings import Entry
 from rvsg.scenario.scenario import Scenario, Task
+from rvsg.suites.suite import CaseResult, State
+from rvsg.watch.self_adaptation import Change, DeclaredRules, Journal, Loop, Note, Planned, RuleSet, Symptom, Watched
 
 LIMIT = rvsg.Requirement(name="R1", title="x", text="x", metric="min_distance", worse="smaller", limit=0.5)
 

@@ -7,11 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.ledger import Ledger
 from rvsg.core.errors import StoreError
 from rvsg.core.files import write_whole
 from rvsg.core.records import canonical_json
+from rvsg.runs.attempt import Attempt
+from rvsg.runs.ledger import Ledger
 from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json
 from rvsg.simulation.run import Run
 

@@ -6,11 +6,11 @@ import pytest
 from rich.console import Console
 from tests.campaign.parts import plan
 
-from rvsg.campaign.attempt import Failure
-from rvsg.campaign.execution import AloneStarted, ExplanationStarted, ProposalStarted, RunFinished
 from rvsg.cli import progress
 from rvsg.cli.progress import CampaignProgress
+from rvsg.runs.attempt import Failure
 from rvsg.scenario.brief import Brief
+from rvsg.search.execution import AloneStarted, ExplanationStarted, ProposalStarted, RunFinished
 
 
 def run(purpose: str, seed: int) -> RunFinished:

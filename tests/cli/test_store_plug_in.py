@@ -11,9 +11,9 @@ from tests.cli.json_store import JsonLedger
 from tests.cli.test_run import ONE, SMALL, records
 from tests.conformance.test_campaign_parts import answered, warehouse
 
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.strategies import check_ledger
 from rvsg.core import plugins
+from rvsg.runs.attempt import Attempt
+from rvsg.search.strategies import check_ledger
 from rvsg.simulation.kinematic import KinematicSimulator
 
 found = plugins._registered

@@ -5,10 +5,10 @@ from rich.console import Console
 from tests.campaign.parts import MemoryLedger
 from tests.report.test_page import answer, campaign
 
-from rvsg.campaign.attempt import Plan
 from rvsg.cli import tables
 from rvsg.cli.tables import MAP_LINES, MOST_ROWS, map_text, matrix_table, rows_table, show_answer
 from rvsg.report.result import Answer, Elsewhere
+from rvsg.runs.attempt import Plan
 from rvsg.world.world_folder import load_world
 
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 from tests.campaign.parts import WalkGenerator, plan, warehouse
 
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.strategies import Ask, StudyStrategy, brief_of, check_ledger, check_strategy
 from rvsg.core import plugins
 from rvsg.generation.generator import Proposal
+from rvsg.runs.attempt import Attempt
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Scenario
+from rvsg.search.strategies import Ask, StudyStrategy, brief_of, check_ledger, check_strategy
 from rvsg.simulation.archive import PackedRun
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run

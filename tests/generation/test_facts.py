@@ -11,8 +11,8 @@ from tests.published_data import published_data
 from tests.world.parts import map_of, walled
 from tests.world.test_passages import two_rooms
 
-from rvsg.campaign.feedback import rehearsing
 from rvsg.core.records import Pose
+from rvsg.findings.feedback import rehearsing
 from rvsg.generation.facts import brief_facts, neighbour_rule, route_facts, world_facts
 from rvsg.generation.prompts import Prompts
 from rvsg.scenario.brief import Brief

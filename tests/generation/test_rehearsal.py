@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rvsg.campaign.feedback import rehearsing
+from rvsg.findings.feedback import rehearsing
 from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.generator import Proposal, Rehearsal, Walked, surprises
 from rvsg.generation.heuristic import HeuristicGenerator

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from rvsg.campaign.runner import RunMaker
 from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.generation.people_sampler import CHILD, MOVED, TROLLEY, WHEELCHAIR
 from rvsg.generation.random_search import RandomGenerator
 from rvsg.generation.workplaces import Place, follows, handles_goods, named_in, places_of, sentence
+from rvsg.runs.runner import RunMaker
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Aim, load_requirement
 from rvsg.scenario.scenario import Mission, PersonKind, Scenario

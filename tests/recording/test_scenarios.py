@@ -11,7 +11,6 @@ import pytest
 import rvsg
 from rvsg.app.reconstruction import rebuild, recorded_cases, suite_of_recordings, world_of_recording
 from rvsg.app.suites import Suite
-from rvsg.campaign.nearest_violation import nearest_violation
 from rvsg.core.errors import FileError
 from rvsg.evaluation.metrics import measure
 from rvsg.evaluation.sampled import sampled
@@ -24,6 +23,7 @@ from rvsg.report.run_facts import judged_curve
 from rvsg.robots.robot import load_robot
 from rvsg.scenario.validity import check
 from rvsg.scenario.variation import shifted
+from rvsg.search.nearest_violation import nearest_violation
 from rvsg.simulation.events import Contact
 from rvsg.simulation.run import Outcome, Run
 from rvsg.world.space import robot_space

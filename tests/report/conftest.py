@@ -12,9 +12,9 @@ from tests.report.test_overview import reported
 from tests.report.test_page import NastyGenerator, campaign, default_campaign, page
 from tests.report.test_payload import traced
 
-from rvsg.campaign.runner import Evaluator
 from rvsg.report.overview import Pin, render_overview
 from rvsg.report.replay_data import trace_json, trace_view
+from rvsg.runs.runner import Evaluator
 
 
 class Pages(dict[str, Path]):

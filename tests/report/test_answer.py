@@ -6,13 +6,13 @@ import pytest
 from tests.campaign.parts import MemoryLedger, warehouse
 from tests.report.test_page import _with_objectives, answer, campaign, default_campaign, result_of
 
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.observation import INTO
-from rvsg.campaign.runner import Evaluator
 from rvsg.evaluation.detection import contacts
 from rvsg.evaluation.sampled import sampled
 from rvsg.report.answer_row import MOVED
 from rvsg.report.result import _headline
+from rvsg.runs.attempt import Attempt
+from rvsg.runs.observation import INTO
+from rvsg.runs.runner import Evaluator
 
 
 def attempts_with(objective: float) -> list[Attempt]:

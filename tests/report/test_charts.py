@@ -15,13 +15,13 @@ from tests.coded import coded
 from tests.evaluation.runs import run_of, trajectory
 from tests.report.test_page import default_campaign
 
-from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.core.errors import InputError
 from rvsg.evaluation.verdict import judge, number, objective
 from rvsg.report.charts import LETTER, confirmation_chart, requirement_chart, search_chart
 from rvsg.report.film import HOLD_S, RATE_HZ, Shot, check_film, strip, write_film
 from rvsg.report.run_facts import footprint_of
 from rvsg.robots.robot import shipped_robots
+from rvsg.runs.attempt import Attempt, Plan
 from rvsg.simulation.events import Contact
 
 SPACE = "http://www.w3.org/2000/svg"

@@ -9,12 +9,12 @@ from markupsafe import escape
 from tests.campaign.parts import MemoryLedger, warehouse
 from tests.report.test_page import NastyGenerator, Reader, campaign, default_campaign, result_of
 
-from rvsg.campaign.attempt import Attempt
 from rvsg.evaluation.verdict import Status, judge
 from rvsg.report.overview import Pin, Reported, pins_of, render_overview
 from rvsg.report.page import render_page
 from rvsg.report.renderer import unbroken
 from rvsg.report.result import Result
+from rvsg.runs.attempt import Attempt
 from rvsg.world.drawing.sheet import known_window
 from rvsg.world.world_folder import load_world
 

@@ -16,8 +16,6 @@ from tests.coded import coded
 from tests.report.test_page_parts import call
 
 import rvsg
-from rvsg.campaign.attempt import Attempt, Plan
-from rvsg.campaign.strategies import RandomStrategy, StudyStrategy
 from rvsg.core.errors import InputError
 from rvsg.evaluation.realism import PEOPLE_REALISM, motions, rarest
 from rvsg.evaluation.verdict import Status, how_sure, judge, number
@@ -30,7 +28,9 @@ from rvsg.report.renderer import unbroken
 from rvsg.report.result import Answer, Result
 from rvsg.report.run_facts import EDGES
 from rvsg.report.terminal import describe_finding
+from rvsg.runs.attempt import Attempt, Plan
 from rvsg.scenario.brief import Brief
+from rvsg.search.strategies import RandomStrategy, StudyStrategy
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.world.world import World
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis.strategies import floats, lists, tuples
 
-from rvsg.campaign.feedback import MapCell
+from rvsg.findings.feedback import MapCell
 from rvsg.generation.generator import Call
 from rvsg.generation.vlm.call_log import CallLog
 from rvsg.generation.vlm.model import Answer, Message, Request

@@ -18,7 +18,6 @@ from tests.campaign.parts import REQUIREMENT, warehouse
 from tests.evaluation.runs import run_of, trajectory
 from tests.report.test_page import default_campaign, default_page, page
 
-from rvsg.campaign.runner import Evaluator
 from rvsg.evaluation.metrics import METRICS
 from rvsg.evaluation.sampled import Sampled
 from rvsg.evaluation.verdict import objective
@@ -36,6 +35,7 @@ from rvsg.report.replay_data import (
 )
 from rvsg.report.run_facts import decisive, judged_curve, prefix, run_facts
 from rvsg.robots.robot import load_robot
+from rvsg.runs.runner import Evaluator
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import ROBOT
 from rvsg.simulation.embedded.trace import Evaluation, Frame, NodeChange, Patch, Trace

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import sys
 
-from rvsg.campaign.findings import Entry
+from rvsg.findings.findings import Entry
 from rvsg.store.knowledge_base import KnowledgeBase
 
 

@@ -13,10 +13,10 @@ import pytest
 from tests.campaign.parts import WalkGenerator, plan, warehouse
 from tests.coded import coded
 
-from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.core.errors import NewerStore, StoreError
 from rvsg.core.records import canonical_json, content_id
 from rvsg.generation.generator import Proposal
+from rvsg.runs.attempt import Attempt, Measurement
 from rvsg.scenario.brief import Brief
 from rvsg.simulation.archive import MAGIC, PackedRun, arrays_of, run_from_json, run_to_json
 from rvsg.simulation.kinematic import KinematicSimulator

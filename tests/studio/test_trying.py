@@ -12,9 +12,9 @@ import pytest
 import rvsg
 from rvsg.app.comparison import compare_campaigns
 from rvsg.app.settings import CampaignConfig
-from rvsg.campaign.suite import Change
 from rvsg.core.errors import FileError, InputError
 from rvsg.evaluation.verdict import load_requirement
+from rvsg.suites.suite import Change
 from rvsg_studio.answers import _answered, scenario_try
 from rvsg_studio.listing import FoundCampaign
 from rvsg_studio.model_questions import conversations_of, named_in

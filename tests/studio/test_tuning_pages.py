@@ -24,10 +24,10 @@ from tests.studio.conftest import (
 )
 
 import rvsg
-from rvsg.app.tuner import RUNS
-from rvsg.campaign.setting_runs import TuningCase
-from rvsg.campaign.tuning import Choice, Tuning
-from rvsg.report.tuning_page import headline
+from rvsg.tune.setting_runs import TuningCase
+from rvsg.tune.tuner import RUNS
+from rvsg.tune.tuning import Choice, Tuning
+from rvsg.tune.tuning_page import headline
 from rvsg_studio.workspace import Jobs
 
 LOOKS = pytest.mark.parametrize("look", [(1280, "light"), pytest.param((390, "dark"), marks=pytest.mark.exhaustive)])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tests.campaign.parts import MemoryLedger, plan, searched
 
-from rvsg.campaign.strategies import StudyStrategy
+from rvsg.search.strategies import StudyStrategy
 from rvsg_study.study_tables import gather
 
 

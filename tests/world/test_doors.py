@@ -9,7 +9,6 @@ import pytest
 
 import rvsg
 from rvsg.app.campaign import Campaign
-from rvsg.campaign.run_set import judge
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import InvalidScenario, UnknownName
 from rvsg.report.page import write_runs_page
@@ -17,6 +16,7 @@ from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario,
 from rvsg.scenario.validity import check
 from rvsg.scenario.variation import migrate
 from rvsg.scenario.world_lookup import doors_in
+from rvsg.search.run_set import judge
 from rvsg.simulation.run import Outcome
 from rvsg.world.diff import differences
 from rvsg.world.lattice import with_doors

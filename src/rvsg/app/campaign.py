@@ -17,25 +17,25 @@ from rvsg.app.record import CampaignRecord, changed_settings, no_campaign, other
 from rvsg.app.settings import VLM_OPTIONS, CampaignConfig, effective, option_of, remembered
 from rvsg.app.stored_campaign import StoredCampaign
 from rvsg.app.wiring import COPY, Wired, jobs_of, remembered_file, strategy_class, wire
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.confirmation import Confirmations
-from rvsg.campaign.drive_alone import campaigns_of
-from rvsg.campaign.execution import Event, Message, ModelCall
-from rvsg.campaign.findings import entries_of_campaign
-from rvsg.campaign.ledger import CachedLedger, Ledger
-from rvsg.campaign.loop import stream_campaign
-from rvsg.campaign.ranking import search_attempts, standing
 from rvsg.core import permission
 from rvsg.core.errors import InputError
 from rvsg.core.files import make_folder, write_whole
 from rvsg.core.plugins import Spec, ignore
+from rvsg.findings.findings import entries_of_campaign
+from rvsg.findings.ranking import search_attempts, standing
 from rvsg.report.result import is_complete
+from rvsg.runs.attempt import Attempt
+from rvsg.runs.ledger import CachedLedger, Ledger
+from rvsg.search.confirmation import Confirmations
+from rvsg.search.drive_alone import campaigns_of
+from rvsg.search.execution import Event, Message, ModelCall
+from rvsg.search.loop import stream_campaign
 from rvsg.simulation.simulators import tell_of_robot
 from rvsg.store.knowledge_base import KnowledgeBase
 
 if TYPE_CHECKING:
-    from rvsg.campaign.runner import Executor
     from rvsg.generation.generator import Generator
+    from rvsg.runs.runner import Executor
     from rvsg.simulation.simulators import Simulator
     from rvsg.simulation.stacks.protocol import NavigationStack
 
@@ -111,9 +111,9 @@ def reject_unused_model_options(
 
 def _compile_search() -> subprocess.Popen[bytes] | None:
     """Begin to compile what the search computes with, beside the simulator's kernels; None if it is in the cache."""
-    from rvsg.campaign import race
     from rvsg.core.kernels import compile_aside, is_cached
     from rvsg.generation import forecast
+    from rvsg.search import race
 
     work: list[tuple[Any, tuple[Any, ...]]] = [(race.fit, race.FIT), (forecast.run_all, forecast.kinds_of_run_all())]
     missing = [each for each in work if not is_cached(each[0])]
@@ -253,7 +253,7 @@ class Campaign(StoredCampaign):
     def run(
         self, *, jobs: int | None = None, executor: Executor | None = None, observe: Callable[[Event], None] = ignore
     ) -> Iterator[Event]:
-        """Do what is left of the plan, yielding typed events (`rvsg.campaign.execution`) in order.
+        """Do what is left of the plan, yielding typed events (`rvsg.search.execution`) in order.
 
         Every finished run and attempt is stored at once. A campaign that was interrupted or cancelled resumes with
         the next call and ends with the same records.

@@ -15,11 +15,28 @@ from rvsg.app.campaign import Campaign, campaigns_in
 from rvsg.app.folder import store_of
 from rvsg.app.matrix import folders_in
 from rvsg.app.suites import Suite
-from rvsg.campaign.attempt import Measurement
-from rvsg.campaign.ranking import candidates, search_attempts
-from rvsg.campaign.run_set import simulate
-from rvsg.campaign.runner import Evaluator
-from rvsg.campaign.suite import (
+from rvsg.core.errors import InputError
+from rvsg.core.files import write_whole
+from rvsg.core.plugins import Spec, ignore
+from rvsg.evaluation.verdict import counted
+from rvsg.findings.ranking import candidates, search_attempts
+from rvsg.report.comparison_page import (
+    TONES,
+    ReplayedChange,
+    change_replay,
+    comparison_page,
+    ranking_markdown,
+    shares_figure,
+)
+from rvsg.report.run_facts import run_facts
+from rvsg.runs.attempt import Measurement
+from rvsg.runs.runner import Evaluator
+from rvsg.scenario.builder import as_robot
+from rvsg.search.run_set import simulate
+from rvsg.simulation.run import Run
+from rvsg.simulation.simulators import make_simulator
+from rvsg.simulation.stacks.stack_choice import StackChoice
+from rvsg.suites.suite import (
     Case,
     CaseChange,
     CaseResult,
@@ -30,24 +47,7 @@ from rvsg.campaign.suite import (
     compare,
     compare_attempts,
 )
-from rvsg.campaign.suite_folder import HEAD, SuiteCase, read_results, run_cases
-from rvsg.core.errors import InputError
-from rvsg.core.files import write_whole
-from rvsg.core.plugins import Spec, ignore
-from rvsg.evaluation.verdict import counted
-from rvsg.report.comparison_page import (
-    TONES,
-    ReplayedChange,
-    change_replay,
-    comparison_page,
-    ranking_markdown,
-    shares_figure,
-)
-from rvsg.report.run_facts import run_facts
-from rvsg.scenario.builder import as_robot
-from rvsg.simulation.run import Run
-from rvsg.simulation.simulators import make_simulator
-from rvsg.simulation.stacks.stack_choice import StackChoice
+from rvsg.suites.suite_folder import HEAD, SuiteCase, read_results, run_cases
 
 
 @dataclass(frozen=True, kw_only=True)

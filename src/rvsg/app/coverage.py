@@ -8,14 +8,14 @@ from pathlib import Path
 from rvsg.app.campaign import Campaign, campaigns_below
 from rvsg.app.folder import reading
 from rvsg.app.suites import Suite
-from rvsg.campaign.exploration import Exercise
-from rvsg.campaign.run_set import simulate
-from rvsg.campaign.suite_folder import HEAD, requirement_of
 from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec, ignore
 from rvsg.report.overview import WorldCoverage
 from rvsg.scenario.requirement import shipped_requirements
+from rvsg.search.exploration import Exercise
+from rvsg.search.run_set import simulate
 from rvsg.simulation.simulators import Simulator
+from rvsg.suites.suite_folder import HEAD, requirement_of
 from rvsg.world.world import World
 
 Source = Suite | Campaign | str | Path

@@ -15,7 +15,7 @@ from rvsg.core.files import write_whole
 from rvsg.core.inputs import exists, parse_json, read_text
 
 if TYPE_CHECKING:
-    from rvsg.campaign.ledger import Ledger
+    from rvsg.runs.ledger import Ledger
 
 
 LEDGER = "ledger.sqlite"

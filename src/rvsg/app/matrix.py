@@ -38,8 +38,6 @@ from rvsg.app.settings import (
     safe_name,
 )
 from rvsg.app.wiring import jobs_of, wire
-from rvsg.campaign.execution import Event
-from rvsg.campaign.worker_pool import Processes
 from rvsg.core.documents import mistakes_of
 from rvsg.core.errors import FileError, InputError, RvsgError
 from rvsg.core.files import make_folder, write_whole
@@ -48,7 +46,9 @@ from rvsg.core.plugins import find_format, ignore
 from rvsg.report.junit import junit_of
 from rvsg.report.overview import Pin, Reported, pins_of, write_overview
 from rvsg.report.result import Result
+from rvsg.runs.worker_pool import Processes
 from rvsg.scenario.requirement import shipped_requirements
+from rvsg.search.execution import Event
 from rvsg.world.world_folder import load_world
 
 Pair = tuple[str, str]

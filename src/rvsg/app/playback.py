@@ -9,21 +9,21 @@ from typing import Any
 
 from rvsg.app.campaign import Campaign
 from rvsg.app.rerun import AS_FOUND, Rerun, rerun
-from rvsg.campaign.attempt import Attempt, Measurement
-from rvsg.campaign.findings import worst_confirmation
-from rvsg.campaign.ranking import best_attempt
-from rvsg.campaign.run_set import RunSet, simulate
 from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.core.files import check_writable, write_whole
 from rvsg.core.inputs import parse_json, read_text
 from rvsg.core.plugins import find_format, ignore
+from rvsg.findings.findings import worst_confirmation
+from rvsg.findings.ranking import best_attempt
 from rvsg.report.film import Shot, shot_of_run
 from rvsg.report.replay_data import FORMAT, VERSION, trace_file_beside, trace_json
 from rvsg.report.run_facts import closest_approach
 from rvsg.robots.robot import Robot
+from rvsg.runs.attempt import Attempt, Measurement
 from rvsg.scenario.builder import load_scenario_in
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.world_lookup import load_world, world_of
+from rvsg.search.run_set import RunSet, simulate
 from rvsg.simulation.archive import holds_runs, read_runs
 from rvsg.simulation.embedded.trace import Trace, trace, trace_again
 from rvsg.simulation.exporter import Exportable, Exporter

@@ -15,10 +15,6 @@ from rvsg.app.folder import CONFIG, reading, store_of
 from rvsg.app.record import CampaignRecord
 from rvsg.app.settings import CampaignConfig, effective, read_campaign_file
 from rvsg.app.wiring import ABILITIES, Wired, let_rehearse, proposals_of, wire
-from rvsg.campaign.drive_alone import campaigns_of
-from rvsg.campaign.ledger import CachedLedger, MemoryLedger
-from rvsg.campaign.ranking import search_attempts
-from rvsg.campaign.strategies import single_brief
 from rvsg.core import plugins
 from rvsg.core.documents import mistakes_of
 from rvsg.core.errors import GenerationError, InputError
@@ -27,16 +23,20 @@ from rvsg.core.plugins import Spec
 from rvsg.evaluation.metrics import METRICS
 from rvsg.evaluation.signals import SIGNALS
 from rvsg.evaluation.verdict import check_requirement, load_requirement
+from rvsg.findings.ranking import search_attempts
 from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.generator import Generator, Proposal
 from rvsg.generation.prompts import Dialogue, Prompts, template_text
 from rvsg.generation.reply_json import NUMBER, TEXT, find_json, object_schema
 from rvsg.generation.vlm.model import Message, Model, Picture, Scripted, estimated_tokens, picture_tokens
+from rvsg.runs.ledger import CachedLedger, MemoryLedger
 from rvsg.scenario.brief import Brief, Feedback
 from rvsg.scenario.builder import check_route
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.scenario.world_lookup import as_world
+from rvsg.search.drive_alone import campaigns_of
+from rvsg.search.strategies import single_brief
 from rvsg.world.world import Route, World
 
 

@@ -15,8 +15,6 @@ import numpy as np
 
 from rvsg.app.rerun import stack_file
 from rvsg.app.suites import Suite
-from rvsg.campaign.run_set import Judgement, judge, simulate
-from rvsg.campaign.runner import Evaluator
 from rvsg.core.errors import FileError, RvsgError
 from rvsg.core.plugins import Spec, ignore
 from rvsg.core.records import Pose
@@ -28,9 +26,11 @@ from rvsg.recording.recorded_run import recorded_run
 from rvsg.recording.tracks import Recording, between, load_recording
 from rvsg.report.comparison_page import RECORDED, pair_replay, recording_page
 from rvsg.report.run_facts import RunFacts, run_facts
+from rvsg.runs.runner import Evaluator
 from rvsg.scenario.builder import FoundWith
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.world_lookup import as_world, remember
+from rvsg.search.run_set import Judgement, judge, simulate
 from rvsg.simulation.run import Run
 from rvsg.simulation.simulators import by_content
 from rvsg.simulation.stacks.stack_choice import StackLike

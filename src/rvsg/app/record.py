@@ -13,12 +13,12 @@ from pydantic import Field, ValidationError
 
 import rvsg
 from rvsg.app.settings import CampaignConfig
-from rvsg.campaign.attempt import Plan
-from rvsg.campaign.ledger import Ledger
 from rvsg.core.errors import InputError, InvalidOptions, UnknownName
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
 from rvsg.evaluation.verdict import DEFAULT, Procedure
+from rvsg.runs.attempt import Plan
+from rvsg.runs.ledger import Ledger
 from rvsg.simulation.stacks.stack_choice import DEFAULT_STACK, STUDY_STACK, default_stack
 
 

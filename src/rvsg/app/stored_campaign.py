@@ -14,24 +14,24 @@ from rvsg.app.input_files import paths_of
 from rvsg.app.record import CampaignRecord
 from rvsg.app.rerun import stack_file
 from rvsg.app.settings import CampaignConfig, safe_name
-from rvsg.campaign.attempt import Attempt, Plan
-from rvsg.campaign.drive_alone import stored_alone
-from rvsg.campaign.execution import runs_of
-from rvsg.campaign.findings import Finding
-from rvsg.campaign.ledger import Ledger
-from rvsg.campaign.ranking import best_attempt, search_attempts
 from rvsg.core.errors import InputError, NothingJudged
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec
 from rvsg.evaluation.verdict import counted
+from rvsg.findings.findings import Finding
+from rvsg.findings.ranking import best_attempt, search_attempts
 from rvsg.generation.vlm.call_log import CALLS, CallLog
 from rvsg.report.page import render_page
 from rvsg.report.replay_data import traces_beside
 from rvsg.report.result import Answer, Result, is_complete
+from rvsg.runs.attempt import Attempt, Plan
+from rvsg.runs.ledger import Ledger
 from rvsg.scenario.builder import FoundWith, scenario_json
 from rvsg.scenario.requirement import Requirement, shipped_requirements
 from rvsg.scenario.scenario import Mission
 from rvsg.scenario.world_lookup import load_world, world_of
+from rvsg.search.drive_alone import stored_alone
+from rvsg.search.execution import runs_of
 from rvsg.simulation.run import Run
 from rvsg.simulation.simulators import by_content, described, stack_name, with_stack
 from rvsg.world.routes import fitted

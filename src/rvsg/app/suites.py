@@ -11,10 +11,6 @@ from pathlib import Path
 
 from rvsg.app.campaign import Campaign
 from rvsg.app.rerun import stack_file
-from rvsg.campaign.attempt import Measurement
-from rvsg.campaign.runner import Evaluator
-from rvsg.campaign.suite import CaseResult, SuiteResult
-from rvsg.campaign.suite_folder import SuiteCase, SuiteFolder, requirement_of, run_cases
 from rvsg.core import permission
 from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec, ignore
@@ -22,10 +18,14 @@ from rvsg.evaluation.verdict import counted
 from rvsg.report.answer_row import Row
 from rvsg.report.film import shot_of_run, write_film
 from rvsg.robots.robot import Robot
+from rvsg.runs.attempt import Measurement
+from rvsg.runs.runner import Evaluator
 from rvsg.scenario.builder import as_robot
 from rvsg.simulation.run import Run
 from rvsg.simulation.simulators import Simulator, as_found, by_content, simulator_of, stack_in_words
 from rvsg.simulation.stacks.stack_choice import StackChoice, StackLike
+from rvsg.suites.suite import CaseResult, SuiteResult
+from rvsg.suites.suite_folder import SuiteCase, SuiteFolder, requirement_of, run_cases
 
 
 class Suite(SuiteFolder):

@@ -23,7 +23,6 @@ import rvsg
 from rvsg.app.campaign import Campaign
 from rvsg.app.folder import CONFIG, LEDGER, holds_several, store_of
 from rvsg.app.input_files import INPUTS
-from rvsg.campaign.suite_folder import read_results
 from rvsg.core.documents import record_of
 from rvsg.core.errors import FileError
 from rvsg.core.files import write_whole
@@ -31,6 +30,7 @@ from rvsg.core.inputs import LARGEST_FILE, parse_json
 from rvsg.core.records import Record
 from rvsg.report.renderer import component, look, render, viewer_script
 from rvsg.store.sqlite import SqliteLedger
+from rvsg.suites.suite_folder import read_results
 
 SUFFIX = ".rvsg"
 RESULTS = "results.json"

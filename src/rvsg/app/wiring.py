@@ -10,25 +10,25 @@ from pathlib import Path
 from typing import Any, cast
 
 from rvsg.app.settings import BUDGETS, VLM_OPTIONS, CampaignConfig
-from rvsg.campaign.abilities import abilities_of
-from rvsg.campaign.attempt import Plan
-from rvsg.campaign.execution import Limits, Parts
-from rvsg.campaign.feedback import StoredFeedback, rehearsing
-from rvsg.campaign.ledger import CachedLedger
-from rvsg.campaign.runner import Evaluator, Executor, Runner
-from rvsg.campaign.strategies import Strategy
 from rvsg.core import plugins
 from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec
 from rvsg.evaluation.metrics import METRICS
 from rvsg.evaluation.signals import doubts_of
 from rvsg.evaluation.verdict import Procedure, load_requirement
+from rvsg.findings.feedback import StoredFeedback, rehearsing
 from rvsg.generation.generator import Abilities, Generator, InformedGenerator
 from rvsg.robots.robot import Robot
+from rvsg.runs.attempt import Plan
+from rvsg.runs.ledger import CachedLedger
+from rvsg.runs.runner import Evaluator, Executor, Runner
 from rvsg.scenario.builder import check_mission, check_route, mission_of, read_scenario
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.scenario.world_lookup import doors_in, load_moved, load_world, world_of
+from rvsg.search.abilities import abilities_of
+from rvsg.search.execution import Limits, Parts
+from rvsg.search.strategies import Strategy
 from rvsg.simulation.simulators import Simulator, make_simulator
 from rvsg.simulation.stacks.protocol import NavigationStack
 from rvsg.store.knowledge_base import read_remembered

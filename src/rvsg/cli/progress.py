@@ -12,9 +12,15 @@ from typing import Literal, Self
 
 from rich.status import Status
 
-from rvsg.campaign.attempt import Attempt, Plan
-from rvsg.campaign.confirmation import FEWEST_WITHOUT_ONE, WITHOUT_ONE
-from rvsg.campaign.execution import (
+from rvsg.cli.console import console, say
+from rvsg.evaluation.verdict import number, violated
+from rvsg.generation.vlm.access import CallNews
+from rvsg.generation.vlm.model import Spending
+from rvsg.report.terminal import describe_spending
+from rvsg.runs.attempt import Attempt, Plan
+from rvsg.runs.runner import FinishedRun
+from rvsg.search.confirmation import FEWEST_WITHOUT_ONE, WITHOUT_ONE
+from rvsg.search.execution import (
     AloneStarted,
     AttemptFinished,
     ConfirmationStarted,
@@ -26,12 +32,6 @@ from rvsg.campaign.execution import (
     ReductionStarted,
     RunFinished,
 )
-from rvsg.campaign.runner import FinishedRun
-from rvsg.cli.console import console, say
-from rvsg.evaluation.verdict import number, violated
-from rvsg.generation.vlm.access import CallNews
-from rvsg.generation.vlm.model import Spending
-from rvsg.report.terminal import describe_spending
 
 Stage = Literal["prepare", "alone", "search", "confirm", "cause", "shrink"]
 STAGES: tuple[Stage, ...] = ("prepare", "alone", "search", "confirm", "cause", "shrink")

@@ -141,8 +141,8 @@ def _compare(
 ) -> None:
     """Compare stacks, print the ranking, and write the files."""
     from rvsg.app.comparison import compare_stacks, write_comparison
-    from rvsg.campaign.suite import SuiteResult
     from rvsg.report.comparison_page import ranking_markdown
+    from rvsg.suites.suite import SuiteResult
 
     def scored(result: SuiteResult) -> None:
         console.say(f"{result.version}: {result.violated} of {result.judged} runs violate")

@@ -19,8 +19,8 @@ from rvsg.cli.options import AsJson, Verbose, setting_options
 if TYPE_CHECKING:
     from rvsg.app.campaign import Campaign
     from rvsg.app.matrix import Matrix
-    from rvsg.campaign.attempt import Attempt
     from rvsg.report.result import Result
+    from rvsg.runs.attempt import Attempt
 
 
 app = verb()
@@ -160,9 +160,9 @@ def _what_it_does(campaign: Campaign) -> str:
 
 def _show_lost(attempts: Sequence[Attempt]) -> None:
     """Print how many attempts have no scenario and why, and which replies of a model were unusable."""
-    from rvsg.campaign.execution import calls_of
     from rvsg.evaluation.verdict import counted
     from rvsg.report.terminal import describe_unusable
+    from rvsg.search.execution import calls_of
 
     search = [attempt for attempt in attempts if attempt.purpose == "search"]
     lost = [attempt for attempt in search if attempt.proposal.scenario is None]

@@ -13,7 +13,7 @@ from rvsg.cli.model import prompt, propose
 from rvsg.cli.options import RERUN, AsJson, FoundRequirement, Jobs, OtherWorld, Prices, Record, setting_options
 
 if TYPE_CHECKING:
-    from rvsg.campaign.smallest_scenario import Shrunk, Simplification
+    from rvsg.search.smallest_scenario import Shrunk, Simplification
 
 
 app = verb(no_args_is_help=True, help="Propose, shrink, explore and migrate scenarios.")
@@ -108,8 +108,8 @@ def nearest(
     A person does everything earlier, later, or nearer to the robot. At least half of the runs have to violate.
     """
     from rvsg.app.rerun import rerun
-    from rvsg.campaign.nearest_violation import nearest_violation
     from rvsg.core.files import check_writable, write_text
+    from rvsg.search.nearest_violation import nearest_violation
 
     if out is not None:
         check_writable(out)
@@ -223,10 +223,10 @@ def explore(
     probability, its boundary, and the sensitivity to each range.
     """
     from rvsg.app.rerun import rerun
-    from rvsg.campaign.exploration import explore as run_points
     from rvsg.core.files import check_writable, write_text
     from rvsg.report.comparison_page import check_exploration_file, write_exploration
     from rvsg.report.terminal import describe_exploration
+    from rvsg.search.exploration import explore as run_points
 
     if out is not None:
         check_exploration_file(out)

@@ -114,12 +114,12 @@ def evaluate(
     if not runs:
         raise InputError("Give at least one file of runs, or --metric all for the list of the metrics.")
     import rvsg
-    from rvsg.campaign.run_set import feedback as feedback_of
-    from rvsg.campaign.run_set import load_any
     from rvsg.core.files import check_writable, write_text
     from rvsg.report.page import write_runs_page
     from rvsg.report.terminal import describe_judgement
     from rvsg.scenario.builder import load_scenario_in
+    from rvsg.search.run_set import feedback as feedback_of
+    from rvsg.search.run_set import load_any
 
     if feedback is not None:
         check_writable(feedback)

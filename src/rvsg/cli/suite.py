@@ -148,7 +148,7 @@ def update(
 ) -> None:
     """Write fixed and broken cases of a run into the suite as the new expectations. Unclear results change nothing."""
     from rvsg import Suite
-    from rvsg.campaign.suite_folder import read_results
+    from rvsg.suites.suite_folder import read_results
 
     changed = Suite.open(suite).update(read_results(results))
     for case in changed:

@@ -11,16 +11,16 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
-from rvsg.campaign.attempt import Plan
 from rvsg.cli.console import as_started, console, say
 from rvsg.evaluation.verdict import counted, number
 from rvsg.report.answer_row import Row, Tone
 from rvsg.report.result import Answer, Result
 from rvsg.report.terminal import describe_finding
+from rvsg.runs.attempt import Plan
 from rvsg.world.world import OCCUPIED, UNKNOWN, Route, World
 
 if TYPE_CHECKING:
-    from rvsg.campaign.ranking import Front
+    from rvsg.findings.ranking import Front
 
 STYLES: dict[Tone, str] = {"bad": "bold red", "warn": "yellow", "good": "green", "quiet": "dim"}
 MOST_ROWS = 6

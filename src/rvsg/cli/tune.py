@@ -13,7 +13,7 @@ from rvsg.cli.frame import verb
 from rvsg.cli.options import AsJson, JobsPerCore, setting_options
 
 if TYPE_CHECKING:
-    from rvsg.campaign.parameter_search import ParameterSearch
+    from rvsg.tune.parameter_search import ParameterSearch
 
 app = verb(no_args_is_help=True)
 Optimiser = Literal["tpe", "cmaes", "nsga2"]
@@ -64,11 +64,11 @@ def tune(
     The folder holds the changed parameter file, a page, tuning.json, and every run. The same command resumes.
     """
     from rvsg.app.settings import effective
-    from rvsg.app.tuner import Tuner
-    from rvsg.app.tuning_checks import PAGE
     from rvsg.app.wiring import jobs_of
-    from rvsg.report.tuning_page import headline, result_lines
     from rvsg.simulation.stacks.stack_choice import DEFAULT_STACK
+    from rvsg.tune.tuner import Tuner
+    from rvsg.tune.tuning_checks import PAGE
+    from rvsg.tune.tuning_page import headline, result_lines
 
     chosen = effective(None, {}, {**settings, "jobs": jobs})
     folder = out or Path("runs") / f"tune-{suite.resolve().name}"
@@ -111,7 +111,7 @@ class _Shown:
         self.budget, self.begun, self.tenth = budget, time.monotonic(), -1
 
     def show(self, search: ParameterSearch) -> None:
-        from rvsg.report.tuning_page import search_text
+        from rvsg.tune.tuning_page import search_text
 
         tenth = 10 * search.spent // self.budget
         if not console().is_terminal and tenth == self.tenth:

@@ -55,10 +55,10 @@ def watch(
     plan by declared rules. Execute runs it, stores the result in the knowledge base and adds new failures to the suite.
     OUT/watch.log records what was done and why.
     """
-    from rvsg.app import watch
-    from rvsg.campaign.self_adaptation import in_words
     from rvsg.core.errors import Interrupted
     from rvsg.evaluation.verdict import counted
+    from rvsg.watch import watch
+    from rvsg.watch.self_adaptation import in_words
 
     if approve is not None:
         watch.approve(out, approve, on_message=say)

@@ -8,10 +8,6 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from rvsg.campaign.attempt import Attempt, Measurement, Plan
-from rvsg.campaign.findings import Finding, Severity, Smallest, severity_of
-from rvsg.campaign.observation import FailureMode, usual
-from rvsg.campaign.ranking import confirmations, confirmed_candidate, ranking, search_attempts
 from rvsg.core.records import Record
 from rvsg.evaluation.detection import contacts
 from rvsg.evaluation.sampled import sampled
@@ -28,7 +24,11 @@ from rvsg.evaluation.verdict import (
     summarise_safety,
     violated,
 )
+from rvsg.findings.findings import Finding, Severity, Smallest, severity_of
+from rvsg.findings.ranking import confirmations, confirmed_candidate, ranking, search_attempts
 from rvsg.report.words import in_short
+from rvsg.runs.attempt import Attempt, Measurement, Plan
+from rvsg.runs.observation import FailureMode, usual
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.events import in_order
 from rvsg.simulation.run import Run

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from rvsg.campaign.attempt import Attempt, Plan
-from rvsg.campaign.ranking import search_attempts
 from rvsg.evaluation.verdict import Verdict, number, objective
+from rvsg.findings.ranking import search_attempts
 from rvsg.report.renderer import render
 from rvsg.report.run_facts import judged_curve
+from rvsg.runs.attempt import Attempt, Plan
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Run
 

@@ -13,8 +13,6 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from rvsg.campaign.exploration import Exploration
-from rvsg.campaign.suite import CaseChange, Change, Comparison, VariantPair, counts
 from rvsg.core.errors import InputError
 from rvsg.core.files import check_writable, write_whole
 from rvsg.evaluation.verdict import arrivals_in_words, counted, percent
@@ -29,6 +27,8 @@ from rvsg.report.words import dependence, limit_in_words, trend
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.variation import Range
+from rvsg.search.exploration import Exploration
+from rvsg.suites.suite import CaseChange, Change, Comparison, VariantPair, counts
 from rvsg.world.drawing.svg import floor_plan
 from rvsg.world.world import World
 

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from rvsg.campaign.attempt import Measurement
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.evaluation.detection import contacts
@@ -22,6 +21,7 @@ from rvsg.report.run_facts import RunFacts, footprint_of, row_at, run_facts
 from rvsg.report.stills import nearest_in_words
 from rvsg.report.words import limit_in_words, quantity, shown_at
 from rvsg.robots.robot import Robot
+from rvsg.runs.attempt import Measurement
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.events import Contact

@@ -6,12 +6,12 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping
 
-from rvsg.campaign.attempt import Plan
-from rvsg.campaign.suite import CaseResult, State, SuiteResult
 from rvsg.evaluation.verdict import Status, counted, how_sure, metres, status_in_words, value_in_words, violated
 from rvsg.report.answer_row import Ranked
 from rvsg.report.result import Result
 from rvsg.report.words import limit_in_words
+from rvsg.runs.attempt import Plan
+from rvsg.suites.suite import CaseResult, State, SuiteResult
 
 
 def junit_of(results: Iterable[Result]) -> str:

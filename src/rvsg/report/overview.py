@@ -20,7 +20,6 @@ from markupsafe import escape
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from rvsg.campaign.exploration import Coverage
 from rvsg.core.errors import InputError
 from rvsg.core.files import check_writable, write_whole
 from rvsg.evaluation.verdict import counted
@@ -30,6 +29,7 @@ from rvsg.report.result import Result
 from rvsg.report.run_facts import row_at
 from rvsg.report.stills import Turn, pin_radius, plan_markup, spread
 from rvsg.report.words import limit_in_words, robot_words, shown_at
+from rvsg.search.exploration import Coverage
 from rvsg.world.drawing import png_bytes
 from rvsg.world.drawing.floor_plan import draw_plan
 from rvsg.world.drawing.sheet import font

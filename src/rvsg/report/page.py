@@ -13,15 +13,12 @@ from typing import Any
 
 from markupsafe import Markup, escape
 
-from rvsg.campaign.attempt import BY_HAND, Attempt, Plan
-from rvsg.campaign.feedback import MapCell, separable
-from rvsg.campaign.observation import met
-from rvsg.campaign.ranking import rule
-from rvsg.campaign.run_set import Judgement, RunSet
 from rvsg.core.errors import InputError
 from rvsg.core.files import check_writable, write_whole
 from rvsg.core.records import Pose
 from rvsg.evaluation.verdict import counted, how_sure, number, why_ended
+from rvsg.findings.feedback import MapCell, separable
+from rvsg.findings.ranking import rule
 from rvsg.generation.people_sampler import added
 from rvsg.generation.vlm.call_log import CallLog
 from rvsg.report.charts import confirmation_chart, search_chart
@@ -44,9 +41,12 @@ from rvsg.report.result import Result, answer_of_runs
 from rvsg.report.run_facts import AttemptFacts, RunFacts
 from rvsg.report.stills import frame, plan_markup
 from rvsg.report.words import direction, limit_in_words, quantity, robot_words, shown_at, tried_of, under_test, untimed
+from rvsg.runs.attempt import BY_HAND, Attempt, Plan
+from rvsg.runs.observation import met
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.scenario.world_lookup import as_world, world_of
+from rvsg.search.run_set import Judgement, RunSet
 from rvsg.simulation.run import Run
 from rvsg.world.drawing.svg import FloorPlan
 from rvsg.world.world import Route, World

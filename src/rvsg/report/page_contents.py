@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.ranking import best_attempt, confirmed_candidate, search_attempts
 from rvsg.evaluation.verdict import metres, number, outcome_in_words, percent, value_in_words
+from rvsg.findings.ranking import best_attempt, confirmed_candidate, search_attempts
 from rvsg.generation.generator import Call
 from rvsg.generation.vlm.call_log import CallLog, RecordedCall
 from rvsg.report.answer_row import status_of
@@ -19,6 +18,7 @@ from rvsg.report.run_facts import AttemptFacts, facts_of, footprint_of
 from rvsg.report.stills import Look, Turn
 from rvsg.report.terminal import describe_calls
 from rvsg.report.words import in_short, shown_at
+from rvsg.runs.attempt import Attempt
 from rvsg.scenario.brief import Feedback
 from rvsg.scenario.scenario import Attention, Behaviour, Human
 from rvsg.world.drawing.svg import FloorPlan, floor_plan

@@ -13,20 +13,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from rvsg.campaign.attempt import Attempt, Plan
-from rvsg.campaign.drive_alone import DroveAlone, drove_alone
-from rvsg.campaign.execution import Accounting, account, runs_of
-from rvsg.campaign.feedback import MapCell, failure_map
-from rvsg.campaign.findings import (
-    DistinctFailure,
-    Finding,
-    distinct_failures,
-    findings,
-    severity_of,
-    worst_confirmation,
-)
-from rvsg.campaign.observation import FailureMode, mode_of
-from rvsg.campaign.ranking import Front, candidates, confirmations, front_of, measured, search_attempts, standing
 from rvsg.core.records import Record
 from rvsg.evaluation.metrics import find_metric
 from rvsg.evaluation.verdict import (
@@ -38,6 +24,16 @@ from rvsg.evaluation.verdict import (
     value_in_words,
     violated,
 )
+from rvsg.findings.feedback import MapCell, failure_map
+from rvsg.findings.findings import (
+    DistinctFailure,
+    Finding,
+    distinct_failures,
+    findings,
+    severity_of,
+    worst_confirmation,
+)
+from rvsg.findings.ranking import Front, candidates, confirmations, front_of, measured, search_attempts, standing
 from rvsg.report.answer_row import (
     Often,
     Ranked,
@@ -53,8 +49,12 @@ from rvsg.report.answer_row import (
     tone_of,
 )
 from rvsg.report.words import limit_in_words
+from rvsg.runs.attempt import Attempt, Plan
+from rvsg.runs.observation import FailureMode, mode_of
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
+from rvsg.search.drive_alone import DroveAlone, drove_alone
+from rvsg.search.execution import Accounting, account, runs_of
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 

@@ -15,13 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.evaluation.detection import events_of
 from rvsg.evaluation.metrics import find_metric
 from rvsg.evaluation.sampled import sampled, stretches
 from rvsg.evaluation.story import Sentence, story_of
 from rvsg.evaluation.verdict import objective
 from rvsg.robots.robot import Robot
+from rvsg.runs.attempt import Attempt, Measurement
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.events import Contact, Outcome, Recovery, RunEvent, StandStill

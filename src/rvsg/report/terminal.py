@@ -5,10 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
-from rvsg.campaign.exploration import FEWEST, Exploration
-from rvsg.campaign.findings import Finding, rarest_motion, realism_in_words
-from rvsg.campaign.run_set import Judgement
-from rvsg.campaign.suite import CaseResult
 from rvsg.evaluation.verdict import (
     arrivals_in_words,
     counted,
@@ -21,12 +17,16 @@ from rvsg.evaluation.verdict import (
     value_in_words,
     why_ended,
 )
+from rvsg.findings.findings import Finding, rarest_motion, realism_in_words
 from rvsg.generation.generator import Call, Proposal
 from rvsg.generation.vlm.model import Spending
 from rvsg.report.words import dependence, trend
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.validity import warnings
+from rvsg.search.exploration import FEWEST, Exploration
+from rvsg.search.run_set import Judgement
 from rvsg.simulation.run import Run
+from rvsg.suites.suite import CaseResult
 from rvsg.world.world import World
 
 NEXT_STEP = {

@@ -23,12 +23,12 @@ from sqlalchemy.dialects.postgresql import insert as postgresql_insert
 from sqlalchemy.dialects.sqlite import insert as sqlite_insert
 from sqlalchemy.exc import ArgumentError, DatabaseError, NoSuchModuleError
 
-from rvsg.campaign.findings import Entry, Kind, remembered
 from rvsg.core import permission
 from rvsg.core.errors import FileError, InputError, StoreError, UnknownName, how_to_install
 from rvsg.core.files import write_whole
 from rvsg.core.inputs import read_text
 from rvsg.core.records import Record, canonical_json, text_id
+from rvsg.findings.findings import Entry, Kind, remembered
 from rvsg.scenario.brief import Remembered
 from rvsg.store.sqlite import write_ahead
 

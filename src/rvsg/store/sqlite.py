@@ -27,11 +27,11 @@ from urllib.parse import quote
 from pydantic import ValidationError
 
 import rvsg
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.ledger import Ledger
 from rvsg.core.errors import InputError, NewerStore, StoreError
 from rvsg.core.records import canonical_json, text_id
 from rvsg.generation.generator import Proposal
+from rvsg.runs.attempt import Attempt
+from rvsg.runs.ledger import Ledger
 from rvsg.scenario.brief import Feedback, Remembered
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.archive import PackedRun, unpack

@@ -19,7 +19,6 @@ from pydantic import ValidationError
 
 from rvsg.app.rerun import AS_FOUND, rerun
 from rvsg.app.view import viewer_page, write_view
-from rvsg.campaign.run_set import RunSet, simulate
 from rvsg.core import plugins
 from rvsg.core.errors import InputError, UnknownName, how_to_install
 from rvsg.core.files import write_whole
@@ -29,6 +28,7 @@ from rvsg.scenario.builder import load_scenario_in, read_scenario
 from rvsg.scenario.builder import scenario as scenario_of
 from rvsg.scenario.scenario import HUNAVSIM_RADIUS_M, Human, HumanAgent, Pause, Scenario, Task, decode
 from rvsg.scenario.world_lookup import as_world, world_of
+from rvsg.search.run_set import RunSet, simulate
 from rvsg.simulation.archive import once, read_runs
 from rvsg.simulation.embedded.trace import trace as traced_run
 from rvsg.simulation.exporter import Exportable, Exporter

@@ -28,8 +28,6 @@ import rvsg
 from rvsg.app.campaign import campaigns_below
 from rvsg.app.folder import LEDGER
 from rvsg.app.rerun import rerun
-from rvsg.campaign.attempt import Measurement
-from rvsg.campaign.execution import Event, Message, RunFinished
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import path_inside
 from rvsg.core.inputs import parse_json
@@ -39,9 +37,11 @@ from rvsg.report.result import Answer
 from rvsg.report.terminal import describe_case, describe_judgement
 from rvsg.report.words import limit_in_words
 from rvsg.robots.robot import shipped_robots
+from rvsg.runs.attempt import Measurement
 from rvsg.scenario.builder import FoundWith, load_scenario_in, save_scenario
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.scenario.scenario import Human
+from rvsg.search.execution import Event, Message, RunFinished
 from rvsg.simulation.stacks.stack_choice import listed_stacks, stack_class, stack_names
 from rvsg.world.creation import create_world
 from rvsg.world.drawing import draw_world

@@ -24,9 +24,6 @@ from rvsg import Scenario, Spec, World
 from rvsg.app.comparison import VersionComparison, compare_versions
 from rvsg.app.playback import kept_trace, trace_source
 from rvsg.app.rerun import rerun
-from rvsg.app.tuning_checks import PAGE, RESULT
-from rvsg.campaign.run_set import RunSet
-from rvsg.campaign.tuning import Tuning
 from rvsg.core import permission
 from rvsg.core.documents import read_record
 from rvsg.core.errors import InputError, RvsgError
@@ -41,9 +38,12 @@ from rvsg.robots.robot import shipped_robots
 from rvsg.scenario.builder import check_valid, load_scenario_in, save_scenario
 from rvsg.scenario.requirement import Requirement, shipped_requirements
 from rvsg.scenario.world_lookup import world_of
+from rvsg.search.run_set import RunSet
 from rvsg.simulation.route_trial import SimulatedTrial, trial_of
 from rvsg.simulation.simulators import as_found
 from rvsg.simulation.stacks.stack_choice import stack_names
+from rvsg.tune.tuning import Tuning
+from rvsg.tune.tuning_checks import PAGE, RESULT
 from rvsg.world.creation import other_robot
 from rvsg.world.drawing.svg import floor_plan
 from rvsg.world.edits import begin_doors

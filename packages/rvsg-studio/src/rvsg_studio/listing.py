@@ -16,15 +16,15 @@ from pydantic import Field, ValidationError
 from rvsg.app.campaign import Campaign, campaigns_in
 from rvsg.app.folder import LEDGER, MATRIX, STORE
 from rvsg.app.input_files import INPUTS
-from rvsg.campaign.execution import account, calls_of
-from rvsg.campaign.ranking import search_attempts
-from rvsg.campaign.suite_folder import HEAD
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import write_whole
 from rvsg.core.records import Record
+from rvsg.findings.ranking import search_attempts
 from rvsg.report.answer_row import Row
 from rvsg.report.result import is_complete
 from rvsg.report.words import tried_of
+from rvsg.search.execution import account, calls_of
+from rvsg.suites.suite_folder import HEAD
 
 DEEPEST = 6
 """Levels of folders below the one that is listed."""
@@ -246,7 +246,7 @@ class Lister:
 def suite_results_in(folder: Path, *, most: int = 200) -> tuple[str, ...]:
     """Return the files of results of suites in a folder and below it, relative to it with `/`; `most` at most.
 
-    A file counts by its first key. Whether it can be read, `rvsg.campaign.suite_folder.read_results` says.
+    A file counts by its first key. Whether it can be read, `rvsg.suites.suite_folder.read_results` says.
     """
     found = list[str]()
     for path, names in _folders(folder):

@@ -16,12 +16,12 @@ from pydantic import BaseModel, ValidationError
 
 import rvsg
 from rvsg.app.campaign import Campaign
-from rvsg.campaign.attempt import Attempt
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.generation.environment import description_of
 from rvsg.generation.generator import Call
 from rvsg.generation.vlm.call_log import PICTURES, CallLog, RecordedCall
+from rvsg.runs.attempt import Attempt
 from rvsg.world.areas import unknown_areas
 from rvsg.world.world import Description, World
 from rvsg.world.world_folder import shipped_worlds

@@ -11,9 +11,6 @@ import pydantic
 from pydantic import Field
 
 from rvsg.app.campaign import Campaign
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.run_set import RunSet, simulate
-from rvsg.campaign.runner import Evaluator
 from rvsg.core.documents import mistakes_of
 from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec
@@ -21,11 +18,14 @@ from rvsg.core.records import Record
 from rvsg.report.page import data_of
 from rvsg.report.run_facts import AttemptFacts, facts_of
 from rvsg.report.stills import area_colours, floor_svg
+from rvsg.runs.attempt import Attempt
+from rvsg.runs.runner import Evaluator
 from rvsg.scenario.builder import check_route, walk
 from rvsg.scenario.repair import repair
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, HumanConfiguration, Mission, Scenario
 from rvsg.scenario.validity import check
+from rvsg.search.run_set import RunSet, simulate
 from rvsg.simulation.run import Run
 from rvsg.simulation.simulators import Simulator, check_robot, make_simulator
 from rvsg.world.drawing.svg import floor_plan

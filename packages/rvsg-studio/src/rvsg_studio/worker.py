@@ -20,15 +20,7 @@ from rvsg.app.proposal import propose_as
 from rvsg.app.reconstruction import rebuild, world_of_recording
 from rvsg.app.rerun import Rerun, rerun
 from rvsg.app.settings import effective, safe_name
-from rvsg.app.tuner import Tuner
 from rvsg.app.wiring import wire
-from rvsg.campaign.execution import (
-    AttemptFinished,
-    Event,
-    Message,
-    ModelCall,
-)
-from rvsg.campaign.parameter_search import ParameterSearch
 from rvsg.cli.progress import CampaignProgress
 from rvsg.core import permission
 from rvsg.core.errors import RvsgError
@@ -38,9 +30,17 @@ from rvsg.generation.generator import proposal_json
 from rvsg.generation.vlm.access import CallNews
 from rvsg.recording.tracks import load_recording
 from rvsg.report.terminal import describe_calls
-from rvsg.report.tuning_page import front_row, headline, search_text
 from rvsg.scenario.builder import save_scenario
+from rvsg.search.execution import (
+    AttemptFinished,
+    Event,
+    Message,
+    ModelCall,
+)
 from rvsg.simulation.archive import runs_text
+from rvsg.tune.parameter_search import ParameterSearch
+from rvsg.tune.tuner import Tuner
+from rvsg.tune.tuning_page import front_row, headline, search_text
 from rvsg.world.world import Description
 from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.workspace import BOTH, EVENTS, JOB, PAUSE, RESULT, holding

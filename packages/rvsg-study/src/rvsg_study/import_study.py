@@ -14,8 +14,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rvsg.campaign.attempt import Attempt, Failure, Measurement
-from rvsg.campaign.ledger import Ledger
 from rvsg.core.errors import FileError, UnknownName
 from rvsg.core.files import write_whole
 from rvsg.core.inputs import read_bytes
@@ -23,6 +21,8 @@ from rvsg.core.records import content_id
 from rvsg.evaluation.metrics import measure
 from rvsg.evaluation.verdict import judge
 from rvsg.generation.generator import Proposal
+from rvsg.runs.attempt import Attempt, Failure, Measurement
+from rvsg.runs.ledger import Ledger
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.rules import Finding
 from rvsg.scenario.scenario import Mission, Scenario

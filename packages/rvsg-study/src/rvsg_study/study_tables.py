@@ -22,14 +22,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.campaign.attempt import Attempt, Measurement
-from rvsg.campaign.drive_alone import campaigns_of
-from rvsg.campaign.ledger import Ledger
 from rvsg.core.errors import InputError
 from rvsg.evaluation.diversity import description_diversity, positions, simulation_diversity, task_diversity
 from rvsg.evaluation.metrics import measure
 from rvsg.evaluation.statistics import compare, holm
+from rvsg.runs.attempt import Attempt, Measurement
+from rvsg.runs.ledger import Ledger
 from rvsg.scenario.requirement import Requirement
+from rvsg.search.drive_alone import campaigns_of
 from rvsg.simulation.run import Run
 from rvsg_study.study_folder import FOREIGN
 

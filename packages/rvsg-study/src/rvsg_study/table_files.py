@@ -13,11 +13,11 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from rvsg.campaign.ledger import Ledger
 from rvsg.core.errors import InputError, how_to_install
 from rvsg.core.files import write_whole
 from rvsg.evaluation.metrics import metric
 from rvsg.evaluation.statistics import magnitude_of
+from rvsg.runs.ledger import Ledger
 from rvsg_study.study_tables import TABLED, Material, Row, Sample, build, gather
 
 FIGURE_COLUMNS = 4

@@ -12,8 +12,8 @@ from nicegui import ui
 from rvsg.app.commands import resume_command
 from rvsg.app.folder import LOCK
 from rvsg.app.matrix import Matrix
-from rvsg.campaign.ranking import best_attempt
 from rvsg.evaluation.verdict import counted
+from rvsg.findings.ranking import best_attempt
 from rvsg.report.charts import search_chart
 from rvsg.report.words import tried_of
 from rvsg_studio.frame import Page, actions, address, chip, link, load, page, rate, route, section, svg, table, tag

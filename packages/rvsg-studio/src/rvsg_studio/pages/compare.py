@@ -13,9 +13,9 @@ from nicegui import ui
 
 import rvsg
 from rvsg.app.comparison import VersionComparison, compare_campaigns
-from rvsg.campaign.suite import CaseChange, CaseResult, Change
 from rvsg.core.errors import InputError
 from rvsg.report.comparison_page import TONES, change_rows
+from rvsg.suites.suite import CaseChange, CaseResult, Change
 from rvsg_studio.answers import compared_versions
 from rvsg_studio.frame import (
     PATIENT_S,

@@ -13,13 +13,13 @@ from nicegui import ui
 
 import rvsg
 from rvsg.app.commands import confirm_command, runs_command, shrink_command
-from rvsg.campaign.attempt import Attempt
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.plugins import ignore
 from rvsg.evaluation.verdict import how_sure
 from rvsg.report.answer_row import Row
 from rvsg.report.result import Result, answer_of_runs
 from rvsg.report.words import shown_at
+from rvsg.runs.attempt import Attempt
 from rvsg.scenario.builder import save_scenario, without_people
 from rvsg_exchange import formats as exchange
 from rvsg_studio.frame import (

@@ -1,1 +1,0 @@
-"""The loop: ask, propose, simulate, evaluate, tell; search strategies, feedback and memory, confirmation."""

@@ -1,0 +1,1 @@
+"""Runs: attempts, the ledger that keeps them, and the runner with its workers."""

@@ -1,0 +1,282 @@
+"""Records of a campaign: the Plan that decides them, the Attempt, one turn of the loop, and its Measurements."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, fields
+from typing import Annotated, Literal, TypeVar
+
+from pydantic import Field
+
+from rvsg.core.records import Record
+from rvsg.evaluation.realism import is_left_out
+from rvsg.evaluation.verdict import Verdict
+from rvsg.generation.generator import Proposal
+from rvsg.scenario.brief import Brief
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Mission, Scenario
+
+Purpose = Literal["search", "confirmation", "baseline", "removal", "shrinking"]
+
+
+class Measurement(Record):
+    """The metrics of one run; None if a metric has no value for it."""
+
+    run_id: str
+    seed: int
+    outcome: str
+    values: dict[str, float | None]
+    objective: float | None = None
+    """The value of the requirement's metric, or the robustness of its formula."""
+
+    @property
+    def touches(self) -> bool:
+        """Whether robot and people touch."""
+        return (self.values.get("contacts") or 0.0) > 0.0
+
+
+class Failure(Record):
+    """A run that the simulator could not make, and why."""
+
+    seed: int
+    reason: str
+
+
+BY_HAND = "by hand"
+"""In the place of a campaign, a strategy and a generator where there is none."""
+
+
+class Attempt(Record):
+    """One configuration with its runs and its verdict.
+
+    Attempts of the search choose; the others never take part in a selection. A "confirmation" repeats a candidate in
+    runs with new seeds. A "baseline" is the mission without people, a "removal" a confirmed scenario without one
+    person, both on the seeds of the confirmation. A "shrinking" is the smallest form of a confirmed scenario, on the
+    same seeds.
+    """
+
+    campaign: str
+    index: int
+    """Position among the attempts of the campaign, from 0, in the order they were asked for."""
+    purpose: Purpose = "search"
+    strategy: str
+    brief: Brief
+    proposal: Proposal
+    measurements: tuple[Measurement, ...] = ()
+    failures: tuple[Failure, ...] = ()
+    verdict: Verdict | None = None
+    confirms: int | None = None
+    """The index of the attempt that this one confirms or explains; None for the search and the baseline."""
+    without: tuple[str, ...] = ()
+    """The people of that attempt who are left out."""
+    taken_away: tuple[str, ...] = ()
+    """What shrinking took away from the scenario of that attempt, in words."""
+    same_as: int | None = None
+    """The index of the attempt whose configuration the generator proposed again; the runs of that attempt stand."""
+    trial_runs: int = 0
+    """Runs of simpler scenarios on the way to this one, which are not stored."""
+
+    @classmethod
+    def by_hand(
+        cls,
+        mission: Mission,
+        requirement: Requirement,
+        scenario: Scenario | None,
+        *,
+        people: int,
+        measurements: Iterable[Measurement],
+        verdict: Verdict,
+    ) -> Attempt:
+        """Return runs that no campaign made as an attempt, for feedback, pages and replays, which read attempts."""
+        return cls(
+            campaign=BY_HAND,
+            index=0,
+            strategy=BY_HAND,
+            brief=Brief(mission=mission, requirement=requirement, seed=0, humans=max(1, people)),
+            proposal=Proposal(generator=BY_HAND, scenario=scenario),
+            measurements=tuple(measurements),
+            verdict=verdict,
+        )
+
+    def violating(self, requirement: Requirement) -> list[Measurement]:
+        """Return the measurements that violate a requirement by their objective."""
+        return [m for m in self.measurements if m.objective is not None and requirement.violated_by(m.objective)]
+
+    def left_out(self, realism: float | None) -> set[str]:
+        """Return the ids of runs that are not judged: somebody does what fewer recorded people (percent) do."""
+        return {m.run_id for m in self.measurements if is_left_out(m.values, realism)}
+
+    def worst(self, requirement: Requirement) -> Measurement:
+        """Return the measurement whose objective is worst for the robot; the first of equals."""
+        return max(
+            self.measurements, key=lambda m: -math.inf if m.objective is None else requirement.badness(m.objective)
+        )
+
+    @property
+    def record(self) -> Attempt:
+        """The attempt itself, as `AttemptSummary.record` reads it from the ledger."""
+        return self
+
+    @property
+    def mean(self) -> float | None:
+        """The mean objective over the runs; None if there is none."""
+        return self.verdict.mean if self.verdict else None
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """The seeds of all runs: of those that were measured, then of those that could not be made."""
+        return (*(m.seed for m in self.measurements), *(f.seed for f in self.failures))
+
+    @property
+    def runs(self) -> int:
+        """How many runs were asked for, those that could not be made included."""
+        return len(self.seeds)
+
+    @property
+    def measured_runs(self) -> int:
+        """How many runs were measured."""
+        return len(self.measurements)
+
+    @property
+    def violations(self) -> int:
+        """How many runs violate the requirement."""
+        return self.verdict.violations if self.verdict else 0
+
+    @property
+    def valued_runs(self) -> int:
+        """How many runs have an objective."""
+        return self.verdict.runs if self.verdict else 0
+
+    @property
+    def scenario_index(self) -> int:
+        """The number of its scenario among those of the campaign, from 0."""
+        return self.brief.scenario_index
+
+    @property
+    def number(self) -> str:
+        """Scenario and configuration, from 1, e.g. `3.2`."""
+        return f"{self.brief.scenario_index + 1}.{self.brief.configuration_index + 1}"
+
+    @property
+    def scenario_id(self) -> str | None:
+        """The content id of the configuration; None where nothing valid was proposed."""
+        return self.proposal.scenario.id if self.proposal.scenario else None
+
+    @property
+    def feedback_id(self) -> str | None:
+        """The content id of the configuration whose feedback its brief holds."""
+        return self.brief.feedback.scenario.id if self.brief.feedback else None
+
+    @property
+    def untold_id(self) -> str | None:
+        """The content id of the configuration that its brief tells of before a new scenario begins."""
+        return self.brief.untold.scenario.id if self.brief.untold else None
+
+    @property
+    def lesson(self) -> str:
+        """What the generator learnt from the measurements before it."""
+        return self.proposal.lesson
+
+
+@dataclass(frozen=True, slots=True)
+class AttemptSummary:
+    """What a search asks of all its attempts, about 1 kB of some 100 kB; the fields are those of Attempt."""
+
+    index: int
+    purpose: Purpose
+    confirms: int | None
+    scenario_index: int
+    scenario_id: str | None
+    feedback_id: str | None
+    untold_id: str | None
+    lesson: str
+    mean: float | None
+    violations: int
+    valued_runs: int
+    measured_runs: int
+    seeds: tuple[int, ...]
+    read: Callable[[int], Attempt] = field(compare=False, repr=False)
+    """Reads the attempt of an index."""
+
+    @classmethod
+    def of(cls, attempt: Attempt, read: Callable[[int], Attempt]) -> AttemptSummary:
+        """Return the summary of an attempt that `read` finds by its index."""
+        values = {each.name: getattr(attempt, each.name) for each in fields(cls) if each.name != "read"}
+        return cls(**values, read=read)
+
+    @property
+    def runs(self) -> int:
+        """How many runs were asked for, those that could not be made included."""
+        return len(self.seeds)
+
+    @property
+    def record(self) -> Attempt:
+        """The attempt, from the ledger."""
+        return self.read(self.index)
+
+
+AnyAttempt = TypeVar("AnyAttempt", Attempt, AttemptSummary)
+
+
+Count = Annotated[int, Field(ge=1, le=100_000)]
+
+
+class Plan(Record):
+    """What a campaign does.
+
+    The search tries `scenarios` x (1 + `refinements`) configurations, each in `repeats` runs, or spends `budget_runs`
+    runs. A strategy that races gives losing configurations fewer runs and tries more of them. Afterwards the scenarios
+    that violated the requirement are confirmed, worst first, in at most `confirmations` runs together; see
+    `rvsg.search.confirmation`.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
+    mission: Mission
+    requirement: Requirement
+    also: tuple[Requirement, ...] = ()
+    """Further requirements that the strategy `multi` looks at; nothing is confirmed by them."""
+    humans: Annotated[int, Field(ge=1, le=100)] = 2
+    """People in a scenario."""
+    scenarios: Count = 10
+    refinements: Annotated[int, Field(ge=0, le=1000)] = 4
+    """Refinements of each scenario."""
+    repeats: Count = 5
+    """Runs of each configuration of the search."""
+    realism: Annotated[float | None, Field(ge=0, le=50, exclude_if=lambda percent: percent is None)] = None
+    """Runs in which somebody does what fewer recorded people do (percent) are not judged; None: all are."""
+    confirmations: Annotated[int, Field(ge=0, le=100_000)] = 250
+    """Confirmation runs of all candidates together; 0: no confirmation."""
+    budget_runs: Annotated[int | None, Field(ge=1, le=10_000_000)] = None
+    """Runs of the search; None: `scenarios` x (1 + `refinements`) x `repeats`."""
+    proposals: Count | None = None
+    """How often a strategy that plans in runs asks the generator; None: as often as it likes. Other strategies ask for
+    every configuration."""
+    memory: Annotated[int, Field(ge=0, le=1000)] = 10
+    """Earlier scenarios that a new one must differ from."""
+    max_in_flight: Annotated[int, Field(ge=1, le=1000)] = 1
+    """Attempts that may be in progress at a time. More of them keep more workers busy, and the strategy learns the
+    result of each later. That changes what it tries, so it belongs to the plan; the number of workers does not."""
+    seed: Annotated[int, Field(ge=0)] = 0
+
+    @property
+    def configurations(self) -> int:
+        """Configurations of one scenario: the first draft and its refinements."""
+        return 1 + self.refinements
+
+    @property
+    def attempts(self) -> int:
+        """Attempts of the search, for a strategy that runs each of them `repeats` times."""
+        planned = self.scenarios * self.configurations
+        return planned if self.budget_runs is None else min(planned, self.budget_runs // self.repeats)
+
+    @property
+    def search_runs(self) -> int:
+        """Runs that the search may spend."""
+        planned = self.scenarios * self.configurations * self.repeats
+        return planned if self.budget_runs is None else self.budget_runs
+
+    @property
+    def runs(self) -> int:
+        """Runs of search and confirmation together, at most."""
+        return self.search_runs + self.confirmations

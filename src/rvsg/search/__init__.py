@@ -1,0 +1,1 @@
+"""The search: strategies, the loop, confirmation, shrinking and exploration."""

@@ -1,0 +1,1 @@
+"""Suites: cases, what is expected of them, and the folder that keeps them."""

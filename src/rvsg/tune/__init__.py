@@ -1,0 +1,1 @@
+"""Tuning: settings of a stack over failures, their checks and what they show."""

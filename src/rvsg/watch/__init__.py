@@ -1,0 +1,1 @@
+"""The watch over a robot: monitor, analyse, plan, legitimate, execute."""
