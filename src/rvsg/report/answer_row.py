@@ -184,6 +184,11 @@ class Row(Record):
     """When in that run it happens."""
 
     @property
+    def shown_attempt(self) -> int:
+        """The attempt whose runs it shows."""
+        return self.attempt if self.confirmation is None else self.confirmation
+
+    @property
     def counts(self) -> bool:
         """Whether confirmation runs violate the requirement or touch a person."""
         return self.state == "confirmed" and (self.violated == "yes" or self.contacts > 0)

@@ -177,7 +177,7 @@ def scenario_rows(shown: PageContents) -> list[dict[str, Any]]:
     rows = []
     for row in shown.answer.rows:
         attempt = attempts[row.attempt]
-        facts = by_index[row.attempt if row.confirmation is None else row.confirmation]
+        facts = by_index[row.shown_attempt]
         scenario = attempt.proposal.scenario
         assert scenario is not None
         rows.append(

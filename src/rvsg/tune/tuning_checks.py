@@ -307,12 +307,13 @@ class ProposalChecks:
             for each in missions:
                 campaign = self._campaign(each, setting, budget)
                 deque(campaign.run(jobs=self.tuner.jobs), maxlen=0)
-                confirmed += sum(finding.violated for finding in campaign.findings)
+                with campaign.result() as result:
+                    confirmed += sum(finding.violated for finding in result.findings)
                 cases += [
                     case_result(attempt, campaign.requirement).replace(
                         case=f"{campaign.folder.name.lower()}-{attempt.index}"
                     )
-                    for attempt in campaign.attempts()
+                    for attempt in result.attempts
                     if attempt.purpose == "search"
                     and attempt.verdict is not None
                     and attempt.proposal.scenario is not None

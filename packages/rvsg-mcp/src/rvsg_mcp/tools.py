@@ -33,7 +33,7 @@ from rvsg.core.files import path_inside
 from rvsg.core.inputs import parse_json
 from rvsg.evaluation.story import story_of
 from rvsg.report.film import shot_of_run, strip
-from rvsg.report.result import Answer
+from rvsg.report.result import Result
 from rvsg.report.terminal import describe_case, describe_judgement
 from rvsg.report.words import limit_in_words
 from rvsg.robots.robot import shipped_robots
@@ -272,9 +272,10 @@ class Tools:
         its decisive moments, and the file that its scenario is saved to for `simulate` and `keep`.
         """
         opened = rvsg.Campaign.open(self.workspace.path(campaign))
-        answer = opened.answer
-        if number:
-            return self._finding(opened, answer, number)
+        with opened.result() as result:
+            if number:
+                return self._finding(opened, result, number)
+            answer = result.answer
         lines = [answer.headline, answer.counts, *(f"{f.label}: {f.value} {f.note}".strip() for f in answer.figures)]
         lines += [each.text for each in (answer.alone, answer.elsewhere) if each is not None]
         for row in answer.shown:
@@ -283,17 +284,14 @@ class Tools:
             lines.append(f"    cause: {row.cause} ({row.caused}) {row.shrunk}".rstrip())
         return ["\n".join(lines)]
 
-    def _finding(self, campaign: rvsg.Campaign, answer: Answer, number: str) -> list[str | Image]:
-        row = next((each for each in answer.rows if each.number == number), None)
-        if row is None:
-            raise InputError(f"There is no {number}. There are {', '.join(each.number for each in answer.rows)}.")
-        made = {attempt.index: attempt for attempt in campaign.attempts()}
-        attempt = made[row.attempt if row.confirmation is None else row.confirmation]
-        scenario = attempt.proposal.scenario
+    def _finding(self, campaign: rvsg.Campaign, result: Result, number: str) -> list[str | Image]:
+        rows = {row.number: row for row in result.answer.rows}
+        if (row := rows.get(number)) is None:
+            raise InputError(f"There is no {number}. There are {', '.join(rows)}.")
+        attempt = next(attempt for attempt in result.attempts if attempt.index == row.shown_attempt)
+        scenario, run = attempt.proposal.scenario, result.run_of(row.run)
         assert scenario is not None, "a row has runs"
-        with campaign.reading() as ledger:
-            run = ledger.run(row.run)
-        measured = next(each for each in attempt.measurements if each.run_id == row.run)
+        measured = next(measured for measured in attempt.measurements if measured.run_id == row.run)
         file = campaign.folder / f"scenario-{number}.json"
         self.workspace.save(scenario, file, campaign.found_with)
         return [

@@ -246,9 +246,8 @@ class Live:
                     with tag("span", cls="st-row-head"):
                         chip(row.status, row.tone)
                         rate(row)
-                    index = row.attempt if row.confirmation is None else row.confirmation
                     link(f"{row.number} {row.name}", "/finding", campaign=self.folder, name=self.campaign.name,
-                         attempt=str(index))  # fmt: skip
+                         attempt=str(row.shown_attempt))  # fmt: skip
                     touch = f"contact {row.contact}"
                     tag("span", touch, cls=f"small{' st-wrong' if row.contacts else ''}")
             tag("p", self.result.answer.rest, cls="soft small")

@@ -123,9 +123,7 @@ def read(workspace: Workspace, folder: str, name: str, index: int) -> Shown:
     attempt = next((a for a in result.attempts if a.index == index), None)
     if attempt is None or attempt.proposal.scenario is None or attempt.verdict is None:
         raise InputError(f"There is no attempt {index} with a valid scenario in {folder}.")
-    row = next(
-        (r for r in result.answer.rows if index == (r.attempt if r.confirmation is None else r.confirmation)), None
-    )
+    row = next((r for r in result.answer.rows if index == r.shown_attempt), None)
     if row is None:  # another configuration of its scenario is more severe
         with campaign.reading() as ledger:
             row = answer_of_runs(campaign.plan, attempt, world=campaign.shown_world, run_of=ledger.run).rows[0]
