@@ -18,8 +18,8 @@ from urllib.parse import urlsplit
 import pytest
 
 import rvsg
-from rvsg_studio.server import Guard, own_folder
-from rvsg_studio.workspace import Jobs
+from rvsg_studio.server import Guard
+from rvsg_studio.workspace import Jobs, own_folder
 from rvsg_studio.world_editor import folder_of_world
 
 Show = Callable[..., Any]

@@ -11,8 +11,8 @@ import pytest
 
 from rvsg.core.errors import FileError
 from rvsg.core.files import state_folder
-from rvsg_studio.server import Guard, own_folder, token_of
-from rvsg_studio.workspace import Workspace
+from rvsg_studio.server import Guard, token_of
+from rvsg_studio.workspace import Workspace, own_folder
 
 PORT = 8420
 HOST = f"127.0.0.1:{PORT}"

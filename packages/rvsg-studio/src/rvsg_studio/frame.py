@@ -21,13 +21,6 @@ from rvsg.core.errors import RvsgError
 from rvsg.report.answer_row import Row
 from rvsg_studio.workspace import Workspace
 
-PAGES = (
-    ("/", "Home"),
-    ("/campaign/new", "New campaign"),
-    ("/inbox", "Proposals"),
-    ("/compare", "Compare"),
-    ("/conversations", "Conversations"),
-)
 HEAD = (
     '<link rel="icon" href="data:,"><link rel="stylesheet" href="/files/look.css">'
     '<link rel="stylesheet" href="/files/studio.css">'
@@ -133,7 +126,7 @@ def page(workspace: Workspace, title: str, *, here: str = "", wide: bool = False
     with ui.header(fixed=False).classes(replace="st-bar"), tag("nav", cls="st-nav", aria_label="Pages"):
         tag("a", "Skip to the content", cls="st-skip", href="#content")
         tag("a", "RVSG", cls="st-brand", href="/", aria_label="RVSG studio, home")
-        for path, name in PAGES:
+        for path, (_, name) in sorted(workspace.menu.items(), key=lambda item: item[1]):
             tag("a", name, href=path, aria_current="page" if path == here else None)
     with tag("div", cls=f"st-main{' st-wide' if wide else ' st-full' if full else ''}", id="content", tabindex="-1"):
         tag("h1", title)
@@ -155,13 +148,18 @@ async def load(work: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
 Built = Callable[..., Awaitable[None]]
 
 
-def route(workspace: Workspace, path: str, title: str, *, patience_s: float = 60.0) -> Callable[[Built], Built]:
-    """Decorate the function that lays out the page at a path.
+def route(
+    workspace: Workspace, path: str, title: str, *, menu: int | None = None, patience_s: float = 60.0
+) -> Callable[[Built], Built]:
+    """Decorate the function that lays out the page at a path; `menu` is its place in the menu.
 
     An error of RVSG that it raises before anything is laid out becomes a page that says why there is nothing to show.
     """
 
     def add(build: Built) -> Built:
+        if menu is not None:
+            workspace.menu[path] = menu, title
+
         @ui.page(path, response_timeout=patience_s)
         @functools.wraps(build)
         async def shown(**given: Any) -> None:

@@ -20,7 +20,8 @@ from urllib.parse import parse_qsl, quote, urlencode
 from rvsg.app.view import SUFFIX, unpack_view
 from rvsg.core import plugins
 from rvsg.core.errors import FileError, InputError, how_to_install
-from rvsg.core.files import state_folder, write_whole
+from rvsg.core.files import write_whole
+from rvsg_studio.workspace import Workspace, own_folder
 
 HOST = "127.0.0.1"
 PORT = 8420
@@ -63,17 +64,6 @@ def serve(folder: Path, *, port: int | None, browser: bool, say: Callable[[str],
         uvicorn.Server(config).run(sockets=[sock])
 
 
-def own_folder(folder: Path) -> Path:
-    """Return where the studio keeps what is its own about a folder: jobs, token, undo steps, what is typed, the index.
-
-    It lies with the user and not in the folder, which may come from a stranger. Deleting it loses no result.
-    """
-    place = folder.resolve()
-    own = state_folder() / "studio" / f"{place.name}-{hashlib.sha256(os.fsencode(place)).hexdigest()[:16]}"
-    own.mkdir(parents=True, exist_ok=True, mode=0o700)
-    return own
-
-
 def token_of(own: Path) -> str:
     """Return the token of a studio, which its user alone can read: pages that are open live on after a restart."""
     path = own / "token"
@@ -91,7 +81,6 @@ def make_app(folder: Path, *, token: str, port: int) -> Callable[..., object]:
     except ImportError:
         raise InputError(f"The studio needs NiceGUI: {how_to_install('studio')}") from None
     from rvsg_studio.answers import add_data
-    from rvsg_studio.workspace import Workspace
 
     workspace = Workspace(folder)
     threading.Thread(target=workspace.listing, daemon=True).start()  # so that the first page waits less

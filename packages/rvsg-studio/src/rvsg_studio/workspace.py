@@ -47,7 +47,6 @@ from rvsg.core.inputs import exists
 from rvsg.core.records import Record
 from rvsg_studio.listing import Lister, Listing
 from rvsg_studio.question import Question
-from rvsg_studio.server import own_folder
 
 JOB, EVENTS, RESULT, LOCK, LOG = "job.json", "events.jsonl", "result.json", ".lock", "worker.log"
 BOTH = "both.json"
@@ -224,6 +223,17 @@ def read_json(path: Path, otherwise: Any) -> Any:
         return otherwise
 
 
+def own_folder(folder: Path) -> Path:
+    """Return where the studio keeps what is its own about a folder: jobs, token, undo steps, what is typed, the index.
+
+    It lies with the user and not in the folder, which may come from a stranger. Deleting it loses no result.
+    """
+    place = folder.resolve()
+    own = state_folder() / "studio" / f"{place.name}-{hashlib.sha256(os.fsencode(place)).hexdigest()[:16]}"
+    own.mkdir(parents=True, exist_ok=True, mode=0o700)
+    return own
+
+
 REMEMBERED = 24
 T = TypeVar("T")
 
@@ -238,6 +248,8 @@ class Workspace:
         self.jobs = Jobs(self.own / "jobs", self.folder)
         self._kept: OrderedDict[tuple[Any, ...], Any] = OrderedDict()
         self._lock = Lock()
+        self.menu: dict[str, tuple[int, str]] = {}
+        """Pages of the menu by their address: place and name."""
 
     def listing(self) -> Listing:
         """Return what lies in the folder now; campaigns that have changed are read in the background."""

@@ -103,7 +103,7 @@ def scatter(places: Iterable[Place], said: str, across: str, up: str) -> None:
 def add(workspace: Workspace) -> None:
     """Add the pages."""
 
-    @route(workspace, "/compare", "Compare", patience_s=PATIENT_S)
+    @route(workspace, "/compare", "Compare", menu=4, patience_s=PATIENT_S)
     async def compare(a: str = "", b: str = "") -> None:
         listing = await load(workspace.whole_listing if a and b else workspace.listing)
         found = await load(_read, workspace, a, b) if a and b else None

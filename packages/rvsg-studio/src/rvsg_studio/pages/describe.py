@@ -56,7 +56,7 @@ def add(workspace: Workspace) -> None:
         with page(workspace, f"Description of {review.world.title}", wide=True) as made:
             Reviewing(made, review)
 
-    @route(workspace, "/conversations", "Conversations", patience_s=PATIENT_S)
+    @route(workspace, "/conversations", "Conversations", menu=5, patience_s=PATIENT_S)
     async def conversations(folder: str = "", name: str = "") -> None:
         if not folder:
             await _list(workspace)

@@ -1,4 +1,4 @@
-"""The editors of a world and of a scenario; worlds from a map or a Gazebo file, scenarios from a recording."""
+"""The editors of a world and of a scenario; worlds from a map or a Gazebo file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from rvsg.world.creation import save_created, world_from
 from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.answers import scenario_place, world_place
 from rvsg_studio.frame import PATIENT_S, Page, actions, address, field, load, page, route, select, tag, text_input
-from rvsg_studio.pages import recording, tuning
 from rvsg_studio.question import Question, question_of
 from rvsg_studio.workspace import KINDS, Typed, Workspace, forget, received
 from rvsg_studio.world_editor import editable_world, folder_of_world
@@ -36,8 +35,6 @@ def add(workspace: Workspace) -> None:
             NewWorld(made)
 
     _add_scenario(workspace)
-    recording.add(workspace)
-    tuning.add(workspace)
 
 
 def _lay_out(made: Page, name: str, found: dict[str, Any]) -> None:

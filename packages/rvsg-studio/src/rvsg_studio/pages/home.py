@@ -52,7 +52,7 @@ STARTS = (
 def add(workspace: Workspace) -> None:
     """Add the pages."""
 
-    @route(workspace, "/", "Home", patience_s=PATIENT_S)
+    @route(workspace, "/", "Home", menu=1, patience_s=PATIENT_S)
     async def home() -> None:
         listing = await load(workspace.listing)
         jobs = await load(workspace.jobs.all)

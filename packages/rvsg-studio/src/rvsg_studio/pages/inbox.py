@@ -20,7 +20,7 @@ from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.frame import Page, actions, chip, field, link, load, number_input, page, route, select, tag
 from rvsg_studio.model_questions import asked_model
 from rvsg_studio.pages.describe import model_form
-from rvsg_studio.pages.new_campaign import GENERATORS, routes_of
+from rvsg_studio.pages.new_campaign import generators, routes_of
 from rvsg_studio.workspace import Job, Typed, Workspace
 
 FOLDER = "proposals"
@@ -50,7 +50,7 @@ class Found:
 def add(workspace: Workspace) -> None:
     """Add the page."""
 
-    @route(workspace, "/inbox", "Proposals")
+    @route(workspace, "/inbox", "Proposals", menu=3)
     async def inbox() -> None:
         found = await load(proposals, workspace)
         listing = await load(workspace.listing)
@@ -112,7 +112,7 @@ class Inbox:
                 options = {name: f"{name}: {each.title}" for name, each in shipped_requirements().items()}
                 select(options, asked["requirement"], partial(self._set, "requirement"))
             with field("Who writes it"):
-                select(GENERATORS, asked["generator"], partial(self._set, "generator"))
+                select(generators(), asked["generator"], partial(self._set, "generator"))
             for key, label in (("humans", "People"), ("seed", "First seed"), ("count", "How many")):
                 with field(label):
                     number_input(asked[key], partial(self._set, key), inputmode="numeric")

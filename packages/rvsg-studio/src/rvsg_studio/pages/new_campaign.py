@@ -200,9 +200,15 @@ GROUP_OF = {name: group for group, names in GROUPED.items() for name in names}
 REQUIREMENTS = {name: shipped_requirements()[name] for name in [*GROUP_OF, *shipped_requirements()]}
 DRAFT = "new-campaign.yaml"
 HEAD = "# A campaign file: every key is an option of `rvsg run`.\n"
-GENERATORS = {"heuristic": "heuristic, offline", "random": "random", "vlm": "vision language model"}
+GENERATOR_TITLES = {"heuristic": "heuristic, offline", "vlm": "vision language model"}
+"""What the shipped generators are called, where their names do not say it."""
 NOT_STORED = ("jobs", *BUDGETS)
 """Settings that are not stored with the campaign, and go to the process that runs it."""
+
+
+def generators() -> dict[str, str]:
+    """Return the installed generators by name, each with its title."""
+    return {name: GENERATOR_TITLES.get(name, name) for name in plugins.names("generator")}
 
 
 class Draft:
@@ -263,7 +269,7 @@ def _first_of_each(values: dict[str, Any]) -> dict[str, Any]:
 def add(workspace: Workspace) -> None:
     """Add the page."""
 
-    @route(workspace, "/campaign/new", "New campaign", patience_s=PATIENT_S)
+    @route(workspace, "/campaign/new", "New campaign", menu=2, patience_s=PATIENT_S)
     async def new_campaign(world: str = "") -> None:
         listing = await load(workspace.listing)
         draft = Draft(workspace)
@@ -336,7 +342,7 @@ class Form:
         }
         choices = {key: {name: name for name in names} for key, names in named.items()}
         choices["requirement"] = {name: f"{name}: {each.title}" for name, each in REQUIREMENTS.items()}
-        choices["generator"] = GENERATORS
+        choices["generator"] = generators()
         shown = {
             key: setting
             for key, setting in settings().items()
