@@ -8,6 +8,8 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Annotated, Literal, Self
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from rvsg.core.errors import UnknownName
@@ -187,7 +189,14 @@ class Grid(Record):
 
     def nearest(self, x: float, y: float) -> str:
         """Return the name of the valid waypoint nearest to a point; ties go to the earlier one in grid order."""
-        return min((w for w in self.waypoints if w.human), key=lambda w: (w.x - x) ** 2 + (w.y - y) ** 2).name
+        standing, at = self._standing
+        return min((standing[k] for k in nearest_rows(at, x, y)), key=lambda w: (w.x - x) ** 2 + (w.y - y) ** 2).name
+
+    @cached_property
+    def _standing(self) -> tuple[list[Waypoint], NDArray[np.float64]]:
+        """The valid waypoints and (K, 2) where they are."""
+        standing = [w for w in self.waypoints if w.human]
+        return standing, np.array([(w.x, w.y) for w in standing]).reshape(-1, 2)
 
     @cached_property
     def _walks(self) -> dict[tuple[str, str], tuple[str, ...] | None]:
@@ -216,3 +225,9 @@ class Grid(Record):
         if len(self._walks) < MOST_WALKS:
             self._walks[ends] = found
         return found
+
+
+def nearest_rows(at: NDArray[np.float64], x: float, y: float) -> NDArray[np.intp]:
+    """Return the rows of points (K, 2) nearest to a point: one, or those that rounding does not tell apart."""
+    squared = ((at - (x, y)) ** 2).sum(axis=1)
+    return np.flatnonzero(squared <= squared.min() * (1.0 + 1e-9) + 1e-12)

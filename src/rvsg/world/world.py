@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 
 from rvsg.core.errors import UnknownName
 from rvsg.core.records import Pose, Record, content_id
-from rvsg.world.grid import Grid, GridSpec
+from rvsg.world.grid import Grid, GridSpec, nearest_rows
 
 Point = tuple[float, float]
 Who = Literal["people", "robot"]
@@ -346,19 +346,21 @@ class World:
         return [names[i] for i in squared.argmin(axis=1)]
 
     @cached_property
-    def _area_points(self) -> list[tuple[str, list[Point]]]:
-        """The labelled areas that have waypoints, with where these are."""
+    def _area_points(self) -> tuple[list[str], NDArray[np.float64]]:
+        """The area of each labelled waypoint and (K, 2) where it is."""
         grid = self.grid
-        areas = [(area.name, [grid.position(w) for w in area.waypoints if w in grid.by_name]) for area in self.areas]
-        return [(name, points) for name, points in areas if points]
+        points = [(area.name, grid.position(w)) for area in self.areas for w in area.waypoints if w in grid.by_name]
+        return [name for name, _ in points], np.array([at for _, at in points]).reshape(-1, 2)
 
     def place_name(self, x: float, y: float) -> str:
         """Return the name by which findings, failures and maps speak of a position (m).
 
         It is the labelled area whose waypoints are nearest; where nothing is labelled, the nearest waypoint.
         """
-        nearest = [(min(math.dist((x, y), at) for at in points), name) for name, points in self._area_points]
-        return min(nearest)[1] if nearest else self.grid.nearest(x, y)
+        names, at = self._area_points
+        if not names:
+            return self.grid.nearest(x, y)
+        return min((math.dist((x, y), at[k]), names[k]) for k in nearest_rows(at, x, y))[1]
 
     def route(self, name: str) -> Route:
         """Return the route of that name; raises UnknownName."""
