@@ -37,6 +37,7 @@ _HOME = {
     "load_scenario": "rvsg.scenario.builder",
     "load_world": "rvsg.scenario.world_lookup",
     "propose": "rvsg.app.proposal",
+    "recorded_scenario": "rvsg.recording.intent",
     "scenario": "rvsg.scenario.builder",
     "shrink": "rvsg.search.smallest_scenario",
     "simulate": "rvsg.search.run_set",

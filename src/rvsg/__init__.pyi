@@ -10,6 +10,7 @@ from rvsg.core.errors import InvalidScenario as InvalidScenario
 from rvsg.core.errors import RvsgError as RvsgError
 from rvsg.core.plugins import Spec as Spec
 from rvsg.evaluation.verdict import load_requirement as load_requirement
+from rvsg.recording.intent import recorded_scenario as recorded_scenario
 from rvsg.recording.tracks import load_recording as load_recording
 from rvsg.scenario.builder import check as check
 from rvsg.scenario.builder import load_scenario as load_scenario

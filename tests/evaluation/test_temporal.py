@@ -11,7 +11,8 @@ from tests.evaluation.runs import run_of, trajectory
 
 from rvsg.evaluation.metrics import METRICS
 from rvsg.evaluation.signals import SIGNALS, aim_of, formula, least_room, robustness, series_name, series_of
-from rvsg.evaluation.temporal import FormulaError, body_of, joined_in, parse
+from rvsg.evaluation.temporal import FormulaError, body_of, joined_in
+from rvsg.evaluation.temporal_grammar import parse
 from rvsg.evaluation.verdict import objective
 from rvsg.scenario.requirement import Aim, Requirement, load_requirement, shipped_requirements
 from rvsg.world.world_folder import load_world

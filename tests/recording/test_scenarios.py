@@ -71,7 +71,9 @@ def recording(world: World, *people: PersonTrack) -> Recording:
 
 @pytest.mark.parametrize("people", list(People))
 def test_a_scenario_of_an_own_run_is_valid_and_findable(bag: Path, world: World, people: People) -> None:
-    scenario = load_recording(bag, world=world).scenario(world, people=people, route=world.route("route_1"))
+    scenario = recorded_scenario(
+        load_recording(bag, world=world), world, people=people, route=world.route("route_1")
+    ).scenario
     assert check(scenario.people, scenario.mission, world) == ()
     assert [human.name for human in scenario.people.humans] == ["Person 1", "Person 2"]
     tracked = [human.track is not None and len(human.track.points) > 1 for human in scenario.people.humans]
@@ -245,7 +247,7 @@ def test_the_map_of_a_recording_becomes_a_world(bag: Path, tmp_path: Path) -> No
     found = load_recording(bag)
     made = world_of_recording(found, None, tmp_path / "site")
     assert made.grid.valid and (tmp_path / "site" / "world.yaml").is_file()
-    assert found.scenario(made).mission.world == "site"
+    assert recorded_scenario(found, made).scenario.mission.world == "site"
 
 
 def test_a_faster_robot_and_a_slow_answer_are_estimated(bag: Path, run: Run, world: World) -> None:
@@ -374,7 +376,7 @@ def test_a_contact_that_the_bag_holds_is_told_whatever_smoothing_leaves_of_it(
 def test_the_smallest_change_that_violates_is_found(world: World) -> None:
     start = world.route("route_1").start
     beside = recording(world, walker((0, start.x + 1.6, start.y - 4), (15, start.x + 1.6, start.y + 1)))
-    scenario = beside.scenario(world, people="as-recorded")
+    scenario = recorded_scenario(beside, world, people="as-recorded").scenario
     found = nearest_violation(scenario, "clearance", repeats=1, most=1.6)
     assert found.violations == 0
     (change, *_) = found.changes
@@ -388,7 +390,7 @@ def test_the_smallest_change_that_violates_is_found(world: World) -> None:
 def test_a_shifted_person_does_the_same_later_and_elsewhere(world: World) -> None:
     start = world.route("route_1").start
     made = recording(world, walker((0, start.x + 1, start.y - 4), (10, start.x + 1, start.y + 2)))
-    (human,) = made.scenario(world, people="as-recorded").people.humans
+    (human,) = recorded_scenario(made, world, people="as-recorded").scenario.people.humans
     later = shifted(human, world.grid, 1.5)
     assert later is not None and later.track is not None and human.track is not None
     assert later.track.start_s == pytest.approx(human.track.start_s + 1.5) and later.track.points == human.track.points

@@ -66,8 +66,7 @@ def tune(
     from rvsg.app.settings import effective
     from rvsg.app.wiring import jobs_of
     from rvsg.simulation.stacks.stack_choice import DEFAULT_STACK
-    from rvsg.tune.tuner import Tuner
-    from rvsg.tune.tuning_checks import PAGE
+    from rvsg.tune.tuner import PAGE, Tuner
     from rvsg.tune.tuning_page import headline, result_lines
 
     chosen = effective(None, {}, {**settings, "jobs": jobs})

@@ -12,7 +12,7 @@ import numpy as np
 from rvsg.core.plugins import Registry
 from rvsg.evaluation.metrics import find_metric
 from rvsg.evaluation.sampled import Floats, Sampled, sampled
-from rvsg.evaluation.temporal import Node, Range, body_of, bounds, joined_in, parse, signals_of
+from rvsg.evaluation.temporal import Node, Range, body_of, bounds, joined_in, signals_of
 from rvsg.scenario.requirement import Aim, Requirement
 from rvsg.scenario.scenario import FASTEST_M_S, Mission
 from rvsg.simulation.run import Run
@@ -124,6 +124,8 @@ SIGNALS: Registry[RunSignal] = Registry("signal", RunSignal, {signal.id: signal 
 @lru_cache(maxsize=256)
 def formula(text: str) -> Node:
     """Return a parsed formula over the signals; FormulaError, with the position, where it cannot be parsed."""
+    from rvsg.evaluation.temporal_grammar import parse  # loads lark, which most commands do not need
+
     return parse(text, tuple(SIGNALS))
 
 

@@ -27,7 +27,7 @@ Intervals are in seconds: always[0, 5], eventually[1, inf]. A formula is data: n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -222,25 +222,3 @@ class FormulaError(InputError):
         self.position = position
         self.reason = message
         super().__init__(f"{message} (at character {position})\n  {formula}\n  {' ' * (position - 1)}^", code=code)
-
-
-def parse(text: str, signals: Collection[str]) -> Node:
-    """Return a formula as a tree whose value is its robustness.
-
-    Args:
-        text: The formula.
-        signals: The names that exist.
-
-    Raises:
-        FormulaError: it cannot be read.
-    """
-    from rvsg.evaluation.temporal_grammar import Mistake, read  # loads lark, which most commands do not need
-
-    if len(text) > LONGEST:
-        long = f"the formula has {len(text)} characters; at most {LONGEST} are read"
-        raise FormulaError(text[:60], 1, long, code="formula-long")
-    text = " ".join(text.split())
-    try:
-        return read(text, signals)
-    except Mistake as mistake:
-        raise FormulaError(text, mistake.at + 1, str(mistake), code=mistake.code) from None

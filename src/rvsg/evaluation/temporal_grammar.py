@@ -13,7 +13,7 @@ from lark import Lark, Token
 from lark.exceptions import UnexpectedCharacters, UnexpectedInput, VisitError
 from lark.visitors import Transformer_NonRecursive, v_args
 
-from rvsg.evaluation.temporal import Interval, Node
+from rvsg.evaluation.temporal import LONGEST, FormulaError, Interval, Node
 
 DEEPEST, MOST_NODES_DEEP = 40, 200
 WHOLE = Interval()
@@ -78,6 +78,26 @@ class Mistake(Exception):
         super().__init__(message)
         self.at = at
         self.code = code
+
+
+def parse(text: str, signals: Collection[str]) -> Node:
+    """Return a formula as a tree whose value is its robustness.
+
+    Args:
+        text: The formula.
+        signals: The names that exist.
+
+    Raises:
+        FormulaError: it cannot be read.
+    """
+    if len(text) > LONGEST:
+        long = f"the formula has {len(text)} characters; at most {LONGEST} are read"
+        raise FormulaError(text[:60], 1, long, code="formula-long")
+    text = " ".join(text.split())
+    try:
+        return read(text, signals)
+    except Mistake as mistake:
+        raise FormulaError(text, mistake.at + 1, str(mistake), code=mistake.code) from None
 
 
 def read(text: str, signals: Collection[str]) -> Node:

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,6 @@ from rvsg.core import plugins
 from rvsg.core.errors import FileError
 from rvsg.core.records import Record
 from rvsg.evaluation.sampled import wrap
-from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.archive import RunHeader
 from rvsg.simulation.events import Contact
 from rvsg.simulation.run import Trajectory
@@ -132,12 +130,6 @@ class Recording:
     """Contacts that the recording holds; others show in the tracks alone."""
     log: Trajectory | None = None
     imu: Floats = field(default_factory=lambda: np.empty(0))
-
-    def scenario(self, world: World, **options: Any) -> Scenario:
-        """Return the scenario of this recording; see `rvsg.recording.intent.recorded_scenario` for the options."""
-        from rvsg.recording.intent import recorded_scenario
-
-        return recorded_scenario(self, world, **options).scenario
 
     @property
     def begin_s(self) -> float:

@@ -30,7 +30,7 @@ from rvsg_exchange.model_files import (
     read_xml,
     split,
 )
-from rvsg_exchange.urdf import as_sdf_model
+from rvsg_exchange.urdf_model import as_sdf_model
 
 Matrix = NDArray[np.float64]
 

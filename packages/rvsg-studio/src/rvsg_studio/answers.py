@@ -42,8 +42,8 @@ from rvsg.search.run_set import RunSet
 from rvsg.simulation.route_trial import SimulatedTrial, trial_of
 from rvsg.simulation.simulators import as_found
 from rvsg.simulation.stacks.stack_choice import stack_names
+from rvsg.tune.tuner import PAGE, RESULT
 from rvsg.tune.tuning import Tuning
-from rvsg.tune.tuning_checks import PAGE, RESULT
 from rvsg.world.creation import other_robot
 from rvsg.world.drawing.svg import floor_plan
 from rvsg.world.edits import begin_doors

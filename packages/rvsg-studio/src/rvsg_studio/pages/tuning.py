@@ -15,9 +15,8 @@ import rvsg
 from rvsg.app.settings import safe_name
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.simulation.stacks.stack_choice import DEFAULT_STACK, StackChoice, stack_names
-from rvsg.tune.tuner import check_budget
+from rvsg.tune.tuner import PAGE, check_budget
 from rvsg.tune.tuning import Tuning
-from rvsg.tune.tuning_checks import PAGE
 from rvsg.tune.tuning_page import front_row, headline, result_lines
 from rvsg_studio.answers import tuning_in
 from rvsg_studio.frame import (
