@@ -17,11 +17,12 @@ from rvsg.app.folder import LEDGER
 from rvsg.app.matrix import folders_in
 from rvsg.world.world_folder import SHIPPED
 
-SMALL = [
-    *("--simulator", "kinematic", "--strategy", "random", "--scenarios", "2", "--refinements", "1"),
-    *("--repeats", "2", "--confirmations", "4", "--seed", "7", "--jobs", "1"),
+QUICK = [
+    *("--simulator", "kinematic", "--strategy", "random", "--repeats", "2", "--confirmations", "4", "--seed", "7"),
 ]
-ONE = [*SMALL, "--scenarios", "1", "--refinements", "0"]
+MANY = [*QUICK, "--scenarios", "2", "--refinements", "1"]
+SMALL = [*MANY, "--jobs", "1"]
+ONE = [*QUICK, "--scenarios", "1", "--refinements", "0", "--jobs", "1"]
 PAIRS = [("route_1", "R1"), ("route_1", "R3"), ("route_2", "R1"), ("route_2", "R3")]
 ROUTES = "--route route_1 --route route_2"
 ASKED = f"{ROUTES} --requirement R1 --requirement R3"
@@ -46,7 +47,7 @@ def kept(folder: str) -> dict[str, list[str]]:
 
 @pytest.mark.slow
 def test_campaigns_side_by_side_keep_what_each_keeps_alone(terminal: Terminal, alone: dict[str, list[str]]) -> None:
-    told = terminal.json("run", SMALL, ASKED, "--out all --jobs 3 --junit junit.xml")
+    told = terminal.json("run", MANY, ASKED, "--out all --jobs 3 --junit junit.xml")
     assert [(c["route"], c["requirement"]) for c in told["campaigns"]] == PAIRS
     assert kept("all") == alone
     assert all(Path(f"all/{name}/report.html").exists() for name in alone)
@@ -67,7 +68,7 @@ def test_campaigns_side_by_side_keep_what_each_keeps_alone(terminal: Terminal, a
 def test_cells_that_are_stopped_resume_to_identical_records(
     terminal: Terminal, alone: dict[str, list[str]], how: signal.Signals
 ) -> None:
-    done = signalled(how, 9, "run", *SMALL, *ASKED.split(), "--out", "all", "--jobs", "2")
+    done = signalled(how, 9, "run", *MANY, *ASKED.split(), "--out", "all", "--jobs", "2")
     assert done.returncode == (3 if how is signal.SIGINT else -how)
     if how is signal.SIGINT:
         assert " -m rvsg run --out all" in done.stderr

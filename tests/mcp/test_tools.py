@@ -67,7 +67,7 @@ def test_an_assistant_writes_a_scenario_and_runs_a_campaign(tmp_path: Path) -> N
     assert [part.type for part in world.content] == ["text", "image"]
     assert not scenario.is_error and (tmp_path / "a.json").exists()
     assert wrong.is_error and "route_1" in text_of(wrong)
-    assert outside.is_error and "outside of the workspace" in text_of(outside)
+    assert outside.is_error and "outside the folder" in text_of(outside)
     assert code.is_error and not (tmp_path / "here").exists()
     assert not campaign.is_error, text_of(campaign)
     assert progress == sorted(progress) and progress

@@ -118,7 +118,7 @@ def _without_permissions(arguments: Sequence[str]) -> tuple[list[str], str | Non
         given.append(each)
         if each == "--":
             given += rest
-    return given, *values.values()
+    return given, values["--allow-code-from"], values["--allow-key-for"]
 
 
 def guarded(work: Callable[[], object], arguments: Sequence[str]) -> int:

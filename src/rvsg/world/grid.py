@@ -190,7 +190,9 @@ class Grid(Record):
     def nearest(self, x: float, y: float) -> str:
         """Return the name of the valid waypoint nearest to a point; ties go to the earlier one in grid order."""
         standing, at = self._standing
-        return min((standing[k] for k in nearest_rows(at, x, y)), key=lambda w: (w.x - x) ** 2 + (w.y - y) ** 2).name
+        rows = nearest_rows(at, x, y)
+        nearest: Waypoint = min((standing[k] for k in rows), key=lambda w: (w.x - x) ** 2 + (w.y - y) ** 2)
+        return nearest.name
 
     @cached_property
     def _standing(self) -> tuple[list[Waypoint], NDArray[np.float64]]:

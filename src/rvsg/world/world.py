@@ -360,7 +360,8 @@ class World:
         names, at = self._area_points
         if not names:
             return self.grid.nearest(x, y)
-        return min((math.dist((x, y), at[k]), names[k]) for k in nearest_rows(at, x, y))[1]
+        _, nearest = min((math.dist((x, y), at[k]), names[k]) for k in nearest_rows(at, x, y))
+        return nearest
 
     def route(self, name: str) -> Route:
         """Return the route of that name; raises UnknownName."""

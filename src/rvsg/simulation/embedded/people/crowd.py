@@ -351,7 +351,8 @@ def _individuals(
     speed = np.array([agent.speed_m_s for agent in agents], np.float64)
     if manner is None:
         none = {name: np.zeros(n) for name in ("clearance", "horizon", "sway", "sway_rate")}
-        unused = Anticipation.model_construct(**dict.fromkeys(Anticipation.model_fields, 0.0))
+        zeros: dict[str, Any] = dict.fromkeys(Anticipation.model_fields, 0.0)
+        unused = Anticipation.model_construct(**zeros)
         return {"speed": speed, "manner": unused, **none}
     normal = np.array([stream(seed, f"people/individual/{i}").standard_normal(4) for i in range(n)]).reshape(-1, 4)
     normal *= options.factor_noise
