@@ -187,7 +187,7 @@ def test_one_of_every_kind_of_failure_is_confirmed_before_the_second_of_one(monk
         kinds = {m.run_id: "same" if a.index != 2 else "other" for a in found for m in a.measurements}
         monkeypatch.setattr(CachedLedger, "failure_mode", lambda self, run_id, world: kinds[run_id])
         always = the_plan.replace(requirement=the_plan.requirement.replace(limit=99.0))
-        ordered = Confirmations(always, [], made)._one_of_each_kind([made.ledger.summary(a) for a in found])
+        ordered = Confirmations(always, [], made)._one_of_each_kind(found)
     assert [a.index for a in ordered] == [0, 2, 1, 3]
 
 

@@ -1,11 +1,9 @@
 from __future__ import annotations
 
-import gc
 import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import fields
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -29,15 +27,14 @@ from tests.campaign.parts import (
 )
 from tests.coded import coded
 
-from rvsg.core.errors import BudgetSpent, NothingJudged, SimulationError, StoreError
+from rvsg.core.errors import BudgetSpent, NothingJudged, SimulationError
 from rvsg.core.seeds import fresh_seeds, seed_for
 from rvsg.evaluation.verdict import Status, judge, violated
-from rvsg.findings.feedback import StoredFeedback
 from rvsg.findings.ranking import best_attempt, confirmations, ranking, rule
 from rvsg.generation.generator import Proposal
 from rvsg.generation.heuristic import HeuristicGenerator
-from rvsg.runs import ledger, runner
-from rvsg.runs.attempt import Attempt, AttemptSummary, Measurement, Plan
+from rvsg.runs import runner
+from rvsg.runs.attempt import Attempt, Measurement, Plan
 from rvsg.runs.ledger import CachedLedger, Ledger
 from rvsg.runs.runner import Runner
 from rvsg.scenario.brief import Brief
@@ -46,7 +43,6 @@ from rvsg.scenario.scenario import Scenario
 from rvsg.search.confirmation import Confirmations
 from rvsg.search.execution import AttemptFinished, account
 from rvsg.search.hybrid import HybridStrategy
-from rvsg.search.loop import stream_campaign
 from rvsg.search.strategies import Ask, RandomStrategy, StudyStrategy, UnguidedStrategy
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
@@ -197,7 +193,7 @@ def test_a_further_configuration_that_cannot_always_violate_is_dropped_early() -
 
     measured = measuring(lambda made: 2.0 if made.seed in (seeds[10], seeds[12]) else 0.5)
     with (made := parts(MemoryLedger(), measure=measured)).runner:
-        confirming = Confirmations(the_plan, [made.ledger.summary(a) for a in first], made)
+        confirming = Confirmations(the_plan, first, made)
         *_, last = confirming.confirm(first[1], budget=30, only_fail=True)
     assert isinstance(last, AttemptFinished) and last.attempt.verdict is not None
     assert (last.attempt.verdict.violations, last.attempt.verdict.runs) == (11, 13)
@@ -454,49 +450,18 @@ def test_purposes_do_not_share_seeds() -> None:
     assert len(seeds) == 900
 
 
-@pytest.fixture
-def few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Keep so few attempts that nearly everything is read from the store."""
-    monkeypatch.setattr(ledger, "ATTEMPTS", 2)
+@pytest.mark.parametrize("strategy", [StudyStrategy, HybridStrategy])
+def test_a_search_that_forgets_its_runs_and_stores_its_attempts_makes_the_same_records(
+    strategy: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(runner, "RECENT", 3)
 
-
-@pytest.mark.usefixtures("few")
-@pytest.mark.parametrize("strategy", [StudyStrategy, HybridStrategy])
-def test_a_search_that_reads_its_attempts_from_the_store_makes_the_same_records(strategy: Any, tmp_path: Path) -> None:
     def made(ledger: Ledger) -> list[Attempt]:
         return searched(strategy, plan(scenarios=3), ledger, generator=HeuristicGenerator())
 
     kept = made(MemoryLedger())
     with SqliteLedger(tmp_path / "ledger.sqlite") as ledger:
         assert [a.to_json() for a in made(ledger)] == [a.to_json() for a in kept]
-        cached = CachedLedger(ledger)
-        for attempt in kept:
-            summary = cached.summary(attempt)
-            assert all(
-                getattr(summary, f.name) == getattr(attempt, f.name) for f in fields(summary) if f.name != "read"
-            )
-            assert summary.runs == attempt.runs and summary.record == attempt == attempt.record
-        with pytest.raises(StoreError) as caught:
-            ledger.attempt("test", len(kept))
-        assert caught.value.code == "store-damaged"
-
-
-@pytest.mark.usefixtures("few")
-def test_a_campaign_holds_few_measurements_at_a_time(tmp_path: Path) -> None:
-    def measurements() -> int:
-        gc.collect()
-        return sum(type(each) is Measurement for each in gc.get_objects())
-
-    wanted = plan(scenarios=6, refinements=1, repeats=3, confirmations=0)
-    with SqliteLedger(tmp_path / "ledger.sqlite") as ledger:
-        made = parts(ledger)
-        strategy = StudyStrategy(wanted, StoredFeedback(made.ledger, wanted, warehouse()), warehouse())
-        before = measurements()
-        running = stream_campaign(wanted, strategy, made)
-        most = max(measurements() - before for event in running if isinstance(event, AttemptFinished))
-    assert len(strategy.attempts) == 12 and all(type(each) is AttemptSummary for each in strategy.attempts)
-    assert most <= 3 * (2 + 1), "two attempts in the cache, and the last runs"
 
 
 def test_where_the_robot_alone_never_arrives_there_is_no_search_unless_asked_for() -> None:

@@ -3,6 +3,8 @@ from __future__ import annotations
 import shutil
 import sqlite3
 import threading
+import zlib
+from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -14,15 +16,15 @@ from tests.campaign.parts import WalkGenerator, plan, warehouse
 from tests.coded import coded
 
 from rvsg.core.errors import NewerStore, StoreError
-from rvsg.core.records import canonical_json, content_id
+from rvsg.core.records import canonical_json, text_id
 from rvsg.generation.generator import Proposal
 from rvsg.runs.attempt import Attempt, Measurement
-from rvsg.scenario.brief import Brief
+from rvsg.scenario.brief import Brief, Feedback, Remembered
 from rvsg.simulation.archive import MAGIC, PackedRun, arrays_of, run_from_json, run_to_json
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 from rvsg.store import sqlite
-from rvsg.store.sqlite import VERSION, SqliteLedger, pack_record
+from rvsg.store.sqlite import VERSION, SqliteLedger
 
 
 def an_attempt(index: int = 0) -> tuple[Attempt, Run]:
@@ -105,13 +107,15 @@ def truncated(path: Path) -> None:
         file.truncate(path.stat().st_size // 2)
 
 
+def exchanged(path: Path, text: str) -> None:
+    """Make a text, with an id that fits it, the record of every attempt."""
+    record_id = text_id("attempt", text)
+    insert = ("INSERT INTO records VALUES (?, ?)", (record_id, zlib.compress(text.encode())))
+    altered(path, insert, ("UPDATE attempts SET id = ?", (record_id,)))
+
+
 def after(statement: str, *values: object) -> Callable[[Path], None]:
     return lambda path: altered(path, (statement, values))
-
-
-def other_record(packed: Callable[[bytes], bytes | str]) -> Callable[[Path], None]:
-    record = a_measured_attempt()[0].model_dump(mode="json") | {"strategy": "walk 9"}
-    return after("UPDATE attempts SET record = ?", packed(canonical_json(record).encode()))
 
 
 @pytest.mark.parametrize(
@@ -122,14 +126,15 @@ def other_record(packed: Callable[[bytes], bytes | str]) -> Callable[[Path], Non
         after("UPDATE campaigns SET settings = '{'"),
         after("UPDATE campaigns SET settings = CAST(x'7bb4' AS TEXT)"),
         after("UPDATE campaigns SET name = NULL"),
-        after("UPDATE attempts SET record = x'00'"),
-        after("UPDATE attempts SET record = substr(record, 1, length(record) - 1)"),
-        other_record(bytes.decode),
-        other_record(pack_record),
-        after("UPDATE dictionaries SET packed = x'00'"),
-        after("UPDATE dictionaries SET packed = 'text'"),
-        after("DELETE FROM dictionaries"),
-        after("DROP TABLE dictionaries"),
+        after("UPDATE attempts SET id = 'attempt-0'"),
+        after("UPDATE records SET packed = x'00'"),
+        after("UPDATE records SET packed = 'text'"),
+        after("UPDATE records SET packed = substr(packed, 1, length(packed) - 1)"),
+        after("UPDATE records SET packed = ? WHERE id LIKE 'brief-%'", zlib.compress(b"[{}, {}]")),
+        lambda path: exchanged(path, '[{}, {"a": "other-1"}]'),
+        lambda path: exchanged(path, "1"),
+        after("DELETE FROM records WHERE id LIKE 'scenario-%'"),
+        after("DROP TABLE records"),
         after("DELETE FROM runs"),
         after("UPDATE runs SET arrays = substr(arrays, 1, length(arrays) - 1)"),
         after("UPDATE runs SET arrays = x'00'"),
@@ -159,8 +164,7 @@ def test_an_attempt_stored_before_a_field_was_added_is_read_and_one_with_a_later
     for name, record in (("older", older), ("newer", newer)):
         with SqliteLedger(tmp_path / name) as ledger:
             ledger.append(attempt, [])
-        values = (content_id("attempt", record), pack_record(canonical_json(record).encode()))
-        altered(tmp_path / name, ("UPDATE attempts SET id = ?, record = ?", values))
+        exchanged(tmp_path / name, canonical_json([record, {}]))
     with SqliteLedger(tmp_path / "older") as ledger:
         assert list(ledger.attempts("test")) == [attempt]
     with SqliteLedger(tmp_path / "newer") as ledger, pytest.raises(StoreError, check=coded("attempt-unreadable")):
@@ -295,29 +299,26 @@ def test_damage_anywhere_in_the_file_is_told_when_it_is_opened(tmp_path: Path) -
                 opened(path)
 
 
-def kept_records(path: Path) -> dict[int, object]:
-    connection = sqlite3.connect(path)
-    found = dict(connection.execute("SELECT position, record FROM attempts WHERE campaign = 'test'"))
-    connection.close()
-    return found
-
-
-def test_records_are_packed_against_the_first_with_measurements_and_one_may_be_lost(tmp_path: Path) -> None:
+def test_what_attempts_repeat_is_stored_once_and_shared_where_it_is_read(tmp_path: Path) -> None:
     path = tmp_path / "a.sqlite"
-    attempts = [an_attempt()[0], *(a_measured_attempt(index)[0] for index in (1, 2, 3))]
+    attempt = a_measured_attempt()[0]
+    scenario = attempt.proposal.scenario
+    assert scenario is not None
+    feedback = Feedback(scenario=scenario, objectives=(1.0,), mean=1.0, interval=(1.0, 1.0))
+    memory = Remembered(description="", tasks={}, mean=1.0, interval=(1.0, 1.0), scenario=scenario)
+    told = attempt.brief.replace(feedback=feedback, memory=(memory, memory))
+    rehearsed = attempt.proposal.replace(rehearsals=((scenario, 2.0),), extra={"brief": {"a.b": ["proposal-1"]}})
+    attempts = [attempt, attempt.replace(index=1, brief=told, proposal=rehearsed), attempt.replace(index=2, brief=told)]
     with SqliteLedger(path) as ledger:
-        for attempt in attempts:
-            ledger.append(attempt, [])
-            ledger.append(attempt.replace(campaign="Zweite Kampagne: 人"), [])
-        assert list(ledger.attempts("test")) == attempts
-    packed = kept_records(path)
-    texts = [canonical_json(attempt.model_dump(mode="json")) for attempt in attempts]
-    assert all(isinstance(record, bytes) for record in packed.values())
-    for index in (1, 2, 3):
-        assert len(packed[index]) < len(texts[index]) / 5  # type: ignore[arg-type]
+        for each in attempts:
+            ledger.append(each, [])
+            ledger.append(each.replace(campaign="Zweite Kampagne: 人"), [])
+        stored = list(ledger.attempts("test"))
+        ids = [row[0].partition("-")[0] for row in ledger._rows("SELECT id FROM records")]
+    assert stored == attempts and [each.id for each in stored] == [each.id for each in attempts]
+    assert Counter(ids) == {"attempt": 6, "brief": 2, "proposal": 2, "scenario": 1, "mission": 1}
+    first, second, third = stored
+    assert second.brief is third.brief and second.brief.memory[1].scenario is first.proposal.scenario
     altered(path, ("DELETE FROM attempts WHERE position = 1", ()))
     with SqliteLedger(path) as ledger:
-        assert list(ledger.attempts("test")) == [attempts[0], *attempts[2:]]
-        ledger.append(attempts[1], [])
-        assert list(ledger.attempts("test")) == attempts
-    assert kept_records(path) == packed
+        assert list(ledger.attempts("test")) == [attempts[0], attempts[2]]

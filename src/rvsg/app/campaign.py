@@ -317,9 +317,9 @@ class Campaign(StoredCampaign):
         wired, plan = self._wired, self.plan
         with alone_in(self.folder), self._ledger() as store:
             ledger = CachedLedger(store)
-            attempts = [ledger.summary(attempt) for attempt in ledger.attempts(plan.name)]
+            attempts = list(ledger.attempts(plan.name))
             chosen = next((a for a in search_attempts(attempts) if a.index == candidate), None)
-            if chosen is None or chosen.scenario_id is None or standing(chosen.record, self.requirement)[0] <= 0.0:
+            if chosen is None or chosen.scenario_id is None or standing(chosen, self.requirement)[0] <= 0.0:
                 listed = ", ".join(str(a.index) for a in self.candidates()) or "none is left"
                 raise InputError(
                     f"Attempt {candidate} is no candidate: it did not violate {self.requirement.name} in the search. "
@@ -333,9 +333,9 @@ class Campaign(StoredCampaign):
             with wired.runner(ledger, ignore, jobs=jobs or jobs_of(self.config), executor=None) as runner:
                 parts = wired.parts(plan, self.record.judging, ledger, runner, self._cancelled.is_set)
                 made = Confirmations(plan, attempts, parts)
-                for event in chain(made.confirm(chosen.record, budget=budget), made.explain()):
+                for event in chain(made.confirm(chosen, budget=budget), made.explain()):
                     observe(event)
-            return next(a for a in made.attempts if a.purpose == "confirmation" and a.confirms == candidate).record
+            return next(a for a in made.attempts if a.purpose == "confirmation" and a.confirms == candidate)
 
     @property
     def notes(self) -> tuple[str, ...]:

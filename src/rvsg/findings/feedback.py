@@ -24,7 +24,7 @@ from rvsg.evaluation.statistics import welch
 from rvsg.evaluation.verdict import Verdict, judge, objective
 from rvsg.findings.ranking import measured, standing
 from rvsg.generation.generator import MET_M, Abilities, Rehearsal, Rehearse, Walked
-from rvsg.runs.attempt import Attempt, AttemptSummary, Measurement, Plan
+from rvsg.runs.attempt import Attempt, Measurement, Plan
 from rvsg.runs.ledger import CachedLedger
 from rvsg.runs.observation import (
     FailureMode,
@@ -187,10 +187,6 @@ class FeedbackSource(Protocol):
     Derive a source from this class: everything but `__call__` has a default.
     """
 
-    def summary(self, attempt: Attempt) -> AttemptSummary:
-        """Return what a strategy keeps of an attempt; by default it holds the attempt."""
-        return AttemptSummary.of(attempt, lambda _: attempt)
-
     def __call__(self, attempt: Attempt, previous: Attempt | None) -> Feedback:
         """Return the feedback on an attempt, compared with the attempt before it (None: the first of its scenario)."""
         ...
@@ -225,10 +221,6 @@ class StoredFeedback(FeedbackSource):
         requirement, world = self._plan.requirement, self._world
         feedback = _feedback(attempt, observations, self._ledger.run, requirement, world, previous)
         return feedback.replace(encounter=self.encounter(attempt))
-
-    def summary(self, attempt: Attempt) -> AttemptSummary:
-        """Return a summary that reads the attempt from the ledger."""
-        return self._ledger.summary(attempt)
 
     def encounter(self, attempt: Attempt) -> Encounter | None:
         """Return the encounter of the run that is worst for the robot."""

@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.records import Record
-from rvsg.runs.attempt import AnyAttempt, Attempt, AttemptSummary, Measurement, Plan
+from rvsg.runs.attempt import Attempt, Measurement, Plan
 from rvsg.scenario.brief import Remembered
 from rvsg.scenario.requirement import Requirement
 
 
-def search_attempts(attempts: Iterable[AnyAttempt]) -> list[AnyAttempt]:
+def search_attempts(attempts: Iterable[Attempt]) -> list[Attempt]:
     """Return the attempts of the search; a confirmation never takes part in a selection."""
     return [attempt for attempt in attempts if attempt.purpose == "search"]
 
@@ -37,7 +37,7 @@ def rule(requirement: Requirement) -> str:
     return "Ranked by the share of runs that violate the limit, then by the mean objective."
 
 
-def standing(attempt: Attempt | AttemptSummary, requirement: Requirement) -> tuple[float, float]:
+def standing(attempt: Attempt, requirement: Requirement) -> tuple[float, float]:
     """Return the share of runs that violate the limit (0 without one) and the badness of the mean; larger is worse.
 
     ValueError if nothing of the attempt was measured.
@@ -48,12 +48,12 @@ def standing(attempt: Attempt | AttemptSummary, requirement: Requirement) -> tup
     return (attempt.violations / attempt.valued_runs if judged else 0.0, requirement.badness(attempt.mean))
 
 
-def measured(attempts: Iterable[AnyAttempt]) -> list[AnyAttempt]:
+def measured(attempts: Iterable[Attempt]) -> list[Attempt]:
     """Return the attempts of the search that have an objective, without those that a later one contains.
 
     An attempt contains an earlier one of the same scenario where it repeats all of its seeds and adds others.
     """
-    kept: list[AnyAttempt] = []
+    kept: list[Attempt] = []
     last: dict[str, int] = {}
     for attempt in search_attempts(attempts):
         if attempt.mean is None or attempt.scenario_id is None:
@@ -67,12 +67,12 @@ def measured(attempts: Iterable[AnyAttempt]) -> list[AnyAttempt]:
     return kept
 
 
-def seeds_of(attempt: Attempt | AttemptSummary) -> frozenset[int]:
+def seeds_of(attempt: Attempt) -> frozenset[int]:
     """Return the seeds of all runs of an attempt, those that failed included."""
     return frozenset(attempt.seeds)
 
 
-def in_full(attempts: Iterable[AnyAttempt]) -> list[AnyAttempt]:
+def in_full(attempts: Iterable[Attempt]) -> list[Attempt]:
     """Return the measured attempts that were not given up early: those with at least half the runs of the most run.
 
     A strategy that races stops measuring what falls behind. One or two lucky runs do not make a best configuration.
@@ -82,7 +82,7 @@ def in_full(attempts: Iterable[AnyAttempt]) -> list[AnyAttempt]:
     return [attempt for attempt in known if 2 * len(seeds_of(attempt)) >= most]
 
 
-def best_attempt(attempts: Iterable[AnyAttempt], requirement: Requirement) -> AnyAttempt | None:
+def best_attempt(attempts: Iterable[Attempt], requirement: Requirement) -> Attempt | None:
     """Return the search attempt that ranks first among those measured in full; the earliest of equals; None without."""
     return max(in_full(attempts), key=lambda a: (standing(a, requirement), -a.index), default=None)
 
@@ -98,31 +98,31 @@ def confirmed_candidate(confirmation: Attempt, attempts: Iterable[Attempt]) -> A
     return max(tried, key=lambda a: (len(seeds_of(a)), a.index), default=None)
 
 
-def by_scenario(attempts: Iterable[AnyAttempt]) -> list[list[AnyAttempt]]:
+def by_scenario(attempts: Iterable[Attempt]) -> list[list[Attempt]]:
     """Return the attempts of the search that have an objective, scenario by scenario."""
-    groups: dict[int, list[AnyAttempt]] = {}
+    groups: dict[int, list[Attempt]] = {}
     for attempt in measured(attempts):
         groups.setdefault(attempt.scenario_index, []).append(attempt)
     return [group for _, group in sorted(groups.items())]
 
 
-def ranking(attempts: Iterable[AnyAttempt], requirement: Requirement) -> list[AnyAttempt]:
+def ranking(attempts: Iterable[Attempt], requirement: Requirement) -> list[Attempt]:
     """The best attempt of every scenario, the one that is worst for the robot first; the earlier of equals first."""
     best = (best_attempt(group, requirement) for group in by_scenario(attempts))
     chosen = sorted((attempt for attempt in best if attempt is not None), key=lambda a: a.index)
     return sorted(chosen, key=lambda a: standing(a, requirement), reverse=True)
 
 
-def confirmations(attempts: Iterable[AnyAttempt]) -> list[AnyAttempt]:
+def confirmations(attempts: Iterable[Attempt]) -> list[Attempt]:
     """Return the confirmations, in order; of a scenario that was confirmed again or longer, the last one."""
-    latest: dict[str | int | None, AnyAttempt] = {}
+    latest: dict[str | int | None, Attempt] = {}
     for attempt in attempts:
         if attempt.purpose == "confirmation":
             latest[attempt.index if attempt.confirms is None else attempt.scenario_id] = attempt
     return sorted(latest.values(), key=lambda a: a.index)
 
 
-def candidates(attempts: Iterable[AnyAttempt], requirement: Requirement) -> list[AnyAttempt]:
+def candidates(attempts: Iterable[Attempt], requirement: Requirement) -> list[Attempt]:
     """Return the configurations worth confirming, in order.
 
     First the worst configuration of every scenario that violated the limit, the worst scenario first; then the other
@@ -150,11 +150,11 @@ def badness_of(attempt: Attempt, requirement: Requirement) -> dict[int, float]:
 
 
 def remember(
-    attempts: Iterable[AttemptSummary],
+    attempts: Iterable[Attempt],
     requirement: Requirement,
     *,
     last: int,
-    best: Mapping[int, AttemptSummary] | None = None,
+    best: Mapping[int, Attempt] | None = None,
 ) -> tuple[Remembered, ...]:
     """Return the memory for a new scenario: the `last` scenarios, each by its best configuration.
 
@@ -164,9 +164,8 @@ def remember(
     attempts, found, best = list(attempts), [], best or {}
     taught = _taught(attempts)
     for group in by_scenario(attempts)[-last:] if last else ():
-        first = best.get(group[0].scenario_index)
-        first = first or max(in_full(group), key=lambda a: (standing(a, requirement)[1], -a.index))
-        attempt = first.record
+        attempt = best.get(group[0].scenario_index)
+        attempt = attempt or max(in_full(group), key=lambda a: (standing(a, requirement)[1], -a.index))
         scenario, verdict = attempt.proposal.scenario, attempt.verdict
         assert scenario is not None and verdict is not None and verdict.mean is not None
         values = badness_of(attempt, requirement).values()
@@ -185,7 +184,7 @@ def remember(
     return tuple(found)
 
 
-def lessons_of(attempts: Iterable[AttemptSummary], *, last: int, without: int) -> tuple[str, ...]:
+def lessons_of(attempts: Iterable[Attempt], *, last: int, without: int) -> tuple[str, ...]:
     """Return what was learnt from the `last` scenarios `without` one, without repetition.
 
     The first answer of that one may hold the lesson of the scenario before it.
@@ -197,7 +196,7 @@ def lessons_of(attempts: Iterable[AttemptSummary], *, last: int, without: int) -
     return tuple(dict.fromkeys(lesson for lesson in lessons if lesson))
 
 
-def last_untold(attempts: Iterable[AttemptSummary]) -> AttemptSummary | None:
+def last_untold(attempts: Iterable[Attempt]) -> Attempt | None:
     """Return the measured attempt of the search that was made last, unless a later brief told of it."""
     attempts = list(attempts)
     last = max(measured(attempts), key=lambda a: a.index, default=None)
@@ -207,12 +206,12 @@ def last_untold(attempts: Iterable[AttemptSummary]) -> AttemptSummary | None:
     return None if told else last
 
 
-def _taught(attempts: Iterable[AttemptSummary]) -> list[AttemptSummary]:
+def _taught(attempts: Iterable[Attempt]) -> list[Attempt]:
     """The attempts whose generator said, before a new scenario, what it learnt from the one before."""
     return [a for a in attempts if a.untold_id is not None and a.lesson]
 
 
-def _lesson(group: list[AttemptSummary], taught: list[AttemptSummary]) -> str:
+def _lesson(group: list[Attempt], taught: list[Attempt]) -> str:
     """The lesson of a scenario: what was said when the next one began and all of it was known, else the last of it."""
     own = {a.scenario_id for a in group}
     after = [a for a in taught if a.untold_id in own]

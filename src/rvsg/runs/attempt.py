@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, fields
-from typing import Annotated, Literal, TypeVar
+from collections.abc import Iterable
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -114,11 +113,6 @@ class Attempt(Record):
         )
 
     @property
-    def record(self) -> Attempt:
-        """The attempt itself, as `AttemptSummary.record` reads it from the ledger."""
-        return self
-
-    @property
     def mean(self) -> float | None:
         """The mean objective over the runs; None if there is none."""
         return self.verdict.mean if self.verdict else None
@@ -177,46 +171,6 @@ class Attempt(Record):
     def lesson(self) -> str:
         """What the generator learnt from the measurements before it."""
         return self.proposal.lesson
-
-
-@dataclass(frozen=True, slots=True)
-class AttemptSummary:
-    """What a search asks of all its attempts, about 1 kB of some 100 kB; the fields are those of Attempt."""
-
-    index: int
-    purpose: Purpose
-    confirms: int | None
-    scenario_index: int
-    scenario_id: str | None
-    feedback_id: str | None
-    untold_id: str | None
-    lesson: str
-    mean: float | None
-    violations: int
-    valued_runs: int
-    measured_runs: int
-    seeds: tuple[int, ...]
-    read: Callable[[int], Attempt] = field(compare=False, repr=False)
-    """Reads the attempt of an index."""
-
-    @classmethod
-    def of(cls, attempt: Attempt, read: Callable[[int], Attempt]) -> AttemptSummary:
-        """Return the summary of an attempt that `read` finds by its index."""
-        values = {each.name: getattr(attempt, each.name) for each in fields(cls) if each.name != "read"}
-        return cls(**values, read=read)
-
-    @property
-    def runs(self) -> int:
-        """How many runs were asked for, those that could not be made included."""
-        return len(self.seeds)
-
-    @property
-    def record(self) -> Attempt:
-        """The attempt, from the ledger."""
-        return self.read(self.index)
-
-
-AnyAttempt = TypeVar("AnyAttempt", Attempt, AttemptSummary)
 
 
 Count = Annotated[int, Field(ge=1, le=100_000)]

@@ -1,20 +1,15 @@
-"""The Ledger, where attempts and runs are stored for good, one in memory, and the bounded cache that campaigns read.
-
-An attempt takes 100 kB and more: its scenario, every metric of every run, and all that its brief says. A search reads
-hardly any of it again, so a campaign holds a summary of each attempt and a bounded number of records.
-"""
+"""The Ledger, where attempts and runs are stored for good, one in memory, and the bounded cache of runs."""
 
 from __future__ import annotations
 
 import json
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
 from typing import Any, Generic, Protocol, TypeVar
 
 from rvsg.core.errors import StoreError
 from rvsg.core.records import canonical_json
-from rvsg.runs.attempt import Attempt, AttemptSummary
+from rvsg.runs.attempt import Attempt
 from rvsg.runs.observation import FailureMode, RunObservation, observe
 from rvsg.simulation.archive import PackedRun
 from rvsg.simulation.run import Run
@@ -26,8 +21,6 @@ RUNS = 16
 """Runs in memory with their arrays, some 0.3 MB each."""
 OBSERVATIONS = 4096
 """Observations of runs in memory, some 4 kB each."""
-ATTEMPTS = 128
-"""Attempts in memory, some 50 kB each, and up to 0.5 MB where the brief holds feedback."""
 
 
 class Ledger(Protocol):
@@ -35,7 +28,7 @@ class Ledger(Protocol):
 
     A plug-in of the kind `store` is created with the path that is its own in the campaign's folder, and its options. A
     run is stored by its content id, possibly before the attempt it belongs to, so that an interruption loses at most
-    the runs in progress. Derive a ledger from this class: `forget_empty` and `attempt` have defaults.
+    the runs in progress. Derive a ledger from this class: `forget_empty` has a default.
     """
 
     def begin(self, campaign: str, settings: Mapping[str, Any]) -> None:
@@ -69,13 +62,6 @@ class Ledger(Protocol):
     def attempts(self, campaign: str) -> Iterator[Attempt]:
         """Return the attempts of a campaign in the order of their index."""
         ...
-
-    def attempt(self, campaign: str, index: int) -> Attempt:
-        """Return one attempt of a campaign; StoreError if there is none. By default it looks through `attempts`."""
-        for attempt in self.attempts(campaign):
-            if attempt.index == index:
-                return attempt
-        raise StoreError(f"there is no attempt {index} of campaign {campaign!r}")
 
     def run(self, run_id: str) -> Run:
         """Return the run of that id; StoreError if there is none."""
@@ -178,7 +164,7 @@ class Recent(Generic[K, V]):
 
 
 class CachedLedger:
-    """A ledger with what a campaign used last in memory: attempts, runs with their arrays, and observations of runs.
+    """A ledger with what a campaign used last in memory: runs with their arrays, and observations of runs.
 
     Args:
         ledger: Where everything is stored.
@@ -186,7 +172,6 @@ class CachedLedger:
 
     def __init__(self, ledger: Ledger) -> None:
         self.ledger = ledger
-        self._attempts: Recent[tuple[str, int], Attempt] = Recent(ATTEMPTS)
         self._runs: Recent[str, Run] = Recent(RUNS)
         self._observations: Recent[str, RunObservation] = Recent(OBSERVATIONS)
 
@@ -195,21 +180,12 @@ class CachedLedger:
         self.ledger.keep(run)
 
     def append(self, attempt: Attempt, runs: Sequence[PackedRun]) -> None:
-        """Store an attempt with its runs, and keep it in memory."""
+        """Store an attempt with its runs."""
         self.ledger.append(attempt, runs)
-        self._attempts.add((attempt.campaign, attempt.index), attempt)
 
     def attempts(self, campaign: str) -> Iterator[Attempt]:
         """Return the attempts of a campaign in the order of their index."""
         return self.ledger.attempts(campaign)
-
-    def attempt(self, campaign: str, index: int) -> Attempt:
-        """Return one attempt of a campaign; StoreError if there is none."""
-        return self._attempts.get_or((campaign, index), lambda key: self.ledger.attempt(*key))
-
-    def summary(self, attempt: Attempt) -> AttemptSummary:
-        """Return the summary of a stored attempt, which reads it again where somebody asks for more."""
-        return AttemptSummary.of(attempt, partial(self.attempt, attempt.campaign))
 
     def find(self, run_id: str) -> Run | None:
         """Return the run of that id, or None."""

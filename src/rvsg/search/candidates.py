@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from rvsg.findings.ranking import REHEARSAL, badness_of, measured
-from rvsg.runs.attempt import AttemptSummary
+from rvsg.runs.attempt import Attempt
 from rvsg.scenario.brief import Feedback, Tried, Tuning
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
@@ -21,7 +21,7 @@ BOUND = 1.645
 class Candidate:
     """One configuration in the race: what it was changed from, and the badness of its runs by seed."""
 
-    attempt: AttemptSummary
+    attempt: Attempt
     """Its first attempt."""
     parent: Candidate | None = None
     operator: str = "new"
@@ -34,7 +34,7 @@ class Candidate:
     """The last goal that people reached in any of its runs."""
     decided: dict[str, int] = field(default_factory=dict)
     """The same until the moment that decided each run; what acts later is not worth a change."""
-    last: AttemptSummary = field(init=False)
+    last: Attempt = field(init=False)
     """Its last attempt: the one with the most runs."""
 
     def __post_init__(self) -> None:
@@ -53,7 +53,7 @@ class Candidate:
     @property
     def scenario(self) -> Scenario:
         """The scenario that is run."""
-        scenario = self.attempt.record.proposal.scenario
+        scenario = self.attempt.proposal.scenario
         assert scenario is not None
         return scenario
 
@@ -135,7 +135,7 @@ def tried(candidate: Candidate, own: Sequence[Candidate], requirement: Requireme
     """Return what a candidate measured, and what it changed: of the one it was made from, or as it was written."""
     origin, before = written(candidate), made_from(candidate)
     values = tuple(requirement.badness(b) for b in candidate.badness.values())  # the sign turned back
-    now, rehearsals = candidate.scenario, candidate.attempt.record.proposal.rehearsals
+    now, rehearsals = candidate.scenario, candidate.attempt.proposal.rehearsals
     certain = math.isfinite(candidate.deviation)
     return Tried(
         mean=mean_of(candidate, requirement),
@@ -182,7 +182,7 @@ def forms_of(origin: Candidate, own: Sequence[Candidate]) -> list[Candidate]:
     return [c for c in own if c is not origin and written(c) is origin]
 
 
-def with_history(feedback: Feedback, attempts: Sequence[AttemptSummary], requirement: Requirement) -> Feedback:
+def with_history(feedback: Feedback, attempts: Sequence[Attempt], requirement: Requirement) -> Feedback:
     """Return the feedback with what was tried in its scenario, in order, where the mean of the runs orders.
 
     Args:
@@ -190,7 +190,7 @@ def with_history(feedback: Feedback, attempts: Sequence[AttemptSummary], require
     """
     own: list[Candidate] = []
     for attempt in measured(attempts):
-        own.append(Candidate(attempt, own[-1] if own else None, badness=badness_of(attempt.record, requirement)))
+        own.append(Candidate(attempt, own[-1] if own else None, badness=badness_of(attempt, requirement)))
         own[-1].estimate = own[-1].mean
     (*_, last) = (c for c in own if c.scenario.id == feedback.scenario.id)
     return with_others(feedback, last, own, requirement)

@@ -14,7 +14,7 @@ from rvsg.core.seeds import fresh_seeds
 from rvsg.evaluation.verdict import Procedure, Status, next_repeats, violated
 from rvsg.findings.findings import badness
 from rvsg.findings.ranking import candidates, confirmations, search_attempts
-from rvsg.runs.attempt import Attempt, AttemptSummary, Plan
+from rvsg.runs.attempt import Attempt, Plan
 from rvsg.runs.observation import FailureMode, usual
 from rvsg.runs.runner import FinishedRun
 from rvsg.scenario.scenario import Human, HumanConfiguration
@@ -39,7 +39,7 @@ MOST_AHEAD = 4
 """Runs that are begun, at most, before it is known whether the verdict needs them."""
 
 
-def confirm_all(plan: Plan, attempts: Iterable[AttemptSummary], parts: Parts) -> Iterator[Event]:
+def confirm_all(plan: Plan, attempts: Iterable[Attempt], parts: Parts) -> Iterator[Event]:
     """Confirm the candidates until the budget is spent, then run the mission with fewer people.
 
     What is stored already is not repeated.
@@ -57,7 +57,7 @@ class Confirmations:
         attempts: All attempts of the campaign so far; those that are made are added.
     """
 
-    def __init__(self, plan: Plan, attempts: Iterable[AttemptSummary], parts: Parts) -> None:
+    def __init__(self, plan: Plan, attempts: Iterable[Attempt], parts: Parts) -> None:
         self.plan, self.parts = plan, parts
         self.attempts = list(attempts)
 
@@ -87,25 +87,25 @@ class Confirmations:
                 break
             budget = min(left, share)
             of = len(order) if another else scenarios
-            yield ConfirmationStarted(campaign=plan.name, candidate=candidate.record, number=number, of=of, runs=budget)
+            yield ConfirmationStarted(campaign=plan.name, candidate=candidate, number=number, of=of, runs=budget)
             more = any(not self._is_confirmed(other) for other in order[number:])
             reserve = procedure.fewest_for(0, 0).get(Status.FAIL, 0) if more else 0
             spare = max(0, reserve - (left - budget))
-            yield from self.confirm(candidate.record, budget=budget, reserve=spare, only_fail=another)
+            yield from self.confirm(candidate, budget=budget, reserve=spare, only_fail=another)
         yield from self._decide({candidate.index: candidate for candidate in order}, share)
 
-    def _one_of_each_kind(self, found: Sequence[AttemptSummary]) -> list[AttemptSummary]:
+    def _one_of_each_kind(self, found: Sequence[Attempt]) -> list[Attempt]:
         """Return candidates with the first of every kind of failure before the second ones, else in their order."""
         seen: Counter[FailureMode | None] = Counter()
         rank: dict[int, int] = {}
         ledger, world, requirement = self.parts.ledger, self.parts.runner.world, self.plan.requirement
         for attempt in found:
-            kind = usual(ledger.failure_mode(m.run_id, world) for m in attempt.record.violating(requirement))
+            kind = usual(ledger.failure_mode(m.run_id, world) for m in attempt.violating(requirement))
             rank[attempt.index] = seen[kind]
             seen[kind] += 1
         return sorted(found, key=lambda attempt: rank[attempt.index])
 
-    def _decide(self, by_index: dict[int, AttemptSummary], most: int) -> Iterator[Event]:
+    def _decide(self, by_index: dict[int, Attempt], most: int) -> Iterator[Event]:
         """Continue the confirmations without a verdict, the worst first, where the runs that are left can decide them.
 
         Args:
@@ -114,15 +114,15 @@ class Confirmations:
         """
         plan, procedure = self.plan, self.parts.procedure
         undecided = [attempt for attempt in self._begun() if _status(attempt) is Status.INCONCLUSIVE]
-        undecided.sort(key=lambda a: badness(a.record.verdict), reverse=True)
-        for number, summary in enumerate(undecided, 1):
+        undecided.sort(key=lambda a: badness(a.verdict), reverse=True)
+        for number, attempt in enumerate(undecided, 1):
             latest = {a.scenario_id: a for a in confirmations(self.attempts)}
             left = plan.confirmations - sum(a.runs for a in latest.values())
             part = left // (len(undecided) - number + 1)
-            budget = min(summary.runs + left, max(most, summary.runs + part))
-            if summary.confirms not in by_index or latest[summary.scenario_id].index != summary.index:
+            budget = min(attempt.runs + left, max(most, attempt.runs + part))
+            if attempt.confirms not in by_index or latest[attempt.scenario_id].index != attempt.index:
                 continue
-            attempt, candidate = summary.record, by_index[summary.confirms].record
+            candidate = by_index[attempt.confirms]
             if not self._reachable(_objectives(attempt), procedure.replace(max_runs=max(1, budget))):
                 continue
             yield ConfirmationStarted(
@@ -188,7 +188,7 @@ class Confirmations:
 
     def explain(self) -> Iterator[Event]:
         """Run the mission without people, and every confirmed violation without each of its people in turn."""
-        confirmed = [a.record for a in confirmations(self.attempts) if a.measured_runs]
+        confirmed = [a for a in confirmations(self.attempts) if a.measured_runs]
         if not confirmed:
             return
         longest = max(confirmed, key=lambda a: a.measured_runs)
@@ -197,7 +197,7 @@ class Confirmations:
             yield from self._with_people(longest, (), "baseline")
         if self.plan.requirement.threshold is None:
             return
-        removed = {(a.confirms, a.record.without) for a in self.attempts if a.purpose == "removal"}
+        removed = {(a.confirms, a.without) for a in self.attempts if a.purpose == "removal"}
         for confirmation in confirmed:
             scenario, verdict = confirmation.proposal.scenario, confirmation.verdict
             if scenario is None or verdict is None or not violated(verdict):
@@ -241,20 +241,20 @@ class Confirmations:
         return max((attempt.index for attempt in self.attempts), default=-1) + 1
 
     def _add(self, attempt: Attempt) -> AttemptFinished:
-        self.attempts.append(self.parts.ledger.summary(attempt))
+        self.attempts.append(attempt)
         return AttemptFinished(campaign=self.plan.name, attempt=attempt)
 
-    def _all(self) -> list[AttemptSummary]:
+    def _all(self) -> list[Attempt]:
         return [attempt for attempt in self.attempts if attempt.purpose == "confirmation"]
 
-    def _begun(self) -> list[AttemptSummary]:
+    def _begun(self) -> list[Attempt]:
         """Return the confirmations as they first ended: what is decided from them is the same after an interruption."""
-        first: dict[str | None, AttemptSummary] = {}
+        first: dict[str | None, Attempt] = {}
         for attempt in self._all():
             first.setdefault(attempt.scenario_id, attempt)
         return list(first.values())
 
-    def _is_confirmed(self, candidate: AttemptSummary) -> bool:
+    def _is_confirmed(self, candidate: Attempt) -> bool:
         return any(attempt.scenario_id == candidate.scenario_id for attempt in self._all())
 
     def _reachable(self, objectives: Sequence[float | None], procedure: Procedure) -> dict[Status, int]:
@@ -265,8 +265,8 @@ class Confirmations:
         return procedure.replace(max_runs=spent).fewest_for(violations, len(known))
 
 
-def _status(attempt: AttemptSummary) -> Status | None:
-    verdict = attempt.record.verdict
+def _status(attempt: Attempt) -> Status | None:
+    verdict = attempt.verdict
     return verdict.status if verdict else None
 
 

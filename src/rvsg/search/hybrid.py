@@ -134,7 +134,7 @@ class HybridStrategy(CandidateStrategy):
     def _memory(self, without: int | None = None) -> tuple[Remembered, ...]:
         """Return the memory, perhaps without one scenario: of each the configuration that all else calls its best."""
         best = self._best_of_each()
-        met = {c.scenario.id: found for c in best if (found := self.feedback_of.encounter(c.last.record)) is not None}
+        met = {c.scenario.id: found for c in best if (found := self.feedback_of.encounter(c.last)) is not None}
         chosen = {c.scenario_index: c.last for c in best}
         others = (attempt for attempt in self.attempts if attempt.scenario_index != without)
         memory = remember(others, self.plan.requirement, last=self.plan.memory, best=chosen)
@@ -219,11 +219,11 @@ class HybridStrategy(CandidateStrategy):
     def _feedback(self, candidate: Candidate) -> Feedback:
         """Return what a configuration measured, what of it was tuned, and the others of its scenario."""
         own, requirement = self._of(candidate.scenario_index), self.plan.requirement
-        told = with_others(self.feedback_of(candidate.last.record, None), candidate, own, requirement)
+        told = with_others(self.feedback_of(candidate.last, None), candidate, own, requirement)
         last = last_written(own) if self.plan.proposals is not None else None
         if last in (None, candidate, written(candidate)):
             return told
-        weaker = self.feedback_of(last.last.record, None).replace(standing=tried(last, own, requirement))
+        weaker = self.feedback_of(last.last, None).replace(standing=tried(last, own, requirement))
         return told.replace(weaker=weaker)
 
     def _refining(self, parent: Candidate, seeds: tuple[int, ...]) -> Ask:
@@ -397,7 +397,7 @@ class MultiStrategy(HybridStrategy):
     def _tried_by(self, candidate: Candidate) -> tuple[Tried, ...] | None:
         last = candidate.last.index
         if candidate.runs and last not in self._known:
-            self._known[last] = tried_by(candidate.last.record.measurements, self.plan)
+            self._known[last] = tried_by(candidate.last.measurements, self.plan)
         return self._known.get(last)
 
     def _parents(self, rng: np.random.Generator, count: int) -> list[Candidate]:

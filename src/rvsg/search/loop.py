@@ -17,8 +17,7 @@ from rvsg.core.errors import BudgetSpent, GenerationError, NotRecorded
 from rvsg.core.seeds import seed_for
 from rvsg.findings.ranking import search_attempts
 from rvsg.generation.generator import Call
-from rvsg.runs.attempt import Attempt, AttemptSummary, Plan
-from rvsg.runs.ledger import CachedLedger
+from rvsg.runs.attempt import Attempt, Plan
 from rvsg.runs.runner import PendingRun
 from rvsg.search.confirmation import confirm_all
 from rvsg.search.drive_alone import drive_alone
@@ -57,7 +56,7 @@ def stream_campaign(plan: Plan, strategy: Strategy, parts: Parts) -> Iterator[Ev
     ends with the same records. An error of the generator is raised after everything proposed before it is simulated
     and stored.
     """
-    known = _Known(parts.ledger)
+    known = _Known()
     for attempt in parts.ledger.attempts(plan.name):
         known.add(attempt)
         if attempt.purpose == "search":
@@ -83,11 +82,10 @@ def stream_campaign(plan: Plan, strategy: Strategy, parts: Parts) -> Iterator[Ev
 class _Known:
     """The attempts of a campaign so far, and what every further one is compared with."""
 
-    def __init__(self, ledger: CachedLedger) -> None:
-        self._ledger = ledger
-        self._first: dict[str, tuple[Attempt | AttemptSummary, tuple[int, ...]]] = {}
+    def __init__(self) -> None:
+        self._first: dict[str, tuple[Attempt, tuple[int, ...]]] = {}
         self._calls: dict[tuple[int, int, int], tuple[Call, ...]] = {}
-        self.attempts: list[AttemptSummary] = []
+        self.attempts: list[Attempt] = []
 
     @property
     def calls(self) -> list[Call]:
@@ -101,16 +99,13 @@ class _Known:
 
     def add(self, attempt: Attempt) -> None:
         """Add a stored attempt."""
-        summary = self._ledger.summary(attempt)
-        self.attempts.append(summary)
+        self.attempts.append(attempt)
         if attempt.purpose == "search":
             self.begin(attempt)
         if attempt.proposal.scenario is not None:
-            key = attempt.proposal.scenario.situation
-            first, seeds = self._first.get(key, (attempt, attempt.seeds))
-            self._first[key] = (summary if first.index == attempt.index else first, seeds)
+            self._first.setdefault(attempt.proposal.scenario.situation, (attempt, attempt.seeds))
 
-    def first(self, attempt: Attempt, seeds: tuple[int, ...]) -> tuple[Attempt | AttemptSummary, tuple[int, ...]]:
+    def first(self, attempt: Attempt, seeds: tuple[int, ...]) -> tuple[Attempt, tuple[int, ...]]:
         """Return the first attempt with the same people and objects, perhaps this one, and the seeds of its runs."""
         scenario = attempt.proposal.scenario
         return (attempt, seeds) if scenario is None else self._first.setdefault(scenario.situation, (attempt, seeds))
@@ -187,6 +182,6 @@ def _begin(
         seeds = tuple(seed_for(plan.seed, "search", index, repeat) for repeat in range(plan.repeats))
     first, its_seeds = known.first(attempt, seeds)
     if ask.proposal is None and first.index != index:
-        same = proposal.replace(scenario=first.record.proposal.scenario)
+        same = proposal.replace(scenario=first.proposal.scenario)
         attempt, seeds = attempt.replace(proposal=same, same_as=first.index), its_seeds
     return attempt, submit(attempt, seeds, parts)

@@ -242,7 +242,7 @@ class Operators:
         if space is None:
             if len(self._spaces) == SPACES:
                 del self._spaces[next(iter(self._spaces))]
-            limits = parent.attempt.record.proposal.limits
+            limits = parent.attempt.proposal.limits
             space = TuningSpace(parent.scenario.people, self.mission, self.world, limits)
             self._spaces[parent.index] = space
         people, words = Mutations(space, rng).draw()
@@ -264,7 +264,7 @@ class Operators:
         lender = ranked[min(len(ranked), int(rng.geometric(0.3))) - 1]
         out, into = int(rng.integers(len(humans))), int(rng.integers(len(lender.scenario.people.humans)))
         lent = lender.scenario.people.humans[into]
-        if humans[out].name in parent.attempt.record.proposal.limits:
+        if humans[out].name in parent.attempt.proposal.limits:
             return None
         if lent.group is not None or humans[out].group is not None or not (ours or same_work(humans[out], lent)):
             return None
@@ -339,12 +339,12 @@ class CandidateStrategy(BatchStrategy):
             reasoning=f"Attempt {parent.index} {change.words}.",
             moved=added(self.plan.mission, parent.scenario.mission),
         )
-        proposal = proposal.replace(limits=parent.attempt.record.proposal.limits)
+        proposal = proposal.replace(limits=parent.attempt.proposal.limits)
         return Ask(brief=brief, proposal=proposal, seeds=seeds) if proposal.scenario else None
 
     def _again(self, candidate: Candidate, runs: int) -> Ask:
         """The ask for more runs of a candidate, on the first seeds of the race that it did not meet."""
-        attempt, seen = candidate.attempt.record, candidate.last.seeds
+        attempt, seen = candidate.attempt, candidate.last.seeds
         more = [seed for seed in self._seeds(len(seen) + runs + self.final_runs) if seed not in seen]
         return Ask(brief=attempt.brief, proposal=attempt.proposal, seeds=(*seen, *more[:runs]))
 
@@ -367,10 +367,9 @@ class CandidateStrategy(BatchStrategy):
         scenario = attempt.proposal.scenario
         if scenario is None:
             return
-        summary = self.feedback_of.summary(attempt)
         if (known := self._by_id.get(scenario.id)) is not None:
             if known.attempt.scenario_id == scenario.id:
-                known.last = summary
+                known.last = attempt
             return
         if operator != TUNED and (twin := self._twin(attempt, scenario)) is not None:
             twin.repeats.append(attempt.index)
@@ -378,7 +377,7 @@ class CandidateStrategy(BatchStrategy):
             self._by_id[scenario.id] = twin
             self._keys.add(scenario.situation)
             return
-        candidate = self._by_id[scenario.id] = Candidate(summary, parent, operator)
+        candidate = self._by_id[scenario.id] = Candidate(attempt, parent, operator)
         self.candidates.append(candidate)
         self._keys.add(scenario.situation)
         self._measured(candidate, attempt)

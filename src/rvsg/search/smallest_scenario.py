@@ -21,7 +21,7 @@ from rvsg.core.records import Record
 from rvsg.core.seeds import fresh_seeds
 from rvsg.evaluation.verdict import Verdict, load_requirement
 from rvsg.findings.findings import badness, distinct_failures, findings
-from rvsg.runs.attempt import Attempt, AttemptSummary, Measurement, Plan
+from rvsg.runs.attempt import Attempt, Measurement, Plan
 from rvsg.runs.runner import Evaluator, Runner
 from rvsg.scenario.builder import check_valid
 from rvsg.scenario.repair import repair
@@ -240,14 +240,14 @@ CHECKED = 10
 """Runs of what is left, on the seeds of the confirmation, at most."""
 
 
-def shrink_all(plan: Plan, attempts: Sequence[AttemptSummary], parts: Parts) -> Iterator[Event]:
+def shrink_all(plan: Plan, attempts: Sequence[Attempt], parts: Parts) -> Iterator[Event]:
     """Shrink the worst confirmed scenario of every distinct failure; none gets more than its part of the runs left.
 
     What is stored already is not repeated.
     """
     if not parts.shrink_runs or plan.requirement.threshold is None:
         return
-    done = [attempt.record for attempt in attempts if attempt.purpose != "search"]
+    done = [attempt for attempt in attempts if attempt.purpose != "search"]
     index = max((attempt.index for attempt in attempts), default=-1)
     world = parts.runner.world
     modes = partial(parts.ledger.failure_mode, world=world)

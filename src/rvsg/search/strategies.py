@@ -19,7 +19,7 @@ from rvsg.evaluation.verdict import judge
 from rvsg.findings.feedback import FeedbackSource
 from rvsg.findings.ranking import last_untold, lessons_of, remember
 from rvsg.generation.generator import Proposal
-from rvsg.runs.attempt import Attempt, AttemptSummary, Measurement, Plan
+from rvsg.runs.attempt import Attempt, Measurement, Plan
 from rvsg.runs.ledger import Ledger
 from rvsg.scenario.brief import Brief, Feedback
 from rvsg.scenario.requirement import Requirement
@@ -100,7 +100,7 @@ class BatchStrategy(Strategy):
         self.plan = plan
         self.feedback_of = feedback_of
         self.world = world
-        self.attempts: list[AttemptSummary] = []
+        self.attempts: list[Attempt] = []
         self.used: set[tuple[str | None, int]] = set()
         self.announce: Callable[[Ask], None] = lambda _: None
         self._search: Batches | None = None
@@ -132,7 +132,7 @@ class BatchStrategy(Strategy):
     def tell(self, attempt: Attempt) -> None:
         """Receive an attempt of the current batch."""
         self.ask()
-        self.attempts.append(self.feedback_of.summary(attempt))
+        self.attempts.append(attempt)
         self._results.append(attempt)
         self.used.update((attempt.scenario_id, seed) for seed in attempt.seeds)
 
@@ -187,7 +187,7 @@ class StudyStrategy(Strategy):
     def __init__(self, plan: Plan, feedback_of: FeedbackSource, world: World | None = None) -> None:
         self.plan = plan
         self.feedback_of = feedback_of
-        self.attempts: list[AttemptSummary] = []
+        self.attempts: list[Attempt] = []
         self._open: deque[Brief] = deque()
         """The briefs of the attempts that are under way."""
         self._scenarios: list[int] = []
@@ -211,25 +211,25 @@ class StudyStrategy(Strategy):
             self._open.popleft()
         else:
             self._scenarios.append(attempt.scenario_index)
-        self.attempts.append(self.feedback_of.summary(attempt))
+        self.attempts.append(attempt)
 
     def _known(self, index: int) -> int:
         """Return how many attempts have to be known before attempt `index` is chosen; no more are looked at."""
         return max(0, index + 1 - self._place(index)[2])
 
-    def _next(self, index: int, known: list[AttemptSummary]) -> Brief:
+    def _next(self, index: int, known: list[Attempt]) -> Brief:
         plan = self.plan
         scenario, configuration, _ = self._place(index)
         own = [attempt for attempt in known if attempt.scenario_index == scenario]
         measured = [attempt for attempt in own if attempt.mean is not None]
         if measured:  # a refinement: with what was tried in its scenario, and the lessons of the others
-            previous = measured[-2].record if len(measured) > 1 else None
-            feedback = with_history(self.feedback_of(measured[-1].record, previous), own, plan.requirement)
+            previous = measured[-2] if len(measured) > 1 else None
+            feedback = with_history(self.feedback_of(measured[-1], previous), own, plan.requirement)
             lessons = lessons_of(known, last=plan.memory, without=scenario)
             return brief_of(plan, "refine", index, (scenario, configuration), feedback=feedback, lessons=lessons)
         memory = remember(known, plan.requirement, last=plan.memory)
         last = last_untold(known) if memory else None
-        untold = self.feedback_of(last.record, None) if last is not None else None
+        untold = self.feedback_of(last, None) if last is not None else None
         return brief_of(plan, "new", index, (scenario, configuration), memory=memory, untold=untold)
 
     def _place(self, index: int) -> tuple[int, int, int]:

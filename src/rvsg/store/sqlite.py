@@ -3,17 +3,19 @@
 The file is in WAL mode: what was committed survives a kill (the last of it not a loss of power). Its
 `user_version` is the version of the schema, its `application_id` says it is ours.
 
-The record of an attempt is compressed with a dictionary (`deflateSetDictionary`): an earlier record of the same
-campaign, kept once. A record needs only the dictionary, no other record. Records are JSON in the shape of their models;
-a new field with a default needs no new schema: an id is checked against the text as it was stored.
+The record of an attempt names what other attempts repeat by id: brief, proposal, scenarios and missions are kept once.
+Records are compressed JSON in the shape of their models; a new field with a default needs no new schema: an id is of
+the text as it was stored.
 """
 
 from __future__ import annotations
 
 import contextlib
 import datetime
+import functools
 import hashlib
 import json
+import operator
 import os
 import sqlite3
 import threading
@@ -28,35 +30,35 @@ from pydantic import ValidationError
 
 import rvsg
 from rvsg.core.errors import InputError, NewerStore, StoreError
-from rvsg.core.records import canonical_json, text_id
+from rvsg.core.records import Record, canonical_json, text_id
 from rvsg.generation.generator import Proposal
 from rvsg.runs.attempt import Attempt
 from rvsg.runs.ledger import Ledger
-from rvsg.scenario.brief import Feedback, Remembered
-from rvsg.scenario.scenario import Scenario
+from rvsg.scenario.brief import Brief
+from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.simulation.archive import PackedRun, unpack
 from rvsg.simulation.run import Run
 
-T = TypeVar("T", Remembered, Feedback, Proposal)
+R = TypeVar("R", bound=Record)
 APPLICATION_ID = 0x52565347
 """`RVSG` in ASCII."""
-VERSION = 6
+VERSION = 7
 """Of the schema. Earlier ones kept runs and records in other forms."""
 SCHEMA = (
     "CREATE TABLE campaigns (name TEXT PRIMARY KEY, settings TEXT NOT NULL, version TEXT NOT NULL, "
     "begun TEXT NOT NULL)",
     "CREATE TABLE attempts (campaign TEXT NOT NULL, position INTEGER NOT NULL, id TEXT NOT NULL, "
-    "purpose TEXT NOT NULL, scenario_id TEXT, record TEXT NOT NULL, PRIMARY KEY (campaign, position))",
+    "purpose TEXT NOT NULL, scenario_id TEXT, PRIMARY KEY (campaign, position))",
     "CREATE TABLE runs (id TEXT PRIMARY KEY, scenario_id TEXT NOT NULL, seed INTEGER NOT NULL, "
     "header TEXT NOT NULL, arrays BLOB NOT NULL, checksum TEXT)",  # the header is empty: it is in the archive
-    "CREATE TABLE dictionaries (campaign TEXT PRIMARY KEY, packed BLOB NOT NULL)",
+    "CREATE TABLE records (id TEXT PRIMARY KEY, packed BLOB NOT NULL)",
     f"PRAGMA application_id={APPLICATION_ID}",
     f"PRAGMA user_version={VERSION}",
 )
 LARGEST = 256 * 2**20
 """Bytes that a record may unpack to; a campaign's are below 1 MB."""
-WINDOW = 2**15
-"""How far back the compression looks; a longer dictionary adds nothing."""
+PARTS = {part.__name__.lower(): part for part in (Brief, Proposal, Scenario, Mission)}
+"""What is kept once and named by its id in every record that holds it."""
 PATIENCE_S = 30.0
 """How long to wait for another process that holds the file."""
 PAGE_BYTES = 16384
@@ -72,28 +74,6 @@ CODES = {
     sqlite3.SQLITE_FULL: "store-full",
 } | dict.fromkeys(BUSY, "store-busy")
 """What an error of SQLite is called in an error of RVSG."""
-
-
-def pack_record(record: bytes, dictionary: bytes = b"") -> bytes:
-    """Return a record compressed."""
-    compressor = zlib.compressobj(zdict=dictionary) if dictionary else zlib.compressobj()
-    return compressor.compress(record) + compressor.flush()
-
-
-def unpack_record(packed: bytes, dictionary: bytes = b"") -> bytes:
-    """Return the record that `pack_record` was given, packed with this dictionary or with none.
-
-    Raises:
-        ValueError: The bytes are damaged, unpack to more than `LARGEST`, or need another dictionary.
-    """
-    decompressor = zlib.decompressobj(zdict=dictionary) if dictionary else zlib.decompressobj()
-    try:
-        record = decompressor.decompress(packed, LARGEST)
-    except (zlib.error, TypeError) as error:
-        raise ValueError(f"it is damaged ({error})") from None
-    if not decompressor.eof or decompressor.unused_data:
-        raise ValueError("it is damaged (it has another length than it should)")
-    return record
 
 
 class SqliteLedger(Ledger):
@@ -267,24 +247,19 @@ class SqliteLedger(Ledger):
 
     def append(self, attempt: Attempt, runs: Sequence[PackedRun]) -> None:
         """Keep an attempt with its runs in one transaction; StoreError if its index is taken."""
-        scenario = attempt.proposal.scenario
-        record = canonical_json(attempt.model_dump(mode="json"))
+        records: dict[str, str] = {}
+        attempt_id = _split(attempt, attempt.model_dump(mode="json"), records)
         with self._translated(), self._writing() as connection:
             for run in runs:
                 _keep(connection, run)
-            row = (
-                attempt.campaign,
-                attempt.index,
-                text_id(Attempt.__name__.lower(), record),
-                attempt.purpose,
-                scenario.id if scenario else None,
-                self._packed(connection, attempt, record.encode()),
+            connection.executemany(
+                "INSERT INTO records (id, packed) VALUES (?, ?) ON CONFLICT DO NOTHING",
+                ((record_id, zlib.compress(text.encode())) for record_id, text in records.items()),
             )
+            row = (attempt.campaign, attempt.index, attempt_id, attempt.purpose, attempt.scenario_id)
             try:
                 connection.execute(
-                    "INSERT INTO attempts (campaign, position, id, purpose, scenario_id, record) "
-                    "VALUES (?, ?, ?, ?, ?, ?)",
-                    row,
+                    "INSERT INTO attempts (campaign, position, id, purpose, scenario_id) VALUES (?, ?, ?, ?, ?)", row
                 )
             except sqlite3.IntegrityError:
                 raise StoreError(
@@ -295,55 +270,39 @@ class SqliteLedger(Ledger):
 
     def attempts(self, campaign: str) -> Iterator[Attempt]:
         """Yield the attempts of a campaign in the order of their index; StoreError if a record was altered."""
-        query = "SELECT position, id, record FROM attempts WHERE campaign = ? ORDER BY position"
-        rows, dictionary = self._rows(query, campaign), self._dictionary(campaign)
-        known: dict[str, Scenario] = {}
-        for row in rows:
-            yield _shared(self._attempt(campaign, row, dictionary), known)
+        shared: dict[str, Record] = {}
+        query = "SELECT position, id FROM attempts WHERE campaign = ? ORDER BY position"
+        for position, attempt_id in self._rows(query, campaign):
+            try:
+                attempt = self._record(Attempt, attempt_id, shared)
+            except ValidationError as error:
+                raise StoreError(
+                    f"{self.path}: attempt {position} of {campaign!r} is whole, but not as RVSG {rvsg.__version__} "
+                    f"keeps it; was it written by a newer RVSG? {error}",
+                    code="attempt-unreadable",
+                ) from None
+            except (ValueError, LookupError, TypeError):
+                raise self._damaged(f"attempt {position} of campaign {campaign!r} is not what was stored") from None
+            yield attempt
 
-    def attempt(self, campaign: str, index: int) -> Attempt:
-        """Return one attempt of a campaign; StoreError if there is none, or its record was altered."""
-        query = "SELECT position, id, record FROM attempts WHERE campaign = ? AND position = ?"
-        rows = self._rows(query, campaign, index)
-        if not rows:
-            raise self._damaged(f"there is no attempt {index} of campaign {campaign!r}")
-        return self._attempt(campaign, rows[0], self._dictionary(campaign))
+    def _record(self, kind: type[R], record_id: str, shared: dict[str, Record]) -> R:
+        """Return a record with all that it names; ValueError where one of them is not what was stored.
 
-    def _attempt(self, campaign: str, row: tuple[Any, ...], dictionary: bytes) -> Attempt:
-        position, kept_id, packed = row
-        try:
-            record = unpack_record(packed, dictionary).decode()
-        except ValueError:
-            record = ""
+        Args:
+            shared: What was read before, by id; what this one names is added.
+        """
+        rows = self._rows("SELECT packed FROM records WHERE id = ?", record_id)
+        text = _unpacked(rows[0][0]).decode() if rows else ""
         # The text is verified, not the parsed record: an older one lacks the fields that came later.
-        if text_id(Attempt.__name__.lower(), record) != kept_id:
-            raise self._damaged(f"attempt {position} of campaign {campaign!r} is not what was stored")
-        try:
-            return Attempt.from_json(record)
-        except ValidationError as error:
-            raise StoreError(
-                f"{self.path}: attempt {position} of {campaign!r} is whole, but not as RVSG {rvsg.__version__} keeps "
-                f"it; was it written by a newer RVSG? {error}",
-                code="attempt-unreadable",
-            ) from None
-
-    def _packed(self, connection: sqlite3.Connection, attempt: Attempt, record: bytes) -> bytes:
-        """Pack a record; the first with measurements, so with the names of all metrics, is what the others repeat."""
-        dictionary = self._dictionary(attempt.campaign)
-        if not dictionary and attempt.measurements:
-            dictionary = record[-WINDOW:]
-            connection.execute(
-                "INSERT INTO dictionaries (campaign, packed) VALUES (?, ?)", (attempt.campaign, pack_record(dictionary))
-            )
-        return pack_record(record, dictionary)
-
-    def _dictionary(self, campaign: str) -> bytes:
-        """Return what the records of a campaign are packed with; nothing if there is none."""
-        rows = self._rows("SELECT packed FROM dictionaries WHERE campaign = ?", campaign)
-        try:
-            return unpack_record(rows[0][0]) if rows else b""
-        except ValueError as error:
-            raise self._damaged(f"the dictionary of campaign {campaign!r} cannot be read: {error}") from None
+        if text_id(kind.__name__.lower(), text) != record_id:
+            raise ValueError("it is damaged")
+        data, named = json.loads(text)
+        for where, part_id in named.items():
+            if part_id not in shared:
+                shared[part_id] = self._record(PARTS[part_id.partition("-")[0]], part_id, shared)
+            *path, last = (int(step) if step.isdecimal() else step for step in where.split("."))
+            functools.reduce(operator.getitem, path, data)[last] = shared[part_id]
+        return kind.model_validate(data)
 
     def run(self, run_id: str) -> Run:
         """Return the run of that id; StoreError if there is none."""
@@ -449,18 +408,39 @@ def write_ahead(cursor: sqlite3.Cursor, patience_s: float) -> None:
             time.sleep(0.02)
 
 
-def _shared(attempt: Attempt, known: dict[str, Scenario]) -> Attempt:
-    """Return an attempt whose scenarios are those of earlier ones where they are equal: a brief repeats many."""
+def _split(record: Record, data: dict[str, Any], records: dict[str, str]) -> str:
+    """Add the text of a record, and of all that it names, by their ids; return its id.
 
-    def one(part: T) -> T:
-        if part.scenario is None:
-            return part
-        return part.model_copy(update={"scenario": known.setdefault(part.scenario.id, part.scenario)})
+    The text is a list: the JSON of the record with null for every one of `PARTS` in it, and their ids by place.
+    """
+    named: dict[str, str] = {}
 
-    brief = attempt.brief
-    changes: dict[str, object] = {"memory": tuple(map(one, brief.memory))}
-    changes |= {"feedback": brief.feedback and one(brief.feedback), "untold": brief.untold and one(brief.untold)}
-    return attempt.model_copy(update={"brief": brief.model_copy(update=changes), "proposal": one(attempt.proposal)})
+    def without(value: object, part: Any, place: str) -> Any:
+        if isinstance(value, Record):
+            if value is not record and type(value) in PARTS.values():
+                named[place] = _split(value, part, records)
+                return None
+            return {key: without(getattr(value, key, None), v, f"{place}.{key}".lstrip(".")) for key, v in part.items()}
+        if isinstance(value, tuple) and isinstance(part, list):
+            return [without(*both, f"{place}.{k}") for k, both in enumerate(zip(value, part, strict=True))]
+        return part
+
+    text = canonical_json([without(record, data, ""), named])
+    record_id = text_id(type(record).__name__.lower(), text)
+    records[record_id] = text
+    return record_id
+
+
+def _unpacked(packed: bytes) -> bytes:
+    """Return a record as it was before it was compressed; ValueError where it is damaged or larger than `LARGEST`."""
+    decompressor = zlib.decompressobj()
+    try:
+        record = decompressor.decompress(packed, LARGEST)
+    except (zlib.error, TypeError) as error:
+        raise ValueError(f"it is damaged ({error})") from None
+    if not decompressor.eof or decompressor.unused_data:
+        raise ValueError("it is damaged (it has another length than it should)")
+    return record
 
 
 def _keep(connection: sqlite3.Connection, run: PackedRun) -> None:
