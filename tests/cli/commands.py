@@ -12,11 +12,24 @@ from rvsg.core.errors import RvsgError
 
 
 def words_of(*parts: object) -> list[str]:
-    """Return the words of a command; strings among its parts are split into words, lists taken as they are."""
+    """Return the words of a command; strings among its parts are split into words.
+
+    Lists hold defaults: an option of one counts only where nothing gives it again.
+    """
     words: list[str] = []
     for part in parts:
         words += part.split() if isinstance(part, str) else part if isinstance(part, list) else [str(part)]
+    defaults = {word for part in parts if isinstance(part, list) for word in part if word.startswith("--")}
+    for option in defaults - SEVERAL:
+        while words.count(option) > 1:
+            first = words.index(option)
+            value = first + 1 < len(words) and not words[first + 1].startswith("--")
+            del words[first : first + 1 + value]
     return words
+
+
+SEVERAL = {"--route", "--requirement", "--vary", "--stack", "--robot", "--door", "--metric", "--also"}
+"""Options that take several values in some verb."""
 
 
 def rvsg(*parts: object, code: int = 0) -> None:

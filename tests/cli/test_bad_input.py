@@ -151,12 +151,12 @@ def test_bad_input_is_refused_with_what_and_where(refused: Refused, command: str
     ],
 )
 def test_a_number_or_word_that_makes_no_sense_is_refused(refused: Refused, option: str, value: str) -> None:
-    told = refused("run", *SMALL, option, value)
+    told = refused("run", SMALL, option, value)
     assert option in told.err or option.removeprefix("--").replace("-", "_") in told.err
 
 
 def test_a_realism_that_leaves_no_run_says_so_in_terminal_and_report(terminal: Terminal) -> None:
-    terminal("run", *SMALL, "--realism 1 --repeats 2 --seed 3 --confirmations 0 --out c", code=2)
+    terminal("run", SMALL, "--realism 1 --repeats 2 --seed 3 --confirmations 0 --out c", code=2)
     assert "does what fewer than 1 % of recorded people did. Choose a smaller --realism" in terminal.err
     assert re.search(r"Runs not judged.* of recorded people did</th><td>[12]<", Path("c/report.html").read_text())
 
@@ -169,7 +169,7 @@ def test_a_campaign_file_that_is_absent_is_named(refused: Refused) -> None:
     ("kind", "name"), [("generator", "heuristic"), ("generator", "random"), ("simulator", "kinematic")]
 )
 def test_an_option_that_a_plug_in_does_not_take_is_told_without_python(refused: Refused, kind: str, name: str) -> None:
-    told = refused("run", *SMALL, f"--{kind}", name, f"--{kind}-option", "foo=1")
+    told = refused("run", SMALL, f"--{kind}", name, f"--{kind}-option", "foo=1")
     assert told.error.code == "unknown-option" and "__init__" not in told.err
 
 
@@ -178,14 +178,14 @@ def test_an_option_that_a_plug_in_does_not_take_is_told_without_python(refused: 
 def test_an_option_of_a_model_that_nobody_asks_is_refused(
     refused: Refused, option: tuple[str, str], generator: str
 ) -> None:
-    told = refused("run", *SMALL, "--generator", generator, *option)
+    told = refused("run", SMALL, "--generator", generator, *option)
     assert told.error.code == "model-options-unused"
     assert option[0] in told.err and generator in told.err
 
 
 @pytest.mark.parametrize("option", ["stop_gap_m=abc", "stop_gap_m=-5", "robot_speed_m_s=.inf", "robot_speed_m_s=nan"])
 def test_options_of_the_kinematic_simulator_that_are_no_numbers_are_refused(refused: Refused, option: str) -> None:
-    said = refused("run", *SMALL, "--simulator-option", option)
+    said = refused("run", SMALL, "--simulator-option", option)
     assert said.error.code == "plug-in-options" and option.split("=")[0] in said.err
 
 
@@ -206,7 +206,7 @@ def test_a_store_of_a_newer_version_is_left_alone(refused: Refused, tmp_path: Pa
     connection.execute("PRAGMA user_version=99")
     connection.commit()
     connection.close()
-    assert isinstance(refused("run", *SMALL, "--out", "old").error, NewerStore)
+    assert isinstance(refused("run", SMALL, "--out", "old").error, NewerStore)
     assert isinstance(refused("report", "old").error, NewerStore)
 
 
@@ -430,7 +430,7 @@ def test_a_device_that_is_no_file_of_ours_may_be_written(monkeypatch: pytest.Mon
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder that takes no file, whatever its rights")
 def test_a_junit_file_that_cannot_be_made_is_told_before_the_campaign(refused: Refused) -> None:
-    assert refused("run", *SMALL, "--out", "new", "--junit", "/proc/x.xml").error.code == "not-writable"
+    assert refused("run", SMALL, "--out", "new", "--junit", "/proc/x.xml").error.code == "not-writable"
 
 
 @pytest.mark.slow

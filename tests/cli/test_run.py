@@ -264,7 +264,7 @@ def test_a_campaign_whose_stack_failed_in_every_run_is_no_success(
     failed = {"outcome": Outcome.STACK_FAILED, "details": details}
     monkeypatch.setattr(KinematicSimulator, "run", lambda *given, **seed: replace(run(*given, **seed), **failed))
     error = terminal.refused("run", ONE, "--out one")
-    assert error.code == "nothing-judged" and "the planner is gone" in str(error)
+    assert error.code == "never-arrives" and "the planner is gone" in str(error)
 
 
 @pytest.mark.slow
