@@ -15,9 +15,8 @@ from rvsg.findings.feedback import MapCell
 from rvsg.generation.generator import Call
 from rvsg.generation.vlm.call_log import CallLog
 from rvsg.generation.vlm.model import Answer, Message, Request
-from rvsg.report import page_contents
+from rvsg.report.conversations import Transcript
 from rvsg.report.page import broken
-from rvsg.report.page_contents import Conversations
 from rvsg.report.stills import beside, box_around, free_place, spread
 from rvsg.report.words import robot_words, under_test
 from rvsg.scenario.brief import Encounter
@@ -40,7 +39,7 @@ def test_every_message_is_shown_once_and_every_answer(tmp_path: Path) -> None:
     asked = (("system", "You test."), ("user", "One?"))
     first = call(recording, 1, *asked, answer="Two.")
     second = call(recording, 2, *asked, ("assistant", "Two."), ("user", "Again?"), answer="No.")
-    shown = Conversations(recording).of([first, second])
+    shown = Transcript(recording).of([first, second])
     assert [[(m["role"], m["text"]) for m in each["said"]] for each in shown] == [
         [("system", "You test."), ("user", "One?")],
         [("user", "Again?")],
@@ -52,16 +51,16 @@ def test_a_failed_call_and_one_that_is_not_kept(tmp_path: Path) -> None:
     recording = CallLog(tmp_path)
     failed = call(recording, 1, ("user", "One?"), answer=None)
     other = Call(purpose="x", model="m", recording="another")
-    (shown,) = Conversations(recording).of([failed, other])
+    shown, unrecorded = Transcript(recording).of([failed, other])
     assert "no connection" in shown["answer"]
-    assert Conversations(None).of([failed]) == []
+    assert unrecorded["said"] == [] and unrecorded["answer"] == ""
+    assert Transcript(None).of([failed])[0]["said"] == []
 
 
-def test_a_long_conversation_is_cut_with_a_word(tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
-    monkeypatch.setattr(page_contents, "MOST_CHARACTERS", 10)
+def test_a_long_conversation_is_cut_with_a_word(tmp_path: Path) -> None:
     recording = CallLog(tmp_path)
     made = call(recording, 1, ("user", "0123456"), answer="789abcdef")
-    (shown,) = Conversations(recording).of([made])
+    (shown,) = Transcript(recording, most=10).of([made])
     assert shown["said"][0]["text"] == "0123456"
     assert shown["answer"].startswith("789 …") and "6 more" in shown["answer"]
 

@@ -283,7 +283,7 @@ def test_conversations_are_searched_and_opened(opened: Open) -> None:
     rewrite(tab, tab.get_by_label("Search"), "a")
     tab.locator(".thought").first.wait_for()
     press(tab, tab.locator(".thought > summary").first)
-    tab.locator(".thought[open] h2").first.wait_for()
+    tab.locator(".thought[open] h3").first.wait_for()
     is_well(tab)
 
 

@@ -17,7 +17,7 @@ from rvsg.evaluation.verdict import load_requirement
 from rvsg.suites.suite import Change
 from rvsg_studio.answers import _answered, scenario_try
 from rvsg_studio.listing import FoundCampaign
-from rvsg_studio.model_questions import conversations_of, named_in
+from rvsg_studio.model_questions import conversation_of, named_in
 from rvsg_studio.pages.new_campaign import estimate
 from rvsg_studio.scenario_editor import empty_scenario, scenario_of, simulated, try_out, with_person
 from rvsg_studio.workspace import FILE, Note, Workspace, note, notes_of
@@ -83,11 +83,11 @@ def test_two_campaigns_are_paired_by_what_their_people_do(tmp_path: Path) -> Non
     assert {each.change for each in found.changes} == {Change.UNCHANGED}
     assert [case.verdict for case in found.variants[0].cases] == [case.verdict for case in found.variants[1].cases]
     assert compare_campaigns(made[0], made[2]).changes == ()
-    found = conversations_of(made[0])
-    assert [each.attempt.index for each in found] == [0, 1]
-    scenario = found[0].attempt.proposal.scenario
+    shown = conversation_of(made[0], lambda digest: digest, lambda attempt: f"/finding?attempt={attempt}")
+    scenario = made[0].attempts()[0].proposal.scenario
     assert scenario is not None
-    assert found[0].holds(scenario.description[:20].upper()) and not found[0].holds("no such words")
+    assert shown.count("/finding?attempt=") == 2 and shown.count('class="thought"') == 2
+    assert scenario.description[:20] in shown
 
 
 def test_an_estimate_takes_calls_from_earlier_campaigns() -> None:

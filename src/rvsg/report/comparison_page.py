@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, count, cycle, pairwise
 from pathlib import Path
@@ -37,6 +39,9 @@ TONES = {Change.BROKEN: "bad", Change.FIXED: "good", Change.UNCLEAR: "", Change.
 RANKING = ("rank", "stack", "version", "violated", "share (95 % interval)", "contact", "arrived", "stack failed")
 CHANGES = ("case", "requirement", "change", "violated before", "violated now", "difference (95 % interval)", "p (Holm)")
 LABEL_W, BAR_W, ROW_H = 230, 420, 30
+SCATTER = 320
+Links = Callable[[CaseChange], Mapping[str, Any]]
+SIDES = (("violated", True), ("kept", False))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +95,7 @@ def comparison_page(
         labels=[_short(variant.version) for variant in found.variants],
         cells=_cells(found),
         sentences=[pair_sentence(pair) for pair in found.pairs],
-        changes=change_rows(found.changes) if two else [],
+        changes=changes_markup(found) if two and found.changes else "",
         maps=maps,
         shown=shown,
         component=Markup(component()),  # noqa: S704  (our own files)
@@ -170,7 +175,7 @@ def _points(difference: float, interval: tuple[float, float]) -> str:
     return f"{100 * difference:+.0f} points ({100 * interval[0]:+.0f} to {100 * interval[1]:+.0f})"
 
 
-def change_rows(changes: Sequence[CaseChange]) -> list[dict[str, str]]:
+def change_rows(changes: Sequence[CaseChange], links: Links = lambda change: {}) -> list[dict[str, Any]]:
     """Return the rows of a table of changes as text, what broke first; `tone` is good, bad or empty."""
     rows = []
     for each in sorted(changes, key=lambda each: [*TONES].index(each.change)):
@@ -179,8 +184,64 @@ def change_rows(changes: Sequence[CaseChange]) -> list[dict[str, str]]:
         if each.difference is not None and each.interval is not None and each.p_corrected is not None:
             row |= {"before": f"{each.violations[0]} of {each.seeds}", "now": f"{each.violations[1]} of {each.seeds}"}
             row |= {"difference": _points(each.difference, each.interval), "p": f"{each.p_corrected:.3g}"}
-        rows.append(row)
+        rows.append(row | {"address": "", "more": ()} | dict(links(each)))
     return rows
+
+
+def changes_markup(
+    found: Comparison,
+    *,
+    sides: Sequence[str] = (),
+    quantity: str = "violating share",
+    places: Sequence[tuple[float, float]] | None = None,
+    links: Links = lambda change: {},
+) -> Markup:
+    """Return what changed between two variants as a part of a page: counts, a scatter, and a row for every case.
+
+    Args:
+        sides: what the variants are called; their versions otherwise.
+        quantity: what the scatter shows.
+        places: its value for each case in both variants; the shares of violating runs otherwise.
+        links: what a page adds to the row of a change: `title`, `address`, `more` as (text, address, label).
+    """
+    shared = [change for change in found.changes if change.change is not Change.MISSING]
+    if places is None:
+        places = [(c.violations[0] / c.seeds, c.violations[1] / c.seeds) for c in shared if c.seeds]
+    cells: dict[tuple[bool, bool], Counter[Change]] = {}
+    for change in shared:
+        before, after = (violating > 0 for violating in change.violations)
+        cells.setdefault((before, after), Counter())[change.change] += 1
+
+    def cell(before: bool, after: bool) -> list[tuple[int, str, str]]:
+        numbers = cells.get((before, after), Counter[Change]())
+        return [(numbers[change], change.value, TONES[change]) for change in Change if numbers[change]]
+
+    return render(
+        "changes.html",
+        sides=sides or [variant.version for variant in found.variants],
+        matrix=[(word, [cell(before, after) for after in (True, False)]) for word, before in SIDES],
+        quantity=quantity,
+        scatter=_scatter(places),
+        changes=change_rows(found.changes, links),
+    )
+
+
+def _scatter(places: Sequence[tuple[float, float]]) -> dict[str, Any] | None:
+    """Return the drawing of values in both variants; on its line both are equal, a larger circle holds several."""
+    if not places:
+        return None
+    values = [value for place in places for value in place]
+    air = 0.08 * (max(values) - min(values)) or 0.5
+    left, base, low, high = 46, SCATTER - 40, min(values) - air, max(values) + air
+    x, y = Scale(low, high, left, SCATTER - 10), Scale(low, high, base, base - (SCATTER - 10 - left))
+    ends = ((x(high), y(high)), (SCATTER - 10, base), (left, 10))
+    return {
+        "size": SCATTER,
+        "base": base,
+        "middle": (SCATTER + left) / 2,
+        "lines": [(left, base, *end) for end in ends],
+        "circles": [(x(a), y(b), 4 + math.sqrt(number)) for (a, b), number in Counter(places).items()],
+    }
 
 
 def _cells(found: Comparison) -> list[dict[str, Any]]:

@@ -22,6 +22,7 @@ from rvsg.findings.ranking import rule
 from rvsg.generation.people_sampler import added
 from rvsg.generation.vlm.call_log import CallLog
 from rvsg.report.charts import confirmation_chart, search_chart
+from rvsg.report.conversations import Transcript, thinking
 from rvsg.report.page_contents import (
     PageContents,
     at,
@@ -33,7 +34,6 @@ from rvsg.report.page_contents import (
     run_rows_of,
     scenario_rows,
     tasks_of,
-    thinking,
 )
 from rvsg.report.renderer import component, render, script_safe
 from rvsg.report.replay_data import ReplayGroup, replay_payload
@@ -161,7 +161,8 @@ def render_page(
         rule=rule(requirement),
         search_svg=search_chart(plan, attempts),
         replayed=replayed,
-        thoughts=thinking(shown, recording) if shown.subject else [],
+        thoughts=thinking(attempts, requirement.unit, result.world, Transcript(recording)) if shown.subject else [],
+        finding=None,
         command=escape(command),
         simulator=simulator,
         stack=under_test(run.run for facts in shown.facts for run in facts.runs),

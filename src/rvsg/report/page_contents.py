@@ -1,4 +1,4 @@
-"""Contents of the report page: attempts, tables, facts of runs and the conversation with the model."""
+"""Contents of the report page: attempts, tables and facts of runs."""
 
 from __future__ import annotations
 
@@ -7,19 +7,15 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from rvsg.evaluation.verdict import metres, number, outcome_in_words, percent, value_in_words
-from rvsg.findings.ranking import best_attempt, confirmed_candidate, search_attempts
-from rvsg.generation.generator import Call
-from rvsg.generation.vlm.call_log import CallLog, RecordedCall
+from rvsg.evaluation.verdict import metres, number, outcome_in_words
+from rvsg.findings.ranking import best_attempt, confirmed_candidate
 from rvsg.report.answer_row import status_of
-from rvsg.report.replay_data import distinct_colours, people_colours
+from rvsg.report.replay_data import people_colours
 from rvsg.report.result import Answer, Result
 from rvsg.report.run_facts import AttemptFacts, facts_of, footprint_of
 from rvsg.report.stills import Look, Turn
-from rvsg.report.terminal import describe_calls
 from rvsg.report.words import in_short, shown_at
 from rvsg.runs.attempt import Attempt
-from rvsg.scenario.brief import Feedback
 from rvsg.scenario.scenario import Attention, Behaviour, Human
 from rvsg.world.drawing.svg import FloorPlan, floor_plan
 
@@ -214,141 +210,3 @@ def run_rows_of(facts: AttemptFacts, unit: str) -> list[dict[str, Any]]:
         }
         for run in facts.runs
     ]
-
-
-MOST_CHARACTERS = 600_000
-"""Characters of conversations that a page holds; the record beside the campaign holds all."""
-
-
-class Conversations:
-    """What was said in the calls of a campaign. Every message is given once, where it is said first."""
-
-    def __init__(self, recording: CallLog | None) -> None:
-        self._recording = recording
-        answered_last = sorted(recording or (), key=lambda call: call.answer is not None)
-        self._calls = {call.key: call for call in answered_last}
-        self._said: set[str] = set()
-        self._answers: set[str] = set()
-        self._left = MOST_CHARACTERS
-
-    def of(self, calls: Sequence[Call]) -> list[dict[str, Any]]:
-        """Return purpose, new messages and answer of each call that is on record."""
-        found = []
-        for call in calls:
-            kept = self._calls.get(call.recording or "")
-            if kept is not None and self._recording is not None:
-                found.append(self._one(kept, self._recording))
-        return found
-
-    def _one(self, call: RecordedCall, recording: CallLog) -> dict[str, Any]:
-        said = []
-        for message_id in call.messages:
-            if message_id in self._said:
-                continue
-            self._said.add(message_id)
-            message = recording.message(message_id)
-            if message.role == "assistant" and message.text in self._answers:
-                continue
-            said.append({"role": message.role, "text": self._room(message.text), "pictures": len(message.pictures)})
-        self._answers |= {call.answer.text} if call.answer is not None else set()
-        answer = call.answer.text if call.answer is not None else f"No answer: {call.error}"
-        return {"purpose": call.purpose, "said": said, "answer": self._room(answer)}
-
-    def _room(self, text: str) -> str:
-        """Return the text, cut where the page has no room left for it."""
-        kept = text[: max(0, self._left)]
-        self._left -= len(kept)
-        return kept if len(kept) == len(text) else f"{kept} … ({len(text) - len(kept)} more characters in the record)"
-
-
-WIDTH_M, WIDEST = 0.12, 3
-"""Width of a planned path; those drawn under others are wider, up to so many times more, so that all are seen."""
-
-
-def thinking(shown: PageContents, recording: CallLog | None) -> list[dict[str, Any]]:
-    """Return one entry for each scenario of the search, with its configurations in their order."""
-    conversations = Conversations(recording)
-    unit = shown.result.requirement.unit
-    made = [attempt.proposal.scenario for attempt in shown.result.attempts if attempt.proposal.scenario]
-    colours = distinct_colours(max((len(scenario.people.humans) for scenario in made), default=0))
-    found: dict[int, dict[str, Any]] = {}
-    before: dict[int, Sequence[Human]] = {}
-    for attempt in search_attempts(shown.result.attempts):
-        index, proposal, scenario = attempt.brief.scenario_index, attempt.proposal, attempt.proposal.scenario
-        humans = scenario.people.humans if scenario else ()
-        entry = found.setdefault(index, {"scenario": index, "description": "", "configurations": []})
-        entry["description"] = entry["description"] or (scenario.description if scenario else "")
-        step = {
-            "number": attempt.brief.configuration_index + 1,
-            "result": value_in_words(attempt.verdict, unit) if attempt.verdict else "not simulated",
-            "reasoning": proposal.reasoning,
-            "told": _feedback(attempt.brief.feedback, unit),
-            "memory": len(attempt.brief.memory),
-            "findings": [finding.reason for finding in proposal.first_findings],
-            "repairs": [f"{repair.human}: {repair.what}" for repair in proposal.repairs],
-            "problems": [finding.reason for finding in proposal.problems],
-            "corrections": proposal.corrections,
-            "calls": _calls(proposal.calls),
-            "paths": _paths(humans, before.get(index, ()), shown, colours),
-            "changed": index in before,
-            "people": [{"name": each.name, "colour": css} for each, css in zip(humans, colours, strict=False)],
-            "talk": conversations.of(proposal.calls),
-        }
-        entry["configurations"].append(step)
-        if scenario is not None:
-            before[index] = humans
-    return list(found.values())
-
-
-def _feedback(feedback: Feedback | None, unit: str) -> list[str]:
-    if feedback is None:
-        return []
-    low, high = feedback.interval
-    lines = [f"Mean {number(feedback.mean, unit)} ({number(low)} to {number(high, unit)})."]
-    if feedback.violation_share is not None:
-        lines.append(f"Violated in {percent(feedback.violation_share)} of runs.")
-    lines += [
-        f"{moment.time_s:.1f} s: robot at {moment.robot_at}, {moment.closest_human} is {metres(moment.gap_m)} away"
-        f"{'; ' + moment.note.replace('m/s2', 'm/s²') if moment.note else ''}."
-        for moment in feedback.moments
-    ]
-    lines += [feedback.unusual] if feedback.unusual else []
-    lines += [
-        f"{each.name}: closest gap {metres(each.closest_gap_m)}, within 2 m for {percent(each.share_within_2_m)} of "
-        "the time."
-        for each in feedback.influences
-    ]
-    return lines
-
-
-def _calls(calls: Sequence[Call]) -> str:
-    took, purposes = sum(call.latency_s for call in calls), ", ".join(call.purpose for call in calls)
-    return f"{describe_calls(calls)} {took:.1f} s ({purposes})" if calls else ""
-
-
-def _paths(
-    humans: Sequence[Human], before: Sequence[Human], shown: PageContents, colours: Sequence[str]
-) -> list[dict[str, Any]]:
-    """Return the planned paths on the floor plan, and those of the configuration before that differ."""
-    at = {w.name: (w.x, w.y) for w in shown.result.world.grid.waypoints}
-    turn = Turn.of(shown.floor.matrix)
-
-    def names(human: Human) -> list[str]:
-        return [name for task in human.tasks for name in task.path]
-
-    now = {human.name: names(human) for human in humans}
-    drawn = [
-        ("planned", place, WIDTH_M * (1 + min(WIDEST, len(humans) - 1 - place)), human)
-        for place, human in enumerate(humans)
-    ]
-    drawn += [
-        ("planned before", place, WIDTH_M, human)
-        for place, human in enumerate(before if humans else ())
-        if now.get(human.name) != names(human)
-    ]
-    found = []
-    for kind, place, width, human in drawn:
-        points = [turn.point(*at[name]) for name in names(human) if name in at]
-        if points:
-            found.append({"kind": kind, "colour": colours[place % len(colours)], "width": width, "points": points})
-    return found

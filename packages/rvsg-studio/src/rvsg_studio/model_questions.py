@@ -6,12 +6,12 @@ Keys of models come from the environment alone.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any, Literal
 
+from markupsafe import Markup
 from pydantic import BaseModel, ValidationError
 
 import rvsg
@@ -19,9 +19,8 @@ from rvsg.app.campaign import Campaign
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.generation.environment import description_of
-from rvsg.generation.generator import Call
-from rvsg.generation.vlm.call_log import PICTURES, CallLog, RecordedCall
-from rvsg.runs.attempt import Attempt
+from rvsg.generation.vlm.call_log import PICTURES, CallLog
+from rvsg.report.conversations import Transcript, conversation_markup
 from rvsg.world.areas import unknown_areas
 from rvsg.world.world import Description, World
 from rvsg.world.world_folder import shipped_worlds
@@ -209,63 +208,25 @@ def difference(before: str, after: str) -> list[tuple[Literal["same", "removed",
 
 
 LONGEST_DIGEST = 128
+MOST_CHARACTERS = 5_000_000
+"""Characters of a conversation that a page of the studio holds."""
 
 
-@dataclass(frozen=True)
-class Turn:
-    """One call of a model: what was new in what it was given, and what it answered."""
+def conversation_of(campaign: Campaign, picture: Callable[[str], str], finding: Callable[[int], str]) -> Markup:
+    """Return how each configuration of the search came to be, as the report shows it.
 
-    call: Call
-    answer: str = ""
-    """Empty where the call was not recorded."""
-    given: tuple[tuple[str, str], ...] = ()
-    """Role and text of each message that the call before did not hold."""
-    pictures: tuple[str, ...] = ()
-    """The pictures shown in it that are kept, by digest."""
-    lost_pictures: int = 0
-    """Pictures shown in it that the record does not hold, as in recordings that ship with RVSG."""
+    Args:
+        picture: returns the address of a picture by its digest.
+        finding: returns the address of the page of an attempt.
+    """
+    log = campaign.recording
 
+    def address(digest: str) -> str:
+        return picture(digest) if log is not None and _picture(log, digest).is_file() else ""
 
-@dataclass(frozen=True)
-class Conversation:
-    """How one configuration came to be."""
-
-    attempt: Attempt
-    turns: tuple[Turn, ...]
-
-    @property
-    def cost_usd(self) -> float | None:
-        """What its calls cost together; None where that is not known."""
-        costs = [call.cost_usd for call in self.attempt.proposal.calls]
-        return None if None in costs else sum(cost for cost in costs if cost is not None)
-
-    @property
-    def sections(self) -> dict[str, tuple[str, ...]]:
-        """What there is to read of it besides its calls, by title."""
-        proposal = self.attempt.proposal
-        return {
-            "Reasoning": (proposal.reasoning,) if proposal.reasoning else (),
-            "The checker said of the first answer": tuple(str(finding) for finding in proposal.first_findings),
-            "Repaired": tuple(f"{repair.human}, {repair.task}: {repair.what}" for repair in proposal.repairs),
-            "Left at the end": tuple(str(finding) for finding in proposal.problems),
-        }
-
-    def holds(self, words: str) -> bool:
-        """Return whether a text stands anywhere in it, in whatever case."""
-        scenario, sections = self.attempt.proposal.scenario, self.sections
-        texts = [scenario.description if scenario is not None else ""]
-        texts += [text for title, lines in sections.items() if title != "Repaired" for text in lines]
-        for turn in self.turns:
-            texts += [turn.answer, turn.call.error or "", *(text for _, text in turn.given)]
-        return any(words.casefold() in text.casefold() for text in texts)
-
-
-def conversations_of(campaign: Campaign) -> tuple[Conversation, ...]:
-    """Return how each configuration of the search came to be, in order."""
-    recording = campaign.recording
-    by_key = {} if recording is None else {call.key: call for call in recording}
-    found = [attempt for attempt in campaign.attempts() if attempt.purpose == "search"]
-    return tuple(Conversation(each, tuple(_turns(each.proposal.calls, by_key, recording))) for each in found)
+    transcript = Transcript(log, picture=address, most=MOST_CHARACTERS)
+    attempts, unit = campaign.attempts(), campaign.requirement.unit
+    return conversation_markup(attempts, unit, campaign.shown_world, transcript, finding=finding)
 
 
 def picture_of_call(campaign: Campaign, digest: str) -> bytes:
@@ -274,32 +235,12 @@ def picture_of_call(campaign: Campaign, digest: str) -> bytes:
     Raises:
         InputError: there is none of that digest.
     """
-    recording = campaign.recording
-    path = _picture(recording, digest) if recording is not None and digest.isalnum() else None
+    log = campaign.recording
+    path = _picture(log, digest) if log is not None and digest.isalnum() else None
     if path is not None and len(digest) <= LONGEST_DIGEST and path.is_file():
         return path.read_bytes()
     raise InputError("This picture is not kept in the record of the campaign.")
 
 
-def _picture(recording: CallLog, digest: str) -> Path:
-    return recording.folder / PICTURES / f"{digest}.png"
-
-
-def _turns(calls: Iterable[Call], by_key: Mapping[str, RecordedCall], recording: CallLog | None) -> Iterator[Turn]:
-    known: set[str] = set()
-    for call in calls:
-        kept = by_key.get(call.recording or "")
-        if kept is None or recording is None:
-            yield Turn(call)
-            continue
-        new = [recording.message(identity) for identity in kept.messages if identity not in known]
-        known.update(kept.messages)
-        shown = list(dict.fromkeys(picture.digest for message in new for picture in message.pictures))
-        stored = tuple(each for each in shown if _picture(recording, each).is_file())
-        yield Turn(
-            call,
-            answer=kept.answer.text if kept.answer is not None else "",
-            given=tuple((message.role, message.text) for message in new),
-            pictures=stored,
-            lost_pictures=len(shown) - len(stored),
-        )
+def _picture(log: CallLog, digest: str) -> Path:
+    return log.folder / PICTURES / f"{digest}.png"

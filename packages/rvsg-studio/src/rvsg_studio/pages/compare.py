@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import shlex
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -14,90 +12,26 @@ from nicegui import ui
 import rvsg
 from rvsg.app.comparison import VersionComparison, compare_campaigns
 from rvsg.core.errors import InputError
-from rvsg.report.comparison_page import TONES, change_rows
-from rvsg.suites.suite import CaseChange, CaseResult, Change
+from rvsg.report.comparison_page import changes_markup
+from rvsg.suites.suite import CaseChange
 from rvsg_studio.answers import compared_versions
 from rvsg_studio.frame import (
     PATIENT_S,
     Page,
     actions,
     address,
-    chip,
     field,
     link,
     load,
     page,
     route,
     select,
+    svg,
     table,
     tag,
 )
 from rvsg_studio.listing import FoundCampaign, Listing, suite_results_in, why_not
 from rvsg_studio.workspace import Workspace, stamp
-
-SIZE = 320
-LEFT, BELOW, AIR = 46, 40, 10
-"""Free space around the scatter, in its own units."""
-SHOWN = 100
-COLUMNS = ("Case", "Requirement", "Change", "Violated before", "Violated now", "Difference (95 % interval)", "p (Holm)")
-Pair = tuple[CaseResult, CaseResult, CaseChange]
-"""A configuration that both campaigns ran, as each of them found it, and what changed."""
-Place = tuple[float, float]
-"""The value of a pair on the first side, and on the second."""
-
-
-def matrix(found: Iterable[tuple[tuple[int, int], Change]], sides: Sequence[str]) -> None:
-    """Lay out how many were violated before and after, and what that is worth.
-
-    Args:
-        found: violating runs of both sides, and what changed, of each pair.
-        sides: what both sides are called.
-    """
-    cells: dict[tuple[bool, bool], Counter[Change]] = {}
-    for (first, second), change in found:
-        cells.setdefault((first > 0, second > 0), Counter())[change] += 1
-    words = {True: "violated in", False: "kept in"}
-    with table(["", *(f"{words[after]} {sides[1]}" for after in words)], label="Before and after", id="matrix"):
-        for before in words:
-            with tag("tr"):
-                tag("th", f"{words[before]} {sides[0]}", scope="row")
-                for after in words:
-                    with tag("td"):
-                        counts = cells.get((before, after), Counter())
-                        if not counts:
-                            tag("span", "none", cls="soft")
-                        for change in Change:
-                            if counts[change]:
-                                chip(f"{counts[change]} {change.value}", TONES[change])
-
-
-def scatter(places: Iterable[Place], said: str, across: str, up: str) -> None:
-    """Draw the value of each pair; on the line both sides are equal. A larger circle holds several pairs.
-
-    Args:
-        said: what the axes are, for those who do not see the drawing.
-    """
-    known = Counter(places)
-    if not known:
-        return
-    values = [value for pair in known for value in pair]
-    air = 0.08 * (max(values) - min(values)) or 0.5
-    low, high = min(values) - air, max(values) + air
-
-    def at(value: float) -> float:
-        return (value - low) / (high - low) * (SIZE - LEFT - AIR)
-
-    with tag("svg", viewBox=f"0 0 {SIZE} {SIZE}", role="img", aria_label=said, cls="chart narrow", id="scatter"):
-        base = SIZE - BELOW
-        for x2, y2 in ((LEFT + at(high), base - at(high)), (SIZE - AIR, base), (LEFT, AIR)):
-            tag("line", x1=LEFT, y1=base, x2=x2, y2=y2, cls="grid")
-        for (x, y), count in known.items():
-            r = 4 + math.sqrt(count)
-            tag("circle", cx=f"{LEFT + at(x):.1f}", cy=f"{base - at(y):.1f}", r=f"{r:.1f}", cls="new")
-        middle = (SIZE + LEFT) / 2
-        tag("text", across, x=middle, y=SIZE - 12, cls="axis", text_anchor="middle")
-        turned = f"rotate(-90 18 {base / 2})"
-        tag("text", up, x=18, y=base / 2, cls="axis", text_anchor="middle", transform=turned)
 
 
 def add(workspace: Workspace) -> None:
@@ -111,7 +45,7 @@ def add(workspace: Workspace) -> None:
             _choose_campaigns(made, [each for each in listing.campaigns if not each.problem], a, b)
             if found is not None:
                 _totals(listing, a, b)
-                _pairs(a, b, *found)
+                _pairs(found)
             tag("p", "", cls="soft")
             link("Compare two versions of the robot on a suite", "/compare/versions")
 
@@ -153,22 +87,35 @@ def add(workspace: Workspace) -> None:
             made.command("Run a suite", "rvsg suite run suite --runs 20 --version now --json > now.json")
 
 
-Paired = tuple[tuple[Pair, ...], Mapping[int | None, str], str]
-"""The scenarios that two campaigns both ran, the names that the answer of the first gives attempts, and the unit."""
-
-
-def _read(workspace: Workspace, a: str, b: str) -> Paired:
-    """Pair the scenarios of two campaigns; what was read is kept until one of their stores changes."""
+def _read(workspace: Workspace, a: str, b: str) -> str:
+    """Return what changed in the scenarios that two campaigns both ran, kept until one of their stores changes."""
     paths = workspace.existing(a), workspace.existing(b)
 
-    def made() -> Paired:
+    def compared() -> str:
         first, second = (rvsg.Campaign.open(path) for path in paths)
         found = compare_campaigns(first, second)
-        one, two = found.variants
+        if not found.changes:
+            return ""
         names: dict[int | None, str] = {row.attempt: f"{row.number} {row.name}" for row in first.answer.rows}
-        return tuple(zip(one.cases, two.cases, found.changes, strict=True)), names, first.requirement.unit
+        one, two = ({case.key: case for case in variant.cases} for variant in found.variants)
 
-    return workspace.kept(("pairs", a, b, stamp(paths[1])), paths[0], made)
+        def links(change: CaseChange) -> dict[str, Any]:
+            mine, theirs = (side[change.case, change.requirement] for side in (one, two))
+            both = address("/compare/runs", a=a, b=b, first=mine.attempt, second=theirs.attempt)
+            label = f"Replay attempts {mine.attempt} and {theirs.attempt}"
+            second = address("/finding", campaign=b, attempt=theirs.attempt)
+            return {
+                "title": names.get(mine.attempt, mine.title),
+                "address": address("/finding", campaign=a, attempt=mine.attempt),
+                "more": [("in the second", second, ""), ("Replay both", both, label)],
+            }
+
+        pairs = [(mine.verdict.mean, two[key].verdict.mean) for key, mine in one.items() if key in two]
+        places = [(x, y) for x, y in pairs if x is not None and y is not None]
+        quantity = f"mean, {first.requirement.unit}" if first.requirement.unit else "mean"
+        return changes_markup(found, sides=("the first", "the second"), quantity=quantity, places=places, links=links)
+
+    return workspace.kept(("pairs", a, b, stamp(paths[1])), paths[0], compared)
 
 
 def _choose_campaigns(made: Page, known: Sequence[FoundCampaign], a: str, b: str) -> None:
@@ -245,63 +192,25 @@ def _totals(listing: Listing, a: str, b: str) -> None:
                     tag("td", str(value(campaign)))
 
 
-def _pairs(a: str, b: str, pairs: tuple[Pair, ...], names: Mapping[int | None, str], unit: str) -> None:
+def _pairs(shown: str) -> None:
     tag("h2", "The same scenarios in both")
-    if not pairs:
-        tag(
-            "p",
-            "The two campaigns ran no scenario in common. Campaigns that replay the same scenarios, such as one with "
-            "another stack and the same seed, can be compared scenario by scenario.",
-            cls="soft",
-        )
+    if shown:
+        svg(shown)
         return
-    verdicts = [(one.verdict, two.verdict) for one, two, _ in pairs]
-    with tag("div", cls="st-two"):
-        with tag("div"):
-            counts = [(one.violations, two.violations) for one, two in verdicts]
-            matrix(zip(counts, (each.change for _, _, each in pairs), strict=True), ("the first", "the second"))
-            means = [(x.mean, y.mean) for x, y in verdicts if x.mean is not None and y.mean is not None]
-            said = f"Mean objective of each scenario, first campaign across, second up, {unit}"
-            scatter(means, said, *(f"mean in the {which}, {unit}" for which in ("first", "second")))
-        with tag("div", cls="st-list"):
-            for one, two, change in pairs[:SHOWN]:
-                with tag("div", cls="st-row"):
-                    with tag("span", cls="st-row-head"):
-                        chip(change.change.value, TONES[change.change])
-                        shares = (f"{each.verdict.violations} of {each.verdict.runs}" for each in (one, two))
-                        tag("span", " → ".join(shares), cls="small")
-                    with tag("span", cls="st-clip"):
-                        link(names.get(one.attempt, one.title), "/finding", campaign=a, attempt=one.attempt)
-                        tag("span", " · ")
-                        link("in the second", "/finding", campaign=b, attempt=two.attempt)
-                    with tag("span"):
-                        where = address("/compare/runs", a=a, b=b, first=one.attempt, second=two.attempt)
-                        label = f"Replay attempts {one.attempt} and {two.attempt}"
-                        tag("a", "Replay both", href=where, aria_label=label)
+    none = "The two campaigns ran no scenario in common. Campaigns that replay the same scenarios, such as one with "
+    tag("p", none + "another stack and the same seed, can be compared scenario by scenario.", cls="soft")
 
 
 def _changes(compared: VersionComparison, given: dict[str, str]) -> None:
-    names = [each.version for each in compared.found.variants]
+    names = [variant.version for variant in compared.found.variants]
     tag("h2", f"{names[1]} against {names[0]}")
-    found = [each for each in compared.found.changes if each.change is not Change.MISSING]
-    with tag("div", cls="st-two"):
-        matrix([(each.violations, each.change) for each in found], names)
-        shares = [(each.violations[0] / each.seeds, each.violations[1] / each.seeds) for each in found if each.seeds]
-        said = f"Share of violating runs of each case, {names[0]} across, {names[1]} up"
-        scatter(shares, said, *(f"violating share, {name}" for name in names))
-    with table(COLUMNS, label="Every case"):
-        for row in change_rows(compared.found.changes):
-            case = {"case": row["case"], "requirement": row["requirement"]}
-            can_replay = tuple(case.values()) in compared.replayable
-            replay = address("/compare/versions", **given, **case) + "#replay" if can_replay else None
-            with tag("tr"):
-                with tag("td"):
-                    tag("a" if replay else "span", row["title"], href=replay)
-                tag("td", row["requirement"])
-                with tag("td"):
-                    chip(row["change"], row["tone"])
-                for key in ("before", "now", "difference", "p"):
-                    tag("td", row[key], cls="n")
+
+    def links(change: CaseChange) -> dict[str, Any]:
+        case = {"case": change.case, "requirement": change.requirement}
+        shown = tuple(case.values()) in compared.replayable
+        return {"address": address("/compare/versions", **given, **case) + "#replay" if shown else ""}
+
+    svg(changes_markup(compared.found, links=links))
 
 
 def _replay(compared: VersionComparison, given: dict[str, str], case: str, requirement: str) -> None:

@@ -21,25 +21,23 @@ from rvsg_studio.frame import (
     actions,
     address,
     as_script,
-    chip,
     field,
     link,
     load,
     number_input,
     page,
     route,
+    svg,
     tag,
     text_area,
     text_input,
 )
 from rvsg_studio.model_questions import (
     PARTS,
-    Conversation,
     Review,
     Texts,
-    Turn,
     asked_model,
-    conversations_of,
+    conversation_of,
     difference,
     keep_model,
     named_in,
@@ -61,10 +59,11 @@ def add(workspace: Workspace) -> None:
         if not folder:
             await _list(workspace)
             return
-        path = workspace.existing(folder)
-        found = await load(_read, workspace, folder, name)
-        with page(workspace, f"Conversations of {workspace.relative(path)}") as made:
-            Search(made, folder, name, found)
+        shown = await load(_read, workspace, folder, name)
+        with page(workspace, f"Conversations of {workspace.relative(workspace.existing(folder))}", wide=True) as made:
+            tag("div", data_studio="filter", data_of=".step", data_within=".thought", data_counted="configurations")
+            svg(shown)
+            made.command("What a model would be asked next", "rvsg scenario prompt --world WORLD --route ROUTE")
 
 
 class Reviewing:
@@ -214,10 +213,6 @@ class Reviewing:
             ui.run_javascript(f"document.getElementById({as_script(name)}).value = {as_script(text)}")
 
 
-SHOWN = 60
-LONGEST = 20_000
-
-
 def model_form(workspace: Workspace) -> None:
     """Lay out the fields that name a model; what is typed is kept at once."""
     known = asked_model(workspace)
@@ -230,10 +225,16 @@ def model_form(workspace: Workspace) -> None:
             number_input(known.budget_usd, lambda usd: keep_model(workspace, budget_usd=usd), float, step="any")
 
 
-def _read(workspace: Workspace, folder: str, name: str) -> tuple[Conversation, ...]:
-    path = workspace.existing(folder)
+def _read(workspace: Workspace, folder: str, name: str) -> str:
+    path, where = workspace.existing(folder), {"campaign": folder, "name": name or None}
     return workspace.kept(
-        ("conversations", folder, name), path, lambda: conversations_of(rvsg.Campaign.open(path, name or None))
+        ("conversations", folder, name),
+        path,
+        lambda: conversation_of(
+            rvsg.Campaign.open(path, name or None),
+            lambda digest: address("/data/picture", **where, digest=digest),
+            lambda attempt: address("/finding", **where, attempt=attempt),
+        ),
     )
 
 
@@ -253,69 +254,3 @@ async def _list(workspace: Workspace) -> None:
                     tag("span", f" {campaign.generator}, {calls}", cls="soft small")
         if not listing.campaigns:
             tag("p", "No campaign lies in this folder.", cls="soft")
-
-
-class Search:
-    """The conversations of a campaign that hold the words that are searched for."""
-
-    def __init__(self, made: Page, folder: str, name: str, found: tuple[Conversation, ...]) -> None:
-        self.page, self.folder, self.name, self.found = made, folder, name, found
-        with field("Search", help="In reasoning, questions, answers and findings of the checker"):
-            text_input("", self._search, kind="search", autocomplete="off")
-        self.count = tag("p", "", cls="soft", role="status")
-        self.list = tag("div")
-        self._search("")
-        made.command("What a model would be asked next", "rvsg scenario prompt --world WORLD --route ROUTE")
-
-    def _search(self, words: str) -> None:
-        shown = [each for each in self.found if not words.strip() or each.holds(words.strip())]
-        self.count.set_text(f"{len(shown)} of {counted(len(self.found), 'configuration')}")
-        self.list.clear()
-        with self.list:
-            for each in shown[:SHOWN]:
-                self._show(each)
-            if len(shown) > SHOWN:
-                tag("p", f"and {len(shown) - SHOWN} more: search for what you look for.", cls="soft")
-
-    def _show(self, each: Conversation) -> None:
-        attempt, proposal = each.attempt, each.attempt.proposal
-        valid = proposal.scenario is not None
-        cost = "cost unknown" if each.cost_usd is None else f"{each.cost_usd:.4f} USD"
-        spent = f"{counted(len(proposal.calls), 'call')}, {cost}" if proposal.calls else proposal.generator
-        with tag("details", cls="thought"):
-            with tag("summary"):
-                place = f"Scenario {attempt.brief.scenario_index + 1}"
-                tag("strong", f"{place}, configuration {attempt.brief.configuration_index + 1}")
-                tag("span", f" {spent}, {counted(proposal.corrections, 'correction')} ", cls="soft small")
-                chip("valid", "good") if valid else chip("invalid", "bad")
-            for title, lines in each.sections.items():
-                if lines:
-                    tag("h2", title, cls="st-minor")
-                for line in lines:
-                    tag("p", line, cls="reasoning small")
-            for turn in each.turns:
-                self._turn(turn)
-            if valid:
-                link("Open the attempt", "/finding", campaign=self.folder, name=self.name, attempt=attempt.index)
-
-    def _turn(self, turn: Turn) -> None:
-        call = turn.call
-        with tag("div", cls="st-turn"):
-            cost = "" if call.cost_usd is None else f", {call.cost_usd:.4f} USD"
-            tag("h2", f"{call.purpose}: {call.model}", cls="st-minor")
-            tokens = f"{call.input_tokens} tokens in, {call.output_tokens} out{cost}, {call.latency_s:.1f} s"
-            tag("p", tokens, cls="soft small")
-            for role, text in turn.given:
-                with tag("details"):
-                    tag("summary", f"{role}: {text[:90]}")
-                    tag("pre", text[:LONGEST], tabindex="0")
-            for digest in turn.pictures:
-                where = address("/data/picture", campaign=self.folder, name=self.name, digest=digest)
-                tag("img", src=where, alt="What the model was shown", loading="lazy", cls="st-shown")
-            if turn.lost_pictures:
-                said = f"{counted(turn.lost_pictures, 'picture')} that the model was shown, not kept with this record"
-                tag("p", said, cls="soft small")
-            if turn.answer:
-                tag("pre", turn.answer[:LONGEST], tabindex="0")
-            if call.error:
-                tag("p", call.error, cls="st-wrong")

@@ -55,6 +55,21 @@
     if (found.tagName === "INPUT") found.focus(); else found.click();
   });
 
+  /* A search in the page: of the elements data-of those stay that hold the words, and what they lie in (data-within). */
+  parts.filter = function (element) {
+    const field = labelled(element, "Search", html(null, "input", { type: "search", autocomplete: "off" })), told = html(element, "p", { class: "soft", role: "status" });
+    function all(what, from) { return Array.from((from || document).querySelectorAll(what)); }
+    function show() {
+      const each = all(element.dataset.of), words = field.value.trim().toLowerCase();
+      each.forEach(function (node) { node.style.display = node.textContent.toLowerCase().includes(words) ? "" : "none"; });
+      const seen = each.filter(function (node) { return !node.style.display; });
+      all(element.dataset.within).forEach(function (box) { box.style.display = seen.some(function (node) { return box.contains(node); }) ? "" : "none"; });
+      told.textContent = seen.length + " of " + each.length + " " + element.dataset.counted;
+    }
+    field.addEventListener("input", show);
+    show();
+  };
+
   /* Files that are dropped on the page, or chosen; data-accept says what they end in. They wait in the studio. */
   parts.drop = function (element) {
     const chosen = labelled(element, "Files", html(null, "input", { type: "file", multiple: "", accept: element.dataset.accept }));
