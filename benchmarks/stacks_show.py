@@ -24,7 +24,7 @@ from rvsg.evaluation.statistics import wilson
 from rvsg.evaluation.verdict import percent
 from rvsg.report.charts import COLOURS
 from rvsg.report.comparison_page import ranking_markdown, shares_figure
-from rvsg.report.stills import Turn
+from rvsg.report.stills import PlanTransform
 from rvsg.suites.suite import CaseResult, Comparison, SuiteResult, compare
 from rvsg.world.drawing.sheet import palette
 from rvsg.world.drawing.svg import floor_plan, style
@@ -104,7 +104,7 @@ def places(found: Comparison) -> str:
     """Return an SVG with a floor plan for each stack and the robot's place in every violating run."""
     world = load_world("warehouse")
     plan = floor_plan(world, areas=False, tooltips=False)
-    turn = Turn.of(plan.matrix)
+    turn = PlanTransform.of(plan.matrix)
     x0, y0, width, height = map(float, plan.view_box.split())
     colours = dict(zip(ROBOTS, COLOURS, strict=False))
     rows = (len(found.variants) + 1) // 2

@@ -7,13 +7,15 @@ from tests.report.test_page import answer, campaign
 
 from rvsg.cli import tables
 from rvsg.cli.tables import MAP_LINES, MOST_ROWS, map_text, matrix_table, rows_table, show_answer
-from rvsg.report.result import Answer, Elsewhere
+from rvsg.report.result import CampaignAnswer, Elsewhere
 from rvsg.runs.attempt import Plan
 from rvsg.world.world_folder import load_world
 
+Answered = tuple[Plan, CampaignAnswer]
+
 
 @pytest.fixture(scope="module")
-def found() -> tuple[Plan, Answer]:
+def found() -> tuple[Plan, CampaignAnswer]:
     ledger = MemoryLedger()
     the_plan, attempts = campaign(ledger)
     return the_plan, answer(
@@ -28,7 +30,7 @@ def on_paper(table: object, width: int = 80) -> str:
 
 
 @pytest.mark.parametrize("width", [78, 80, 100])
-def test_several_campaigns_with_long_names_and_values_fit_a_terminal(found: tuple[Plan, Answer], width: int) -> None:
+def test_several_campaigns_with_long_names_and_values_fit_a_terminal(found: Answered, width: int) -> None:
     the_plan, told = found
     route = the_plan.mission.route.replace(name="from_the_loading_dock")
     requirement = the_plan.requirement.replace(name="keeps_its_distance", unit="m/s^3")
@@ -47,7 +49,9 @@ def test_several_campaigns_with_long_names_and_values_fit_a_terminal(found: tupl
     assert "no result" in on_paper(matrix_table([(the_plan, empty)]), width)
 
 
-def test_contact_in_other_configurations_is_marked_in_the_table_of_campaigns(found: tuple[Plan, Answer]) -> None:
+def test_contact_in_other_configurations_is_marked_in_the_table_of_campaigns(
+    found: Answered,
+) -> None:
     the_plan, told = found
     other = told.replace(elsewhere=Elsewhere(text="Contact", number="2.1", attempt=3, runs=("run-a",)))
     lines = on_paper(matrix_table([(the_plan, other)])).splitlines()
@@ -58,7 +62,7 @@ def test_contact_in_other_configurations_is_marked_in_the_table_of_campaigns(fou
 @pytest.mark.parametrize("width", [80, 100, 160])
 @pytest.mark.parametrize("headline", ["It stops.", "It stops at Area 3 and is walked into by Human 1. " * 5])
 def test_the_answer_takes_at_most_23_lines_with_every_number_whole(
-    found: tuple[Plan, Answer],
+    found: Answered,
     headline: str,
     width: int,
     monkeypatch: pytest.MonkeyPatch,
@@ -86,7 +90,7 @@ def test_the_answer_takes_at_most_23_lines_with_every_number_whole(
     ]  # fmt: skip
 
 
-def test_the_causes_stand_in_a_wide_table_alone(found: tuple[Plan, Answer]) -> None:
+def test_the_causes_stand_in_a_wide_table_alone(found: Answered) -> None:
     rows = [found[1].rows[0].replace(cause="Human 7")]
     assert "Human 7" in on_paper(rows_table(rows, 120), 120)
     assert "cause" not in on_paper(rows_table(rows, 80), 80)

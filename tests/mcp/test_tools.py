@@ -14,7 +14,7 @@ from mcp.client.stdio import stdio_client
 
 from mcp import ClientSession, StdioServerParameters
 from rvsg.core.errors import InputError
-from rvsg_mcp.tools import Workspace
+from rvsg_mcp.tools import AssistantFolder
 
 PLACE = {"world": "warehouse", "route": "route_1"}
 PERSON = {"name": "Anna", "waypoints": ["E19", "E21"], "speed_m_s": 1.0}
@@ -80,7 +80,7 @@ def test_an_assistant_writes_a_scenario_and_runs_a_campaign(tmp_path: Path) -> N
 
 def test_a_path_outside_of_the_workspace_is_refused(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to("/etc")
-    workspace = Workspace(tmp_path)
+    workspace = AssistantFolder(tmp_path)
     for name in ("../x", "/etc/passwd", "link/passwd"):
         with pytest.raises(InputError) as caught:
             workspace.path(name)

@@ -25,7 +25,7 @@ from rvsg.report.answer_row import Ranked
 from rvsg.report.junit import junit_of
 from rvsg.report.page import _curse, render_page, write_runs_page
 from rvsg.report.renderer import unbroken
-from rvsg.report.result import Answer, Result
+from rvsg.report.result import CampaignAnswer, Result
 from rvsg.report.run_facts import EDGES
 from rvsg.report.terminal import describe_finding
 from rvsg.runs.attempt import Attempt, Plan
@@ -71,7 +71,7 @@ def default_campaign() -> tuple[Plan, list[Attempt], MemoryLedger]:
     return *campaign(ledger), ledger
 
 
-def answer(the_plan: Plan, attempts: list[Attempt], ledger: MemoryLedger, **more: Any) -> Answer:
+def answer(the_plan: Plan, attempts: list[Attempt], ledger: MemoryLedger, **more: Any) -> CampaignAnswer:
     return result_of(the_plan, attempts, ledger, **more).answer
 
 

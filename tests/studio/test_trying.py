@@ -20,7 +20,7 @@ from rvsg_studio.listing import FoundCampaign
 from rvsg_studio.model_questions import conversation_of, named_in
 from rvsg_studio.pages.new_campaign import estimate
 from rvsg_studio.scenario_editor import empty_scenario, scenario_of, simulated, try_out, with_person
-from rvsg_studio.workspace import FILE, Note, Workspace, note, notes_of
+from rvsg_studio.workspace import FILE, FindingNote, Workspace, note, notes_of
 
 
 def test_a_scenario_is_built_repaired_and_tried_as_simulate_does() -> None:
@@ -112,8 +112,8 @@ def test_a_note_is_kept_and_changed_in_part(tmp_path: Path) -> None:
     note(tmp_path, "scenario-2", status="fixed")
     note(tmp_path, "scenario-1", status="accepted")
     assert notes_of(tmp_path).findings == {
-        "scenario-1": Note(status="accepted", comment='<b>"quoted": [x]\nsecond line'),
-        "scenario-2": Note(status="fixed"),
+        "scenario-1": FindingNote(status="accepted", comment='<b>"quoted": [x]\nsecond line'),
+        "scenario-2": FindingNote(status="fixed"),
     }
 
 

@@ -21,7 +21,7 @@ from tests.world.parts import map_of, walled
 from rvsg.core.errors import InputError, UnknownName
 from rvsg.world.drawing import grid_picture, labelled_map, png_bytes
 from rvsg.world.drawing.birdseye import birdseye
-from rvsg.world.drawing.floor_plan import GRID, LABELLED, Picture, draw_plan, tiles
+from rvsg.world.drawing.floor_plan import GRID, LABELLED, DrawnPlan, draw_plan, tiles
 from rvsg.world.drawing.layers import time_marks
 from rvsg.world.drawing.sheet import PALETTES
 from rvsg.world.drawing.svg import floor_plan, floor_plan_svg, rectangles
@@ -204,7 +204,7 @@ def test_rectangles_cover_exactly_the_cells_once() -> None:
     assert (painted == cells).all()
 
 
-def overlaps(picture: Picture) -> list[tuple[str, str]]:
+def overlaps(picture: DrawnPlan) -> list[tuple[str, str]]:
     boxes = np.array([word.box for word in picture.words])
     a, b = np.triu_indices(len(boxes), 1)
     hit = (boxes[a, :2] < boxes[b, 2:]).all(axis=1) & (boxes[b, :2] < boxes[a, 2:]).all(axis=1)

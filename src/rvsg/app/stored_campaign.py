@@ -23,7 +23,7 @@ from rvsg.findings.ranking import best_attempt, search_attempts
 from rvsg.generation.vlm.call_log import CALLS, CallLog
 from rvsg.report.page import render_page
 from rvsg.report.replay_data import traces_beside
-from rvsg.report.result import Answer, Result, is_complete
+from rvsg.report.result import CampaignAnswer, Result, is_complete
 from rvsg.runs.attempt import Attempt, Plan
 from rvsg.runs.ledger import Ledger
 from rvsg.scenario.builder import FoundWith, scenario_json
@@ -184,7 +184,7 @@ class StoredCampaign:
             return result.findings
 
     @property
-    def answer(self) -> Answer:
+    def answer(self) -> CampaignAnswer:
         """What the campaign says, in finished text."""
         with self.result() as result:
             return result.answer

@@ -15,7 +15,7 @@ from rvsg.core import permission
 from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec, ignore
 from rvsg.evaluation.verdict import counted
-from rvsg.report.answer_row import Row
+from rvsg.report.answer_row import AnswerRow
 from rvsg.report.film import shot_of_run, write_film
 from rvsg.robots.robot import Robot
 from rvsg.runs.attempt import Measurement
@@ -118,7 +118,7 @@ class Suite(SuiteFolder):
         )
 
 
-def add_failures(suite: Suite, campaign: Campaign, rows: Sequence[Row]) -> Suite:
+def add_failures(suite: Suite, campaign: Campaign, rows: Sequence[AnswerRow]) -> Suite:
     """Add failures of a campaign as cases, those that only touch a person under `no_contact`; return the new suite.
 
     Args:

@@ -37,7 +37,7 @@ class Source(NamedTuple):
     def steps(self) -> list[str]:
         """The sentences of the messages after what is wrong: what was expected, and the next step."""
         sentences = [part for text in self.messages for part in re.split(r"(?<=[.?;]) (?=[A-Z…])", text)]
-        return [each for each in sentences[1:] if not each.startswith("Known: ")]
+        return [sentence for sentence in sentences[1:] if not sentence.startswith("Known: ")]
 
 
 @cache
@@ -54,12 +54,12 @@ def sources(only: str = "") -> dict[str, tuple[Source, ...]]:
                     trees[name.removesuffix(".__init__")] = ast.parse(text)
     nodes = (node for tree in trees.values() for node in ast.walk(tree))
     classes = {node.name: _summary(node) for node in nodes if isinstance(node, ast.ClassDef)}
-    found: dict[str, list[Source]] = {}
+    by_code: dict[str, list[Source]] = {}
     for module, tree in trees.items():
-        for each in _sources_in(tree, module, classes):
-            if only in ("", each.code):
-                found.setdefault(each.code, []).append(each)
-    return {code: tuple(found[code]) for code in sorted(found)}
+        for source in _sources_in(tree, module, classes):
+            if only in ("", source.code):
+                by_code.setdefault(source.code, []).append(source)
+    return {code: tuple(by_code[code]) for code in sorted(by_code)}
 
 
 def explanation(code: str) -> str:
@@ -68,14 +68,14 @@ def explanation(code: str) -> str:
     Raises:
         UnknownName: No message has this code.
     """
-    found = sources(code).get(code)
-    if not found:
+    raised = sources(code).get(code)
+    if not raised:
         raise UnknownName("code", code, sources())
-    parts = [f"# `{code}`", *dict.fromkeys(each.what for each in found if each.what)]
-    for each in found:
-        parts += ["\n".join(f"> {text}  " for text in each.messages)] if each.messages else []
-        parts.append(f"Reported by `{each.where}`" + (f": {each.why}" if each.why else "."))
-    steps = dict.fromkeys(step for each in found for step in each.steps)
+    parts = [f"# `{code}`", *dict.fromkeys(source.what for source in raised if source.what)]
+    for source in raised:
+        parts += ["\n".join(f"> {text}  " for text in source.messages)] if source.messages else []
+        parts.append(f"Reported by `{source.where}`" + (f": {source.why}" if source.why else "."))
+    steps = dict.fromkeys(step for source in raised for step in source.steps)
     parts += ["## What to do", "\n".join(f"- {step}" for step in steps)] if steps else []
     return "\n\n".join(parts) + "\n"
 
@@ -89,16 +89,16 @@ def _sources_in(tree: ast.Module, module: str, classes: dict[str, str]) -> Itera
             inside, why = (*inside, node.name), _summary(node) or why
         where = ".".join((module, *inside))
         if isinstance(node, ast.ClassDef):
-            for code in _codes(each.value for each in node.body if isinstance(each, ast.Assign) and _is_code(each)):
+            for code in _codes(child.value for child in node.body if isinstance(child, ast.Assign) and _is_code(child)):
                 yield Source(code, f"`{node.name}`: {_summary(node)}", (), where, "")
         elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             local = constants | _texts(ast.walk(node))
         elif isinstance(node, ast.Call):
             name = ast.unparse(node.func).rpartition(".")[2]
             place = PLACE.get(name, len(node.args))
-            named = [each.value for each in node.keywords if each.arg == "code"] or node.args[place : place + 1]
+            named = [child.value for child in node.keywords if child.arg == "code"] or node.args[place : place + 1]
             for code in _codes(named, local):
-                texts = [text for each in node.args if each not in named for text in _text(each, local)]
+                texts = [text for child in node.args if child not in named for text in _text(child, local)]
                 what = f"`{name}`: {classes[name]}" if name in classes and name != "Finding" else ""
                 yield Source(code, what, tuple(texts), where, why)
         for child in ast.iter_child_nodes(node):
@@ -108,7 +108,7 @@ def _sources_in(tree: ast.Module, module: str, classes: dict[str, str]) -> Itera
 
 
 def _is_code(node: ast.Assign) -> bool:
-    return [ast.unparse(each) for each in node.targets] == ["code"]
+    return [ast.unparse(target) for target in node.targets] == ["code"]
 
 
 def _codes(nodes: Iterable[ast.expr], local: dict[str, list[str]] | None = None) -> Iterator[str]:
@@ -120,7 +120,7 @@ def _codes(nodes: Iterable[ast.expr], local: dict[str, list[str]] | None = None)
 
 def _texts(statements: Iterable[ast.AST]) -> dict[str, list[str]]:
     """Return the texts that names are set to, by name."""
-    found: dict[str, list[str]] = {}
+    by_name: dict[str, list[str]] = {}
     for node in statements:
         if isinstance(node, ast.Assign):
             for target in node.targets:
@@ -129,8 +129,8 @@ def _texts(statements: Iterable[ast.AST]) -> dict[str, list[str]]:
                     pairs = list(zip(target.elts, node.value.elts, strict=False))
                 for name, value in pairs:
                     if isinstance(name, ast.Name):
-                        found.setdefault(name.id, []).extend(_text(value, {}))
-    return found
+                        by_name.setdefault(name.id, []).extend(_text(value, {}))
+    return by_name
 
 
 def _text(node: ast.expr, local: dict[str, list[str]]) -> list[str]:
@@ -138,7 +138,7 @@ def _text(node: ast.expr, local: dict[str, list[str]]) -> list[str]:
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
         return [node.value]
     if isinstance(node, ast.JoinedStr):
-        return ["".join(str(each.value) if isinstance(each, ast.Constant) else "…" for each in node.values)]
+        return ["".join(str(value.value) if isinstance(value, ast.Constant) else "…" for value in node.values)]
     if isinstance(node, ast.IfExp):
         return [*_text(node.body, local), *_text(node.orelse, local)]
     return local.get(node.id, []) if isinstance(node, ast.Name) else []

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 def print_json(value: Any) -> None:
     """Print a result as readable JSON on standard output; NaN is refused (ValueError)."""
     text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False)
-    sys.stdout.write(re.sub("[\x7f-\x9f]", lambda found: f"\\u{ord(found[0]):04x}", text) + "\n")
+    sys.stdout.write(re.sub("[\x7f-\x9f]", lambda match: f"\\u{ord(match[0]):04x}", text) + "\n")
     sys.stdout.flush()
 
 
@@ -48,8 +48,8 @@ def _console(stream: Any) -> Console:
     class Teller(Console):
         def render(self, renderable: Any, options: Any = None) -> Iterator[Segment]:
             """Draw what is printed; names of files and worlds may be a stranger's."""
-            for each in super().render(renderable, options):
-                yield each if each.control else Segment(harmless(each.text), each.style)
+            for segment in super().render(renderable, options):
+                yield segment if segment.control else Segment(harmless(segment.text), segment.style)
 
         def on_broken_pipe(self) -> None:
             """Leave it to the frame: rich would exit with code 1, which means "violated"."""
@@ -77,8 +77,8 @@ def as_started(command: str) -> str:
 def _typed(program: Path) -> str:
     """Return the name of a program that is on PATH; else its path, relative where it is below the current folder."""
     # Do not follow links: a link in a virtual environment points to another program.
-    found, whole = shutil.which(program.name), program.absolute()
-    if found and Path(found).absolute() == whole:
+    program_path, whole = shutil.which(program.name), program.absolute()
+    if program_path and Path(program_path).absolute() == whole:
         return program.name
     typed = str(whole.relative_to(Path.cwd()) if whole.is_relative_to(Path.cwd()) else whole)
     return shlex.quote(typed if os.sep in typed else f".{os.sep}{typed}")

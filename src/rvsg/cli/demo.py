@@ -53,27 +53,27 @@ def demo(
     from rvsg.cli.run import run_campaign_of
 
     if listed:
-        found = list(shipped_recordings())
-        print_json(found) if json else typer.echo("\n".join(found))
+        recordings = list(shipped_recordings())
+        print_json(recordings) if json else typer.echo("\n".join(recordings))
         return
     folder = recording_folder(name)
-    given: dict[str, Any] = {"replay": str(folder), "out": out or str(Path("runs") / f"demo-{folder.name}")}
+    chosen: dict[str, Any] = {"replay": str(folder), "out": out or str(Path("runs") / f"demo-{folder.name}")}
     asked = {"repeats": repeats, "confirmations": confirmations, "jobs": jobs}
-    given |= {key: value for key, value in asked.items() if value is not None}
+    chosen |= {key: value for key, value in asked.items() if value is not None}
     if strict:
-        given["generator_options"] = {"strict": True}
-    if not (simulate or strict or len(given) > 2) and (folder / STORED).is_file():
-        show_stored(folder, Path(given["out"]), as_json=json)
+        chosen["generator_options"] = {"strict": True}
+    if not (simulate or strict or len(chosen) > 2) and (folder / STORED).is_file():
+        show_stored(folder, Path(chosen["out"]), as_json=json)
         return
-    if store_of(Path(given["out"])) is not None and not Path(given["out"], CONFIG).exists():
+    if store_of(Path(chosen["out"])) is not None and not Path(chosen["out"], CONFIG).exists():
         raise InputError(
-            f"{given['out']} shows the stored campaign; these options make the runs now, in a folder of their own: add "
-            "--out with a new one.",
+            f"{chosen['out']} shows the stored campaign; these options make the runs now, in a folder of their own: "
+            "add --out with a new one.",
             code="demo-shown",
         )
     say(f"Recorded campaign {folder.name}: a vision language model wrote the scenarios earlier; the runs are made now.")
     from_file = read_campaign_file(folder / "campaign.yaml")
-    raise typer.Exit(run_campaign_of(from_file, given, as_json=json, remark=what_it_means))
+    raise typer.Exit(run_campaign_of(from_file, chosen, as_json=json, remark=what_it_means))
 
 
 def show_stored(recording: Path, out: Path, *, as_json: bool) -> None:

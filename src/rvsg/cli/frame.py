@@ -64,11 +64,11 @@ Verbs = Mapping[str, tuple[Verb, ...]]
 
 def installed_verbs(built_in: Mapping[str, Verb]) -> Verbs:
     """Return the verbs of the core, then those that other installed distributions register (`rvsg.verbs`)."""
-    found = {name: (each,) for name, each in built_in.items()}
+    verbs = {name: (verb,) for name, verb in built_in.items()}
     for entry in sorted(entry_points(group="rvsg.verbs")):
-        for name, each in entry.load().items():
-            found[name] = (*found.get(name, ()), each)
-    return found
+        for name, verb in entry.load().items():
+            verbs[name] = (*verbs.get(name, ()), verb)
+    return verbs
 
 
 def verb(**settings: Any) -> typer.Typer:
@@ -91,23 +91,25 @@ def command_line(verbs: Verbs, argv: Sequence[str] | None = None, moved: Mapping
     arguments = list(sys.argv[1:] if argv is None else argv)
 
     def work() -> None:
-        given, source, host = _without_permissions(arguments)
-        words = ["--help" if word == ALL else word for word in given]
+        allowed, source, host = _without_permissions(arguments)
+        words = ["--help" if word == ALL else word for word in allowed]
         if host is not None:
             permission.allow_key_for(host)
-        with permission.only_in_process(permission.typed(given), trusted=Path(source) if source is not None else None):
-            _root(verbs, moved or {}, everything=ALL in given).main(args=words, prog_name="rvsg")
+        with permission.only_in_process(
+            permission.typed(allowed), trusted=Path(source) if source is not None else None
+        ):
+            _root(verbs, moved or {}, everything=ALL in allowed).main(args=words, prog_name="rvsg")
 
     return guarded(work, arguments)
 
 
 def _without_permissions(arguments: Sequence[str]) -> tuple[list[str], str | None, str | None]:
     """Take `--allow-code-from FILE` and `--allow-key-for HOST` out of a command line, anywhere before `--`."""
-    given: list[str] = []
+    before: list[str] = []
     values: dict[str, str | None] = dict.fromkeys(("--allow-code-from", "--allow-key-for"))
     rest = iter(arguments)
-    for each in rest:
-        option, mark, value = each.partition("=")
+    for word in rest:
+        option, mark, value = word.partition("=")
         if option in values:
             if not (value := value if mark else next(rest, "")):
                 raise InputError(f"{option}: its value is missing.", code="code-source-missing")
@@ -115,10 +117,10 @@ def _without_permissions(arguments: Sequence[str]) -> tuple[list[str], str | Non
                 raise _twice(option)
             values[option] = value
             continue
-        given.append(each)
-        if each == "--":
-            given += rest
-    return given, values["--allow-code-from"], values["--allow-key-for"]
+        before.append(word)
+        if word == "--":
+            before += rest
+    return before, values["--allow-code-from"], values["--allow-key-for"]
 
 
 def guarded(work: Callable[[], object], arguments: Sequence[str]) -> int:
@@ -142,9 +144,9 @@ def guarded(work: Callable[[], object], arguments: Sequence[str]) -> int:
 
 
 @cache
-def full_command(name: str, found: tuple[Verb, ...], *, everything: bool = False) -> Any:
+def full_command(name: str, verbs: tuple[Verb, ...], *, everything: bool = False) -> Any:
     """Return the command of a verb after importing its module; with `everything`, its help shows all options."""
-    commands: list[Any] = [typer.main.get_command(_load(each.module)) for each in found]
+    commands: list[Any] = [typer.main.get_command(_load(verb.module)) for verb in verbs]
     command = commands[0]
     for more in commands[1:]:
         command.commands |= more.commands
@@ -172,8 +174,8 @@ def _twice(option: str) -> InputError:
 def _load(module: str) -> typer.Typer:
     path, _, attribute = module.partition(":")
     app: typer.Typer = getattr(importlib.import_module(path), attribute or "app")
-    for each in app.registered_commands:
-        each.cls = OneValue
+    for registered in app.registered_commands:
+        registered.cls = OneValue
     return app
 
 
@@ -185,8 +187,8 @@ def options_of(command: Any) -> list[Any]:
 def _fold(command: Any, *, everything: bool) -> None:
     """Show all options of a command; or, where these are many, those that are not marked as hidden."""
     if isinstance(command, TyperGroup):
-        for each in command.commands.values():
-            _fold(each, everything=everything)
+        for subcommand in command.commands.values():
+            _fold(subcommand, everything=everything)
     options = options_of(command)
     if everything or len(options) <= MOST_OPTIONS:
         for option in options:
@@ -195,7 +197,7 @@ def _fold(command: Any, *, everything: bool) -> None:
         command.epilog = f"{rare} more options: {ALL}."
 
 
-class Frame(TyperGroup):
+class VerbGroup(TyperGroup):
     """Lists verbs from their table alone, and imports a verb's module only to run it."""
 
     verbs: Verbs
@@ -215,7 +217,7 @@ class Frame(TyperGroup):
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the verbs in their groups."""
         for group in GROUPS:
-            rows = [(name, found[0].help) for name, found in self.verbs.items() if found[0].group == group]
+            rows = [(name, verbs[0].help) for name, verbs in self.verbs.items() if verbs[0].group == group]
             if rows:
                 with formatter.section(group):
                     formatter.write_dl(rows)
@@ -225,15 +227,15 @@ class Frame(TyperGroup):
         if args[0] in self.moved:
             raise InputError(f"`rvsg {args[0]}` is now `rvsg {self.moved[args[0]]}`.", code="verb-moved")
         word = " ".join(args[:2]) if " ".join(args[:2]) in BESIDE else args[0]
-        modules = [each.module for each in self.verbs.get(args[0], ())]
-        if word in BESIDE and not any(word == args[0] or f"rvsg_{BESIDE[word]}." in each for each in modules):
+        modules = [verb.module for verb in self.verbs.get(args[0], ())]
+        if word in BESIDE and not any(word == args[0] or f"rvsg_{BESIDE[word]}." in verb for verb in modules):
             raise InputError(
                 f"`rvsg {word}` needs a package that is not installed: {how_to_install(BESIDE[word])}.",
                 code="verb-not-installed",
             )
-        name, found, rest = super().resolve_command(ctx, args)
-        if not name or not found:
-            return name, found, rest
+        name, command, rest = super().resolve_command(ctx, args)
+        if not name or not command:
+            return name, command, rest
         return name, full_command(name, self.verbs[name], everything=self.everything), rest
 
     def invoke(self, ctx: Any) -> Any:
@@ -250,7 +252,7 @@ class Frame(TyperGroup):
 def _root(verbs: Verbs, moved: Mapping[str, str], *, everything: bool) -> Any:
     """Return the top command, which loads verbs lazily."""
     app = typer.Typer(
-        cls=Frame,
+        cls=VerbGroup,
         rich_markup_mode=None,
         add_completion=False,
         pretty_exceptions_enable=False,

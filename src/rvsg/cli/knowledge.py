@@ -32,9 +32,9 @@ def add(
     from rvsg.app.campaign import learn_campaign
     from rvsg.store.knowledge_base import open_knowledge
 
-    with open_knowledge(base) as known:
+    with open_knowledge(base) as knowledge:
         for source in sources:
-            say(f"{source}: {learn_campaign(known, source)} new entries")
+            say(f"{source}: {learn_campaign(knowledge, source)} new entries")
 
 
 @app.command()
@@ -65,9 +65,9 @@ def search(
 
     if out is not None:
         check_writable(out)
-    with open_knowledge(base, create=False) as known:
-        found = look(
-            known,
+    with open_knowledge(base, create=False) as knowledge:
+        entries = look(
+            knowledge,
             text,
             world=world,
             route=route,
@@ -78,13 +78,14 @@ def search(
             limit=limit,
         )
     if out is not None:
-        say(f"{tell(found, out)} scenarios written to {out}. Give them to a generator with: rvsg run --knowledge {out}")
+        written = f"{tell(entries, out)} scenarios written to {out}."
+        say(f"{written} Give them to a generator with: rvsg run --knowledge {out}")
     if json:
-        print_json([each.model_dump(mode="json") for each in found])
+        print_json([entry.model_dump(mode="json") for entry in entries])
         return
-    for each in found:
-        say(describe_match(each))
-    if not found:
+    for entry in entries:
+        say(describe_match(entry))
+    if not entries:
         say("No entry matches.")
 
 
@@ -93,8 +94,8 @@ def status(base: Base = None) -> None:
     """Count the entries of each world."""
     from rvsg.store.knowledge_base import open_knowledge
 
-    with open_knowledge(base, create=False) as known:
-        counts = known.counts()
-        say(f"{known.name}: {sum(counts.values())} entries")
+    with open_knowledge(base, create=False) as knowledge:
+        counts = knowledge.counts()
+        say(f"{knowledge.name}: {sum(counts.values())} entries")
     for (world, kind), count in counts.items():
         say(f"  {world}: {count} of kind {kind}")

@@ -44,12 +44,16 @@ def setting_options(
     def decorate(command: Callable[..., None]) -> Any:
         @functools.wraps(command, assigned=("__module__", "__name__", "__doc__"))
         def with_settings(**values: Any) -> None:
-            given = {key: _value(key, values.pop(key)) for key in keys}
-            command(settings=defaults | {key: value for key, value in given.items() if value is not None}, **values)
+            chosen = {key: _value(key, values.pop(key)) for key in keys}
+            command(settings=defaults | {key: value for key, value in chosen.items() if value is not None}, **values)
 
         own = inspect.signature(command, eval_str=True).parameters
         parameters = [
-            *(each.replace(kind=each.KEYWORD_ONLY) for name, each in own.items() if name not in ("settings", "json")),
+            *(
+                parameter.replace(kind=parameter.KEYWORD_ONLY)
+                for name, parameter in own.items()
+                if name not in ("settings", "json")
+            ),
             *(
                 _parameter(key, several=several and key in LISTED, default=FOUND if as_found else defaults.get(key))
                 for key in keys
@@ -91,29 +95,29 @@ def _parameter(key: str, *, several: bool, default: Any) -> inspect.Parameter:
     )
 
 
-def _value(key: str, given: Any) -> Any:
+def _value(key: str, value: Any) -> Any:
     """Return the value of a setting from that of its option."""
-    if given is None or value_type(key) is not dict:
-        return given
-    return states(given) if key == "doors" else pairs(key.removesuffix("_options"), given)
+    if value is None or value_type(key) is not dict:
+        return value
+    return states(value) if key == "doors" else pairs(key.removesuffix("_options"), value)
 
 
-def pairs(kind: str, given: list[str] | None) -> dict[str, Any]:
+def pairs(kind: str, texts: list[str] | None) -> dict[str, Any]:
     """Return the `NAME=VALUE` options of a plug-in, the values read as YAML."""
-    return dict(_pair(kind, pair) for pair in given or [])
+    return dict(_pair(kind, pair) for pair in texts or [])
 
 
-def states(given: list[str] | None) -> dict[str, Any]:
+def states(texts: list[str] | None) -> dict[str, Any]:
     """Return `NAME=STATE` of doors; the states are checked where the world is known."""
-    found = {}
-    for pair in given or []:
+    chosen = {}
+    for pair in texts or []:
         name, equals, state = pair.rpartition("=")
         if not equals or not name:
             raise InputError(
                 f"--door {pair[:60]!r}: expected NAME=open, NAME=closed or NAME=automatic", code="door-form"
             )
-        found[name] = state
-    return found
+        chosen[name] = state
+    return chosen
 
 
 def _pair(kind: str, pair: str) -> tuple[str, Any]:

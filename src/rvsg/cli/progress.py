@@ -152,20 +152,20 @@ class CampaignProgress:
         """Return the time left: a range, whose upper end counts what the later stages may need."""
         if not self.made or self.stage in ("prepare", "alone"):
             return ""
-        each, here = (time.monotonic() - self.begin) / self.made, self.total - self.done
+        attempt_s, here = (time.monotonic() - self.begin) / self.made, self.total - self.done
         if self.stage == "shrink":
             return ""
         after = {"search": self.plan.confirmations * (1 + AFTERWARDS), "confirm": self.plan.confirmations * AFTERWARDS}
-        low, high = each * (here if self.stage == "search" else 0), each * (here + after.get(self.stage, 0))
+        low, high = attempt_s * (here if self.stage == "search" else 0), attempt_s * (here + after.get(self.stage, 0))
         return f"   {_span(low, high)} left"
 
     def _most_of_cause(self) -> int:
         """Return the most runs that name the causes of what is confirmed."""
-        found = [a for a in self.confirmed if a.verdict is not None and a.proposal.scenario is not None]
-        bad = [a.proposal.scenario for a in found if a.verdict is not None and violated(a.verdict)]
+        confirmed = [a for a in self.confirmed if a.verdict is not None and a.proposal.scenario is not None]
+        bad = [a.proposal.scenario for a in confirmed if a.verdict is not None and violated(a.verdict)]
         people = [len(scenario.people.humans) for scenario in bad if scenario is not None]
-        each = sum(n * max(FEWEST_WITHOUT_ONE, WITHOUT_ONE // n) for n in people if n > 1)
-        return max((a.measured_runs for a in found), default=0) + each
+        removals = sum(n * max(FEWEST_WITHOUT_ONE, WITHOUT_ONE // n) for n in people if n > 1)
+        return max((a.measured_runs for a in confirmed), default=0) + removals
 
     def _calling(self, news: CallNews) -> None:
         """Show what the model spent; print a line when it waits."""

@@ -46,11 +46,11 @@ def inspect(
 
     place = as_world(world) if world is not None else None
     topics = {"people_topic": people_topic, "robot_topic": robot_topic, "people_frames": people_frames}
-    found = inspection.inspect(load_recording(file, world=place, **topics), place)
+    inspected = inspection.inspect(load_recording(file, world=place, **topics), place)
     if json:
-        print_json(found.to_dict())
+        print_json(inspected.to_dict())
         return
-    for line in (*found.lines, *(f"- {note}" for note in found.notes)):
+    for line in (*inspected.lines, *(f"- {note}" for note in inspected.notes)):
         say(line)
 
 
@@ -97,7 +97,7 @@ def scenario(
     recording = load_recording(file, world=place, **topics)
     folder = out.with_suffix("").with_name(f"{out.stem}-world")
     place = world_of_recording(recording, place, folder, open_floor=open_floor)
-    made = rebuild(
+    rebuilt = rebuild(
         recording,
         place,
         requirement,
@@ -111,12 +111,12 @@ def scenario(
         limit_m=limit,
         robot=robot,
     )
-    write_text(out, scenario_json(made.made.scenario, made.found))
+    write_text(out, scenario_json(rebuilt.made.scenario, rebuilt.found))
     if html is not None:
-        write_text(html, made.page())
+        write_text(html, rebuilt.page())
     if json:
-        print_json(made.to_dict())
-    for line in (*made.lines, made.verdict):
+        print_json(rebuilt.to_dict())
+    for line in (*rebuilt.lines, rebuilt.verdict):
         say(line)
     made_world = f"; world: {folder}" if world is None else ""
     say(f"Scenario: {out}{made_world}" + (f"; page: {html}" if html is not None else ""))
@@ -158,5 +158,5 @@ def suite(
         say(f"- {case.title}. {verdict or case.problem}" if verdict else f"- {case.source}: {case.problem}")
     if not any(case.rebuilt for case in cases):
         raise FileError(folder, "no recording became a case. The lines above say why, and what to do.")
-    made = suite_of_recordings(cases, suite, requirement)
-    say(f"{suite} holds {counted(len(made.cases), 'case')}. Run it with: rvsg suite run {suite}")
+    added = suite_of_recordings(cases, suite, requirement)
+    say(f"{suite} holds {counted(len(added.cases), 'case')}. Run it with: rvsg suite run {suite}")

@@ -51,7 +51,7 @@ def report(
     from rvsg.app.view import SUFFIX, unpack_campaign
 
     store = unpack_campaign(store) if store.suffix == SUFFIX and store.is_file() else store
-    several, told = holds_several(store), list[dict[str, Any]]()
+    several, reported = holds_several(store), list[dict[str, Any]]()
     paths = folders_of(store, begin=as_started(shlex.join(["rvsg", "run", "--out", str(store)])))
     if tables is not None:
         for note in write_study_tables([*paths, *(also or ())], tables):
@@ -64,15 +64,15 @@ def report(
             campaign.report(page, overview=len(paths) > 1, result=result)
             shown.append((campaign, result))
             if json:
-                told.append(campaign.data(result))
+                reported.append(campaign.data(result))
             if fail_on_violation:
                 campaign.check_judged(result)
             if not several:
                 _show(campaign, result, page, verbose=verbose)
     if junit:
         write_junit(junit, [result for _, result in shown])
-    if told:
-        print_json({"campaigns": told} if several or len(told) > 1 else told[0])
+    if reported:
+        print_json({"campaigns": reported} if several or len(reported) > 1 else reported[0])
     if several:
         _show_all(store, shown)
     if fail_on_violation and any(result.violated for _, result in shown):
@@ -134,9 +134,9 @@ def confirm(
     from rvsg.report.terminal import describe_finding
 
     opened = rvsg.Campaign.open(campaign)
-    made = opened.confirm(candidate, runs=runs, jobs=jobs)
+    attempt = opened.confirm(candidate, runs=runs, jobs=jobs)
     with opened.result() as result:
-        finding = next(finding for finding in result.findings if finding.confirmation == made.index)
+        finding = next(finding for finding in result.findings if finding.confirmation == attempt.index)
         page = opened.report(result=result)
     if json:
         print_json(finding.model_dump(mode="json"))

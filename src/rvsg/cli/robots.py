@@ -35,24 +35,27 @@ def robots(
 
     chosen = list(shipped_robots().values()) if robot is None else [load_robot(robot)]
     if draw is not None:
-        for each in chosen:
-            write_whole(draw / f"{each.name}.svg", draw_robot(each))
-            console.say(f"wrote {draw / each.name}.svg")
+        for record in chosen:
+            write_whole(draw / f"{record.name}.svg", draw_robot(record))
+            console.say(f"wrote {draw / record.name}.svg")
     if json:
-        console.print_json([each.model_dump(mode="json") | {"id": each.id} for each in chosen])
+        console.print_json([record.model_dump(mode="json") | {"id": record.id} for record in chosen])
         return
-    for each in chosen:
-        limits, lidars = each.limits, ", ".join(f"{q.name} {q.rays} rays to {q.max_range_m:g} m" for q in each.lidars)
-        base = "" if limits.speed_m_s == each.driving_speed_m_s else f" (base: {limits.speed_m_s:g} m/s)"
-        compared = "calibrated against published runs" if each.calibrated else "not calibrated"
-        print(
-            f"{each.name:20} {each.title}\n"
-            f"{'':20} {each.length_m:.2f} x {each.width_m:.2f} m, {each.drive.kind}, "
-            f"{each.driving_speed_m_s:g} m/s{base}, {limits.acceleration_m_s2:g} m/s2; {compared}\n"
-            f"{'':20} lidars: {lidars}; safety zones: {len(each.safety_zones)}; bumper: "
-            f"{'yes' if each.bumper else 'no'}" + (f"\n{'':20} Source: {each.source}" if each.source else "")
+    for record in chosen:
+        limits, lidars = (
+            record.limits,
+            ", ".join(f"{q.name} {q.rays} rays to {q.max_range_m:g} m" for q in record.lidars),
         )
-        for doubt in each.doubts:
+        base = "" if limits.speed_m_s == record.driving_speed_m_s else f" (base: {limits.speed_m_s:g} m/s)"
+        compared = "calibrated against published runs" if record.calibrated else "not calibrated"
+        print(
+            f"{record.name:20} {record.title}\n"
+            f"{'':20} {record.length_m:.2f} x {record.width_m:.2f} m, {record.drive.kind}, "
+            f"{record.driving_speed_m_s:g} m/s{base}, {limits.acceleration_m_s2:g} m/s2; {compared}\n"
+            f"{'':20} lidars: {lidars}; safety zones: {len(record.safety_zones)}; bumper: "
+            f"{'yes' if record.bumper else 'no'}" + (f"\n{'':20} Source: {record.source}" if record.source else "")
+        )
+        for doubt in record.doubts:
             console.say(f"warning: {doubt}")
 
 
@@ -118,13 +121,13 @@ def stacks(
     if source is not None:
         _print_params(source, verbose=verbose, as_json=json)
         return
-    found = listed_stacks()
+    listed = listed_stacks()
     if json:
-        console.print_json(found)
+        console.print_json(listed)
         return
-    for each in found:
-        print(f"{each['name']:14} {each['title']} (version {each['version']})")
-        if options := each["options"]:
+    for entry in listed:
+        print(f"{entry['name']:14} {entry['title']} (version {entry['version']})")
+        if options := entry["options"]:
             print(f"{'':14} options: {', '.join(f'{key}={value}' for key, value in options.items())}")
 
 
@@ -147,18 +150,18 @@ def _compare(
     def scored(result: SuiteResult) -> None:
         console.say(f"{result.version}: {result.violated} of {result.judged} runs violate")
 
-    found = compare_stacks(
+    compared = compare_stacks(
         source, stacks, robots=robots, runs=runs, scenarios=scenarios, jobs=jobs, on_result=scored,
         on_message=console.say,
     )  # fmt: skip
     if out is not None and source is not None:
-        for path in write_comparison(found, source, out):
+        for path in write_comparison(compared, source, out):
             console.say(f"wrote {path}")
     if as_json:
-        console.print_json(found.model_dump(mode="json"))
+        console.print_json(compared.model_dump(mode="json"))
     else:
-        print(ranking_markdown(found), end="")
-    for variant in found.variants:
+        print(ranking_markdown(compared), end="")
+    for variant in compared.variants:
         variant.check_judged()
 
 

@@ -60,7 +60,7 @@ def run(
 
 def run_campaign_of(
     from_file: dict[str, Any],
-    given: dict[str, Any],
+    typed: dict[str, Any],
     *,
     as_json: bool,
     verbose: bool = False,
@@ -70,7 +70,7 @@ def run_campaign_of(
     from rvsg.app.matrix import write_junit
 
     started = time.monotonic()
-    campaign = run_one(from_file, given)
+    campaign = run_one(from_file, typed)
     with campaign.result() as result:
         campaign.report(result=result)
         if campaign.config.junit:
@@ -83,17 +83,17 @@ def run_campaign_of(
         return 1 if campaign.config.fail_on_violation and result.violated else 0
 
 
-def run_one(from_file: dict[str, Any], given: dict[str, Any]) -> Campaign:
+def run_one(from_file: dict[str, Any], typed: dict[str, Any]) -> Campaign:
     """Run or resume a campaign."""
     from rvsg.app.campaign import Campaign
     from rvsg.app.folder import store_of
     from rvsg.core.files import check_writable
 
-    asked = effective(None, from_file, given)
+    asked = effective(None, from_file, typed)
     if asked.junit:
         check_writable(Path(asked.junit))
     resumed = asked.folder.is_dir() and store_of(asked.folder) is not None
-    campaign = Campaign.create(file=from_file, on_message=say, **given)
+    campaign = Campaign.create(file=from_file, on_message=say, **typed)
     _run(campaign, resumed=resumed)
     return campaign
 
@@ -109,7 +109,7 @@ def _run(campaign: Campaign, *, resumed: bool) -> None:
     from rvsg.simulation.simulators import stack_name
 
     plan, folder = campaign.plan, campaign.folder
-    known = campaign.attempts()
+    attempts = campaign.attempts()
     say(_what_it_does(campaign))
     if console().is_terminal and console().encoding.startswith("utf") and not campaign.finished:
         mission, generator = plan.mission, campaign.config.generator_name
@@ -117,15 +117,15 @@ def _run(campaign: Campaign, *, resumed: bool) -> None:
         say(f"{driven}; scenarios by {generator}, seed {plan.seed}. S is the start, G the goal:")
         say(map_text(campaign.shown_world, mission.route, min(WIDEST_MAP, console().width - 1)))
     if resumed:
-        there = counted(len(known), "attempt is", "attempts are")
-        say(f"Resuming {folder}: {there} stored." if known else f"Starting again in {folder}.")
+        there = counted(len(attempts), "attempt is", "attempts are")
+        say(f"Resuming {folder}: {there} stored." if attempts else f"Starting again in {folder}.")
     how = f"Resume with: {as_started(resume_command(campaign.config))}"
 
-    def kept() -> str:
+    def ending() -> str:
         return f"{counted(len(campaign.attempts()), 'finished attempt is', 'finished attempts are')} kept."
 
     try:
-        with interruptible() as interruption, CampaignProgress(plan, known, check=interruption.check) as progress:
+        with interruptible() as interruption, CampaignProgress(plan, attempts, check=interruption.check) as progress:
             if not campaign.finished:
                 with interruption.at_once(f"Interrupted before a run was made. {how}"):
                     campaign.prepare(say)
@@ -133,12 +133,12 @@ def _run(campaign: Campaign, *, resumed: bool) -> None:
                 interruption.check()
     except KeyboardInterrupt:
         so_far = as_started(shlex.join(["rvsg", "report", str(folder)]))
-        raise Interrupted(f"Interrupted; {kept()} {how}\nResults so far: {so_far}") from None
+        raise Interrupted(f"Interrupted; {ending()} {how}\nResults so far: {so_far}") from None
     except BudgetSpent as spent:
         larger = as_started(resume_command(campaign.config, without=BUDGETS))
-        raise BudgetSpent(f"{spent} {kept()} Resume with: {larger} --budget-...") from None
+        raise BudgetSpent(f"{spent} {ending()} Resume with: {larger} --budget-...") from None
     except (GenerationError, SimulationError):
-        say(f"{kept()} {how}")
+        say(f"{ending()} {how}")
         raise
 
 
@@ -251,8 +251,10 @@ def _run_all(matrix: Matrix, campaigns: Sequence[Campaign], check: Callable[[], 
 
     failed: dict[str, tuple[str, int]] = {}
     lines = {
-        str(each.folder): CampaignProgress(each.plan, each.attempts(), check=check, name=each.folder.name)
-        for each in campaigns
+        str(campaign.folder): CampaignProgress(
+            campaign.plan, campaign.attempts(), check=check, name=campaign.folder.name
+        )
+        for campaign in campaigns
     }
     ended = 0
     for campaign, event in matrix.run(campaigns):
@@ -282,12 +284,12 @@ def _show_all(
     if junit := matrix.settings.get("junit"):
         write_junit(junit, [result for _, result in results])
     if as_json:
-        told = [
+        listed = [
             campaign.data(result) | {"route": result.plan.mission.route.name, "requirement": result.requirement.name}
             for campaign, result in results
         ]
         overview = {"out": str(matrix.folder), "report": str(matrix.folder / REPORT), "command": matrix.commands()}
-        print_json({"campaigns": told, **overview})
+        print_json({"campaigns": listed, **overview})
     say(matrix_table([(result.plan, result.answer) for _, result in results]))
     say(f"{len(results)} of {count} campaigns done in {spent_s:.0f} s; stored in {matrix.folder}")
     say(f"Reports: {matrix.folder / REPORT}")

@@ -45,21 +45,28 @@ def requirement_(
     from rvsg.simulation.archive import read_runs
 
     model = settings.pop("model", None)
-    made = draft_requirement(words, reach_model(model, record, "requirement", settings | {"prices": prices}))
-    said = f"{made.metric}, worse {made.worse}, limit {number(made.limit, made.unit)}" if made.metric else made.formula
-    say(f"{made.title} ({made.name}): {made.text}\nMeasured by: {said}\nSource: {made.source or 'none given'}")
-    judged = [(run, objective(run, made)) for run in read_runs(runs or [])]
-    failing = [made.violated_by(value) for _, value in judged if value is not None]
+    drafted = draft_requirement(words, reach_model(model, record, "requirement", settings | {"prices": prices}))
+    said = (
+        f"{drafted.metric}, worse {drafted.worse}, limit {number(drafted.limit, drafted.unit)}"
+        if drafted.metric
+        else drafted.formula
+    )
+    say(
+        f"{drafted.title} ({drafted.name}): {drafted.text}\nMeasured by: {said}\n"
+        f"Source: {drafted.source or 'none given'}"
+    )
+    judged = [(run, objective(run, drafted)) for run in read_runs(runs or [])]
+    failing = [drafted.violated_by(value) for _, value in judged if value is not None]
     for run, value in judged:
-        verdict = "not measured" if value is None else "fails" if made.violated_by(value) else "holds"
-        say(f"{run.id}: {number(value, made.unit)}, {verdict}")
-    if chart := requirement_chart(made, [run for run, _ in judged]):
+        verdict = "not measured" if value is None else "fails" if drafted.violated_by(value) else "holds"
+        say(f"{run.id}: {number(value, drafted.unit)}, {verdict}")
+    if chart := requirement_chart(drafted, [run for run, _ in judged]):
         write_text(out.with_suffix(".svg"), chart)
         say(f"Plot: {out.with_suffix('.svg')}")
     if len({*failing}) < 2:
         say("No runs show both, one that holds and one that fails: give such runs with --runs before you trust it.")
     if typer.confirm("Accept", default=False, err=True):
-        say(f"Written: {out}. Use it with --requirement {out}#{write_requirement(made, out).name}")
+        say(f"Written: {out}. Use it with --requirement {out}#{write_requirement(drafted, out).name}")
 
 
 @app.command()
@@ -114,17 +121,17 @@ def nearest(
     if out is not None:
         check_writable(out)
     again = rerun(scenario, settings, requirement=requirement, world=world, on_message=say)
-    found = nearest_violation(
+    near = nearest_violation(
         again.scenario, again.requirement, most=most, repeats=repeats, seed=seed, jobs=jobs, simulator=again.simulator,
         world=again.world, on_message=say,
     )  # fmt: skip
-    for change in found.changes:
+    for change in near.changes:
         say(f"- {change}")
-    say(str(found))
-    if out is not None and found.changes:
-        write_text(out, again.json(found.changes[0].scenario))
+    say(str(near))
+    if out is not None and near.changes:
+        write_text(out, again.json(near.changes[0].scenario))
     if json:
-        print_json(found.model_dump(mode="json"))
+        print_json(near.model_dump(mode="json"))
 
 
 @app.command()
@@ -234,7 +241,7 @@ def explore(
         check_writable(worst)
     again = rerun(scenario, settings, requirement=requirement, world=world, vary=vary or (), on_message=say)
     assert again.family is not None
-    found = run_points(
+    exploration = run_points(
         again.family,
         again.requirement,
         runs=runs,
@@ -245,10 +252,10 @@ def explore(
         on_message=say,
     )
     if out is not None:
-        write_exploration(out, found)
+        write_exploration(out, exploration)
     if worst is not None:
-        write_text(worst, again.json(found.worst_scenario))
+        write_text(worst, again.json(exploration.worst_scenario))
     if json:
-        print_json(found.model_dump(mode="json"))
+        print_json(exploration.model_dump(mode="json"))
     else:
-        say(describe_exploration(found))
+        say(describe_exploration(exploration))

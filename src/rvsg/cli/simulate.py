@@ -129,12 +129,12 @@ def evaluate(
     loaded, notes = load_any(runs, world=world, route=route, people_topic=people_topic, robot_topic=robot_topic)
     for note in notes:
         say(note)
-    known, place = load_scenario_in(scenario, world) if scenario is not None else (None, world)
-    judged = rvsg.judge(loaded, asked, scenario=known, world=place)
-    if feedback is not None and known is not None:
-        write_text(feedback, feedback_of(judged, loaded, known).to_json())
+    wanted, place = load_scenario_in(scenario, world) if scenario is not None else (None, world)
+    judged = rvsg.judge(loaded, asked, scenario=wanted, world=place)
+    if feedback is not None and wanted is not None:
+        write_text(feedback, feedback_of(judged, loaded, wanted).to_json())
     if html is not None:
-        write_runs_page(html, judged, loaded, scenario=known, world=place, notes=notes)
+        write_runs_page(html, judged, loaded, scenario=wanted, world=place, notes=notes)
         say(f"Page: {html}")
     if json:
         print_json(judged.to_dict() | {"notes": list(notes)})

@@ -70,15 +70,15 @@ def add(
             raise InputError(
                 f"{scenario}: no failure is confirmed in it, so there is nothing to keep.", code="no-failure"
             )
-        made = add_failures(Suite.create(suite), campaign, failures)
+        grown = add_failures(Suite.create(suite), campaign, failures)
     else:
         source: dict[str, Any] = {"source": scenario, "requirement": requirement, "world": world}
         if settings:
             again = rerun(scenario, settings, world=world, on_message=say)
             source = {"source": again.scenario, "world": again.world, "found": again.found}
             source["requirement"] = requirement or again.requirement
-        made = Suite.create(suite).add(**source, name=name, title=title, expected=expect or "violation", reason=reason)
-    say(f"{suite} holds {counted(len(made.cases), 'case')}. Run it with: rvsg suite run {suite}")
+        grown = Suite.create(suite).add(**source, name=name, title=title, expected=expect or "violation", reason=reason)
+    say(f"{suite} holds {counted(len(grown.cases), 'case')}. Run it with: rvsg suite run {suite}")
 
 
 @app.command()
@@ -230,11 +230,11 @@ def coverage(
     if out is not None:
         check_coverage_file(out)
     chosen = effective(None, {}, settings).simulator_spec
-    found = measure(*sources, runs=runs, jobs=jobs, simulator=chosen, on_message=say)
+    covered = measure(*sources, runs=runs, jobs=jobs, simulator=chosen, on_message=say)
     if out is not None:
-        write_coverage(out, found)
+        write_coverage(out, covered)
     if json:
-        print_json([each.coverage.model_dump(mode="json") for each in found])
+        print_json([entry.coverage.model_dump(mode="json") for entry in covered])
         return
-    for each in found:
-        say(each.text)
+    for entry in covered:
+        say(entry.text)

@@ -13,8 +13,8 @@ from rich.text import Text
 
 from rvsg.cli.console import as_started, console, say
 from rvsg.evaluation.verdict import counted, number
-from rvsg.report.answer_row import Row, Tone
-from rvsg.report.result import Answer, Result
+from rvsg.report.answer_row import AnswerRow, Tone
+from rvsg.report.result import CampaignAnswer, Result
 from rvsg.report.terminal import describe_finding
 from rvsg.runs.attempt import Plan
 from rvsg.world.world import OCCUPIED, UNKNOWN, Route, World
@@ -28,7 +28,7 @@ MOST_ROWS = 6
 MOST_LINES = 23
 WIDE = 100
 """Characters of a terminal with room for the causes."""
-COLUMNS: dict[str, Callable[[Row], str]] = {
+COLUMNS: dict[str, Callable[[AnswerRow], str]] = {
     "#": lambda row: row.number,
     "verdict": lambda row: row.status,
     "violated": lambda row: row.share,
@@ -47,8 +47,8 @@ def map_text(world: World, route: Route, width: int) -> str:
 
     The picture shows the part of the map that is known, at most `width` characters wide.
     """
-    known = np.argwhere(world.occupancy.cells != UNKNOWN)
-    low, high = known.min(axis=0), known.max(axis=0) + 1
+    cells = np.argwhere(world.occupancy.cells != UNKNOWN)
+    low, high = cells.min(axis=0), cells.max(axis=0) + 1
     size = max(1.0, *((high - low) / (4 * MAP_LINES, 2 * width)))
     lines, columns = np.ceil((high - low) / size / (4, 2)).astype(int)
     dots = np.zeros((4 * lines, 2 * columns), dtype=int)
@@ -64,7 +64,7 @@ def map_text(world: World, route: Route, width: int) -> str:
     return "\n".join("".join(line).rstrip("\u2800") for line in shown)
 
 
-def show_answer(answer: Answer, *, page: str, again: str) -> None:
+def show_answer(answer: CampaignAnswer, *, page: str, again: str) -> None:
     """Print the answer of a campaign in at most 23 lines, as many configurations as there is room for.
 
     Args:
@@ -95,7 +95,7 @@ def show_answer(answer: Answer, *, page: str, again: str) -> None:
         say(line, soft_wrap=True)
 
 
-def _rest(answer: Answer, rows: int) -> list[Text]:
+def _rest(answer: CampaignAnswer, rows: int) -> list[Text]:
     """Return how many configurations the table leaves out."""
     more = len(answer.shown) - rows
     left = [f"{counted(more, 'more configuration')} in the report."] if more > 0 else []
@@ -103,7 +103,7 @@ def _rest(answer: Answer, rows: int) -> list[Text]:
     return _lines("", text) if text else []
 
 
-def _facts(answer: Answer) -> list[Text]:
+def _facts(answer: CampaignAnswer) -> list[Text]:
     """Return the figures of the most severe configuration."""
     often, measured, closest, cause = answer.figures
     limit = f", {measured.note}" if measured.note else ""
@@ -129,11 +129,11 @@ def _lines(label: str, text: str, tone: Tone | None = None) -> list[Text]:
     return [Text(f"  {label if k == 0 else '':{LABEL}}{line}", style=style) for k, line in enumerate(lines)]
 
 
-def rows_table(rows: Sequence[Row], width: int) -> Table:
+def rows_table(rows: Sequence[AnswerRow], width: int) -> Table:
     """Return the table of configurations, the most severe first, a line each."""
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     wide = width >= WIDE
-    longest = {each: max([len(each), *(len(getter(row)) for row in rows)]) for each, getter in COLUMNS.items()}
+    longest = {column: max([len(column), *(len(getter(row)) for row in rows)]) for column, getter in COLUMNS.items()}
     longest["cause"] = min(longest["cause"], 18) if wide else -2
     room = width - sum(longest.values()) - 2 * len(longest)
     table.add_column("#", no_wrap=True, min_width=longest["#"])
@@ -149,7 +149,7 @@ def rows_table(rows: Sequence[Row], width: int) -> Table:
     return table
 
 
-def matrix_table(answers: Sequence[tuple[Plan, Answer]]) -> Table:
+def matrix_table(answers: Sequence[tuple[Plan, CampaignAnswer]]) -> Table:
     """Return the table of several campaigns, with the most severe configuration of each."""
     table, rows, elsewhere = Table(box=SIMPLE_HEAD, pad_edge=False, caption_justify="left"), [], False
     for plan, answer in answers:
@@ -165,9 +165,9 @@ def matrix_table(answers: Sequence[tuple[Plan, Answer]]) -> Table:
         rows.append((Text.assemble(name, (what, "dim")), verdict, *numbers, touch))
     table.add_column("campaign", overflow="fold")
     for place, name in enumerate(("verdict", "violated", "measured", "contact"), 1):
-        table.add_column(name, no_wrap=True, min_width=max(len(each) for each in (name, *(row[place] for row in rows))))
-    for each in rows:
-        table.add_row(*each)
+        table.add_column(name, no_wrap=True, min_width=max(len(cell) for cell in (name, *(row[place] for row in rows))))
+    for cells in rows:
+        table.add_row(*cells)
     table.caption = "‡ contact in other configurations of the campaign" if elsewhere else None
     return table
 
@@ -199,6 +199,6 @@ def show_front(front: Front) -> None:
     for tried in front.points[0].tried if front.points else ():
         table.add_column(tried.requirement, justify="right")
     for point in front.points:
-        cells = [f"{number(each.mean)} ({each.violations} of {each.runs})" for each in point.tried]
+        cells = [f"{number(trial.mean)} ({trial.violations} of {trial.runs})" for trial in point.tried]
         table.add_row(str(point.attempt), *cells)
     say(table)

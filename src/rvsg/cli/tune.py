@@ -71,7 +71,7 @@ def tune(
 
     chosen = effective(None, {}, {**settings, "jobs": jobs})
     folder = out or Path("runs") / f"tune-{suite.resolve().name}"
-    found = Tuner(
+    tuning = Tuner(
         suite=suite,
         stack=chosen.stack or DEFAULT_STACK,
         stack_options=chosen.stack_options,
@@ -93,13 +93,13 @@ def tune(
         on_search=_Shown(budget_runs).show,
     ).run()
     if json:
-        print_json(found.model_dump(mode="json"))
+        print_json(tuning.model_dump(mode="json"))
         return
-    say(headline(found))
-    for line in result_lines(found):
+    say(headline(tuning))
+    for line in result_lines(tuning):
         say(f"  {line}")
     say(f"  open  {folder / PAGE}")
-    for command in found.commands[:1]:
+    for command in tuning.commands[:1]:
         say(f"  next  {as_started(command)}")
 
 

@@ -197,17 +197,17 @@ def check(
     remarks = check_world(folder_named(world), trial=trial, robot=driver)
     _show_remarks(remarks)
     if json:
-        found = [(each, each.problem) for each in remarks]
+        remarked = [(remark, remark.problem) for remark in remarks]
         print_json(
             [
                 {
                     "path": str(at.path),
                     "line": at.line,
-                    "serious": each.serious,
-                    "code": each.code,
+                    "serious": remark.serious,
+                    "code": remark.code,
                     "message": at.message,
                 }
-                for each, at in found
+                for remark, at in remarked
             ]
         )
     if any(remark.serious for remark in remarks):
@@ -299,15 +299,15 @@ def diff(
     from rvsg.world.diff import differences
     from rvsg.world.world_folder import load_world
 
-    found = differences(load_world(old), load_world(new))
-    for difference in found:
+    changes = differences(load_world(old), load_world(new))
+    for difference in changes:
         say(f"{'*' if difference.matters else ' '} {difference.message}")
-    if not found:
+    if not changes:
         say("The worlds are the same.")
-    elif not any(difference.matters for difference in found):
+    elif not any(difference.matters for difference in changes):
         say("Saved scenarios stay valid.")
     if json:
-        print_json([difference.model_dump(mode="json") for difference in found])
+        print_json([difference.model_dump(mode="json") for difference in changes])
 
 
 PROGRESS_EVERY_S = 2.0
@@ -345,12 +345,12 @@ def _numbers(option: str, form: str, text: str) -> tuple[float, ...]:
     from rvsg.core.errors import InputError
 
     try:
-        found = tuple(float(part) for part in text.split(","))
+        numbers = tuple(float(part) for part in text.split(","))
     except ValueError:
-        found = ()
-    if len(found) != len(form.split(",")) or not all(math.isfinite(v) for v in found):
+        numbers = ()
+    if len(numbers) != len(form.split(",")) or not all(math.isfinite(v) for v in numbers):
         raise InputError(f"{option} must be {form} in metres, got {text!r}", code=f"{option.removeprefix('--')}-form")
-    return found
+    return numbers
 
 
 def _show_world(world: World) -> None:
@@ -433,16 +433,18 @@ def label(
     if json:
         print_json(proposed.model_dump(mode="json", include={"names", "activities", "doors"}))
         return
-    for each in proposed.names:
-        changes = ", ".join(f"{key} {value}" for key, value in each.values.items())
-        say(f"{each.area}: {changes}. {each.why}")
+    for proposed_name in proposed.names:
+        changes = ", ".join(f"{key} {value}" for key, value in proposed_name.values.items())
+        say(f"{proposed_name.area}: {changes}. {proposed_name.why}")
         if typer.confirm("Accept", default=False, err=True):
-            edit_world(folder, {"what": "change area", "name": each.area, "values": each.values}).apply()
-    for made in proposed.doors:
-        width = f"{made.door.width_m:.2f} m, {made.door.kind}"
-        say(f"{made.door.name}: a door between {' and '.join(made.between)}, {width}. {made.why}")
+            edit_world(
+                folder, {"what": "change area", "name": proposed_name.area, "values": proposed_name.values}
+            ).apply()
+    for door in proposed.doors:
+        width = f"{door.door.width_m:.2f} m, {door.door.kind}"
+        say(f"{door.door.name}: a door between {' and '.join(door.between)}, {width}. {door.why}")
         if typer.confirm("Accept", default=False, err=True):
-            add_door(folder, made.door)
+            add_door(folder, door.door)
     activities = list(world.activities)
     for text in proposed.activities:
         say(f"Activity: {text}")

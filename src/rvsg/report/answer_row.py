@@ -104,7 +104,7 @@ def ranked_scenarios(plan: Plan, attempts: Sequence[Attempt]) -> tuple[tuple[Ran
     further: list[Ranked] = []
     for best in ranking(attempts, plan.requirement):
         confirmed = by_scenario.get(best.brief.scenario_index, [])
-        entries = [_ranked(*each, searched, plan) for each in confirmed] or [_ranked(best, None, searched, plan)]
+        entries = [_ranked(*pair, searched, plan) for pair in confirmed] or [_ranked(best, None, searched, plan)]
         entries.sort(key=lambda entry: entry.place, reverse=True)
         shown.append(entries[0])
         further += entries[1:]
@@ -132,7 +132,7 @@ def _ranked(candidate: Attempt, confirmation: Attempt | None, searched: Sequence
     )
 
 
-class Row(Record):
+class AnswerRow(Record):
     """A configuration, by its confirmation runs; without these by those of the search."""
 
     number: str
@@ -247,9 +247,11 @@ class _ShownRun:
         modes = {run_id: mode_of(run_id) for run_id in runs}
         self.mode = usual(modes.values())
         usual_ones = [m for m in chosen if modes[m.run_id] == self.mode] or chosen
-        met = {m.run_id: each[0] for m in touched if (each := in_order(contacts(sampled(run_of(m.run_id), world))))}
+        met = {
+            m.run_id: touching[0] for m in touched if (touching := in_order(contacts(sampled(run_of(m.run_id), world))))
+        }
         movers = Counter(met[m.run_id].moved_by for m in usual_ones if m.run_id in met)
-        movers = movers or Counter(each.moved_by for each in met.values())
+        movers = movers or Counter(contact.moved_by for contact in met.values())
         self.mover = max(movers, key=movers.__getitem__, default="neither")
         usual_ones = [m for m in usual_ones if m.run_id in met and met[m.run_id].moved_by == self.mover] or usual_ones
 
@@ -292,7 +294,7 @@ def row_of(
     run_of: Callable[[str], Run],
     mode_of: Callable[[str], FailureMode | None],
     finding: Finding | None = None,
-) -> Row:
+) -> AnswerRow:
     """Return the row of a configuration.
 
     Args:
@@ -305,7 +307,7 @@ def row_of(
     cause, caused = cause_of(finding) if finding is not None else ("–", "not confirmed")
     bounds = verdict.violation_interval
     gap = metres(seen.least_clearance_m) if seen.least_clearance_m is not None else "–"
-    return Row(
+    return AnswerRow(
         number=entry.number,
         attempt=entry.attempt,
         confirmation=shown.index if shown.purpose == "confirmation" else None,
@@ -360,7 +362,7 @@ def cause_of(finding: Finding) -> tuple[str, str]:
     if finding.about_people == "no" and alone is not None:
         return "not the people", f"without people: {share_of(alone.violated, alone.of)}"
     if blamed:
-        names = ", ".join(each.without for each in blamed)
+        names = ", ".join(cause.without for cause in blamed)
         first = blamed[0]
         return (
             names if len(blamed) <= LISTED else counted(len(blamed), "person", "people"),
@@ -369,7 +371,7 @@ def cause_of(finding: Finding) -> tuple[str, str]:
     if len(finding.cause) > MANY:
         return "no single person", f"none explains it ({len(finding.cause)} tried)"
     if finding.cause:
-        least = min(finding.cause, key=lambda each: each.p)
+        least = min(finding.cause, key=lambda cause: cause.p)
         return "open", f"without {least.without} {share_of(least.violated, least.of)} violate: not told apart"
     if finding.about_people == "yes" and alone is not None:
         return "the people", f"without people: {share_of(alone.violated, alone.of)}"

@@ -89,11 +89,11 @@ def requirement_chart(requirement: Requirement, runs: Sequence[Run]) -> Markup:
 
     Runs without a value are left out; it is empty where all are.
     """
-    known = [(value, run) for run in runs if (value := objective(run, requirement)) is not None]
-    known.sort(key=lambda each: requirement.badness(each[0]))
+    judged = [(value, run) for run in runs if (value := objective(run, requirement)) is not None]
+    judged.sort(key=lambda pair: requirement.badness(pair[0]))
     limit = requirement.threshold
-    nearest = sorted(known[1:-1], key=lambda each: abs(each[0] - (limit or 0.0)))[:1]
-    chosen = [*known[:1], *nearest, *known[1:][-1:]]
+    nearest = sorted(judged[1:-1], key=lambda pair: abs(pair[0] - (limit or 0.0)))[:1]
+    chosen = [*judged[:1], *nearest, *judged[1:][-1:]]
     curves = [judged_curve(run, requirement, None) for _, run in chosen]
     values = [float(v) for curve in curves for v in curve.value if math.isfinite(v)]
     if not values:

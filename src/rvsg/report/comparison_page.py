@@ -24,7 +24,7 @@ from rvsg.report.page_contents import manner
 from rvsg.report.renderer import component, render, script_safe
 from rvsg.report.replay_data import ReplayGroup, replay_payload
 from rvsg.report.run_facts import RunFacts
-from rvsg.report.stills import Turn, floor_svg, plan_markup
+from rvsg.report.stills import PlanTransform, floor_svg, plan_markup
 from rvsg.report.words import dependence, limit_in_words, trend
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
@@ -58,7 +58,7 @@ class ReplayedChange:
 
 
 def comparison_page(
-    found: Comparison, *, worlds: Mapping[str, World] | None = None, replayed: Sequence[ReplayedChange] = ()
+    comparison: Comparison, *, worlds: Mapping[str, World] | None = None, replayed: Sequence[ReplayedChange] = ()
 ) -> str:
     """Return a comparison as an HTML page that loads nothing.
 
@@ -66,64 +66,64 @@ def comparison_page(
         worlds: the world of each case; each is drawn once, with the places where the variants violate.
         replayed: changes to replay; both runs are drawn over one floor plan and move on one clock.
     """
-    names = tuple(variant.version for variant in found.variants[:2])
+    names = tuple(variant.version for variant in comparison.variants[:2])
     shown = [
         {
-            "change": each.change,
-            "seed": each.seed,
-            "data": script_safe(change_replay(each, names)),
-            "ids": script_safe([run.run.id for run in each.runs]),
-            "stories": list(zip(names, [[said.text for said in run.story] for run in each.runs], strict=True)),
+            "change": change.change,
+            "seed": change.seed,
+            "data": script_safe(change_replay(change, names)),
+            "ids": script_safe([run.run.id for run in change.runs]),
+            "stories": list(zip(names, [[said.text for said in run.story] for run in change.runs], strict=True)),
         }
-        for each in replayed
+        for change in replayed
     ]
     by_world = {world.id: world for world in (worlds or {}).values()}
     maps = [
-        _map(world, found, {case for case, each in (worlds or {}).items() if each.id == key})
+        _map(world, comparison, {case for case, world in (worlds or {}).items() if world.id == key})
         for key, world in by_world.items()
     ]
-    two = len(found.variants) == 2
+    two = len(comparison.variants) == 2
     return render(
         "comparison.html",
-        title=f"{names[1]} against {names[0]}" if two else _title(found),
-        found=found,
+        title=f"{names[1]} against {names[0]}" if two else _title(comparison),
+        found=comparison,
         names=names,
-        summary=_counted(found.changes) if two else "",
+        summary=_counted(comparison.changes) if two else "",
         ranking=RANKING,
-        rows=ranking_rows(found),
-        figure=shares_figure(found),
-        labels=[_short(variant.version) for variant in found.variants],
-        cells=_cells(found),
-        sentences=[pair_sentence(pair) for pair in found.pairs],
-        changes=changes_markup(found) if two and found.changes else "",
+        rows=ranking_rows(comparison),
+        figure=shares_figure(comparison),
+        labels=[_short(variant.version) for variant in comparison.variants],
+        cells=_cells(comparison),
+        sentences=[pair_sentence(pair) for pair in comparison.pairs],
+        changes=changes_markup(comparison) if two and comparison.changes else "",
         maps=maps,
         shown=shown,
         component=Markup(component()),  # noqa: S704  (our own files)
     )
 
 
-def ranking_markdown(found: Comparison) -> str:
+def ranking_markdown(comparison: Comparison) -> str:
     """Return the variants as a Markdown table, and the difference of each two."""
-    seeds = max((len(case.seeds) for variant in found.variants for case in variant.cases), default=0)
+    seeds = max((len(case.seeds) for variant in comparison.variants for case in variant.cases), default=0)
     lines = [
-        f"### {_title(found)}, {counted(seeds, 'seed')} each",
+        f"### {_title(comparison)}, {counted(seeds, 'seed')} each",
         "",
-        *_table(RANKING, [[_plain(cell) for cell in row] for row in ranking_rows(found)]),
+        *_table(RANKING, [[_plain(cell) for cell in row] for row in ranking_rows(comparison)]),
     ]
     lines += ["", "Differences of the shares on the same scenarios and seeds (paired, 95 % interval):", ""]
-    return "\n".join([*lines, *(f"- {_plain(pair_sentence(pair))}" for pair in found.pairs)]) + "\n"
+    return "\n".join([*lines, *(f"- {_plain(pair_sentence(pair))}" for pair in comparison.pairs)]) + "\n"
 
 
-def changes_markdown(found: Comparison) -> str:
+def changes_markdown(comparison: Comparison) -> str:
     """Return what changed between two variants as Markdown for a pull request, what broke first."""
-    first, second = (_plain(variant.version) for variant in found.variants[:2])
+    first, second = (_plain(variant.version) for variant in comparison.variants[:2])
     rows = []
-    for row in change_rows(found.changes):
+    for row in change_rows(comparison.changes):
         change = f"**{row['change']}**" if row["p"] else row["change"]
         name = f"{_plain(row['title'])} ({_plain(row['case'])})"
         rows.append((name, _plain(row["requirement"]), change, *(row[k] for k in ("before", "now", "difference", "p"))))
-    head = f"### {second} against {first}: {_counted(found.changes) or 'no case in common'}"
-    tested = [f"{_plain(each.version)}: {_plain(each.tested)}." for each in found.variants[:2] if each.tested]
+    head = f"### {second} against {first}: {_counted(comparison.changes) or 'no case in common'}"
+    tested = [f"{_plain(v.version)}: {_plain(v.tested)}." for v in comparison.variants[:2] if v.tested]
     return "\n".join([head, "", *_table(CHANGES, rows), *(["", "  \n".join(tested)] if tested else [])]) + "\n"
 
 
@@ -138,17 +138,17 @@ def _plain(text: str) -> str:
     return re.sub("[@#]|://|www(?=[.])", lambda mark: f"{mark[0]}\N{ZERO WIDTH SPACE}", escaped)
 
 
-def _title(found: Comparison) -> str:
-    cases = {case for case, _ in found.cases}
-    return f"{counted(len(found.variants), 'navigation stack')} on {counted(len(cases), 'scenario')}"
+def _title(comparison: Comparison) -> str:
+    cases = {case for case, _ in comparison.cases}
+    return f"{counted(len(comparison.variants), 'navigation stack')} on {counted(len(cases), 'scenario')}"
 
 
 def _counted(changes: Sequence[CaseChange]) -> str:
-    found = counts(changes)
-    return ", ".join(f"{found[change]} {change.value}" for change in Change if found[change])
+    numbers = counts(changes)
+    return ", ".join(f"{numbers[change]} {change.value}" for change in Change if numbers[change])
 
 
-def ranking_rows(found: Comparison) -> list[tuple[str, ...]]:
+def ranking_rows(comparison: Comparison) -> list[tuple[str, ...]]:
     """Return the table of the variants."""
     return [
         (
@@ -157,7 +157,7 @@ def ranking_rows(found: Comparison) -> list[tuple[str, ...]]:
             f"{percent(variant.share)} ({percent(variant.interval[0])} to {percent(variant.interval[1])})",
             str(variant.contacts), f"{variant.arrived} of {variant.runs}", str(variant.failed),
         )
-        for rank, variant in zip(count(1), found.variants)
+        for rank, variant in zip(count(1), comparison.variants)
     ]  # fmt: skip
 
 
@@ -178,18 +178,19 @@ def _points(difference: float, interval: tuple[float, float]) -> str:
 def change_rows(changes: Sequence[CaseChange], links: Links = lambda change: {}) -> list[dict[str, Any]]:
     """Return the rows of a table of changes as text, what broke first; `tone` is good, bad or empty."""
     rows = []
-    for each in sorted(changes, key=lambda each: [*TONES].index(each.change)):
-        row = {"case": each.case, "title": each.title, "requirement": each.requirement, "change": each.change.value}
-        row |= {"tone": TONES[each.change]} | dict.fromkeys(("before", "now", "difference", "p"), "")
-        if each.difference is not None and each.interval is not None and each.p_corrected is not None:
-            row |= {"before": f"{each.violations[0]} of {each.seeds}", "now": f"{each.violations[1]} of {each.seeds}"}
-            row |= {"difference": _points(each.difference, each.interval), "p": f"{each.p_corrected:.3g}"}
-        rows.append(row | {"address": "", "more": ()} | dict(links(each)))
+    for change in sorted(changes, key=lambda change: [*TONES].index(change.change)):
+        row = {key: getattr(change, key) for key in ("case", "title", "requirement")}
+        row |= {"change": change.change.value, "tone": TONES[change.change]}
+        row |= dict.fromkeys(("before", "now", "difference", "p"), "")
+        if change.difference is not None and change.interval is not None and change.p_corrected is not None:
+            row |= zip(("before", "now"), (f"{number} of {change.seeds}" for number in change.violations), strict=True)
+            row |= {"difference": _points(change.difference, change.interval), "p": f"{change.p_corrected:.3g}"}
+        rows.append(row | {"address": "", "more": ()} | dict(links(change)))
     return rows
 
 
 def changes_markup(
-    found: Comparison,
+    comparison: Comparison,
     *,
     sides: Sequence[str] = (),
     quantity: str = "violating share",
@@ -204,7 +205,7 @@ def changes_markup(
         places: its value for each case in both variants; the shares of violating runs otherwise.
         links: what a page adds to the row of a change: `title`, `address`, `more` as (text, address, label).
     """
-    shared = [change for change in found.changes if change.change is not Change.MISSING]
+    shared = [change for change in comparison.changes if change.change is not Change.MISSING]
     if places is None:
         places = [(c.violations[0] / c.seeds, c.violations[1] / c.seeds) for c in shared if c.seeds]
     cells: dict[tuple[bool, bool], Counter[Change]] = {}
@@ -218,11 +219,11 @@ def changes_markup(
 
     return render(
         "changes.html",
-        sides=sides or [variant.version for variant in found.variants],
+        sides=sides or [variant.version for variant in comparison.variants],
         matrix=[(word, [cell(before, after) for after in (True, False)]) for word, before in SIDES],
         quantity=quantity,
         scatter=_scatter(places),
-        changes=change_rows(found.changes, links),
+        changes=change_rows(comparison.changes, links),
     )
 
 
@@ -244,11 +245,12 @@ def _scatter(places: Sequence[tuple[float, float]]) -> dict[str, Any] | None:
     }
 
 
-def _cells(found: Comparison) -> list[dict[str, Any]]:
-    flags = [{case.key: list(case.flags.values()) for case in variant.cases} for variant in found.variants]
+def _cells(comparison: Comparison) -> list[dict[str, Any]]:
+    flags = [{case.key: list(case.flags.values()) for case in variant.cases} for variant in comparison.variants]
     rows = []
-    for case, requirement in found.cases:
-        counted_runs = [(sum(known), len(known)) for each in flags for known in [each.get((case, requirement), [])]]
+    for case, requirement in comparison.cases:
+        of_case = [variant.get((case, requirement), []) for variant in flags]
+        counted_runs = [(sum(violated), len(violated)) for violated in of_case]
         shares = [
             {"text": f"{bad} of {judged}" if judged else "-", "alpha": f"{0.75 * bad / max(1, judged):.2f}"}
             for bad, judged in counted_runs
@@ -257,17 +259,17 @@ def _cells(found: Comparison) -> list[dict[str, Any]]:
     return rows
 
 
-def shares_figure(found: Comparison) -> Markup:
+def shares_figure(comparison: Comparison) -> Markup:
     """Return an SVG with the share of violating runs of each variant and its interval."""
     return render(
         "shares.svg",
         width=LABEL_W + BAR_W + 60,
-        height=40 + ROW_H * len(found.variants),
+        height=40 + ROW_H * len(comparison.variants),
         row=ROW_H,
         x=Scale(0.0, 1.0, LABEL_W, LABEL_W + BAR_W),
         variants=[
-            {"label": _short(each.version), "interval": each.interval, "share": each.share, "colour": colour}
-            for each, colour in zip(found.variants, cycle(COLOURS))
+            {"label": _short(variant.version), "interval": variant.interval, "share": variant.share, "colour": colour}
+            for variant, colour in zip(comparison.variants, cycle(COLOURS))
         ],
     )
 
@@ -276,21 +278,21 @@ def _short(label: str) -> str:
     return label if len(label) <= 34 else f"...{label[-31:]}"
 
 
-def _map(world: World, found: Comparison, cases: set[str]) -> dict[str, object]:
+def _map(world: World, comparison: Comparison, cases: set[str]) -> dict[str, object]:
     plan = floor_plan(world, tooltips=False)
-    turn = Turn.of(plan.matrix)
+    turn = PlanTransform.of(plan.matrix)
     dots = []
-    for k, variant in enumerate(found.variants):
+    for k, variant in enumerate(comparison.variants):
         for place in (place for case in variant.cases if case.case in cases for place in case.places):
             x, y = turn.point(*place)
             dots.append({"x": f"{x:.2f}", "y": f"{y:.2f}", "colour": COLOURS[k % len(COLOURS)]})
-    labels = [{"label": _short(each.version), "colour": colour} for each, colour in zip(found.variants, cycle(COLOURS))]
+    labels = [{"label": _short(v.version), "colour": css} for v, css in zip(comparison.variants, cycle(COLOURS))]
     return {"title": world.title, **plan_markup(world, plan), "dots": dots, "legend": labels}
 
 
-def change_replay(each: ReplayedChange, names: Sequence[str]) -> dict[str, object]:
+def change_replay(replayed: ReplayedChange, names: Sequence[str]) -> dict[str, object]:
     """Return both runs of a change as data of the replay component: over one floor plan and on one clock."""
-    return pair_replay(each.runs, names, each.scenario, each.requirement, each.world)
+    return pair_replay(replayed.runs, names, replayed.scenario, replayed.requirement, replayed.world)
 
 
 def pair_replay(
@@ -337,9 +339,9 @@ def recording_page(
         fidelities=fidelities,
         notes=notes,
         names=RECORDED,
-        stories=list(zip(RECORDED, [[said.text for said in each.story] for each in runs], strict=True)),
+        stories=list(zip(RECORDED, [[said.text for said in facts.story] for facts in runs], strict=True)),
         data=script_safe(data),
-        ids=script_safe([each.run.id for each in runs]),
+        ids=script_safe([facts.run.id for facts in runs]),
         component=Markup(component()),  # noqa: S704  (our own files)
     )
 
@@ -352,19 +354,19 @@ WHITE, RED = 255.0, np.array([222.0, 92.0, 80.0]) - 255.0
 BOUNDARY = 0.5
 
 
-def response_svg(found: Exploration, *, alone: bool = False) -> Markup:
+def response_svg(exploration: Exploration, *, alone: bool = False) -> Markup:
     """Return the picture of an exploration: a curve for one range, a map for each pair of the ranges that matter most.
 
     Args:
         alone: whether the picture is a file of its own rather than a part of a page.
     """
-    ranges = range(len(found.ranges))
+    ranges = range(len(exploration.ranges))
     if len(ranges) == 1:
-        panels = [_curve(found)]
+        panels = [_curve(exploration)]
     else:
-        share = [each.share for each in found.sensitivities] or [0.0] * len(ranges)
+        share = [sensitivity.share for sensitivity in exploration.sensitivities] or [0.0] * len(ranges)
         order = sorted(ranges, key=lambda k: (-share[k], k))[:4]
-        panels = [_probability_map(found, a, b) for a, b in combinations(order, 2)]
+        panels = [_probability_map(exploration, a, b) for a, b in combinations(order, 2)]
     across = min(2, len(panels))
     size: dict[str, float] = {"left": LEFT, "right": RIGHT, "top": TOP, "bottom": BOTTOM}
     size |= {"wide": (RIGHT - LEFT) / CELLS + 0.4, "high": (BOTTOM - TOP) / CELLS + 0.4}
@@ -372,39 +374,39 @@ def response_svg(found: Exploration, *, alone: bool = False) -> Markup:
     return render("response.svg", panels=panels, alone=alone, across=across, rows=rows, **size)
 
 
-def response_page(found: Exploration) -> str:
+def response_page(exploration: Exploration) -> str:
     """Return an exploration as an HTML page that loads nothing."""
-    low, high = found.interval
-    ordered = sorted(found.sensitivities, key=lambda each: (each.band.p if each.band else 1.0, -each.share))
-    ranges = {each.name: each for each in found.ranges}
-    degree = None if found.surface is None else found.surface.degree
+    low, high = exploration.interval
+    ordered = sorted(exploration.sensitivities, key=lambda s: (s.band.p if s.band else 1.0, -s.share))
+    ranges = {varied.name: varied for varied in exploration.ranges}
+    degree = None if exploration.surface is None else exploration.surface.degree
     values = {
-        "found": found,
-        "came": arrivals_in_words(found.arrived, found.runs),
-        "picture": response_svg(found),
-        "probability": f"{found.violations / found.runs:.0%}",
+        "found": exploration,
+        "came": arrivals_in_words(exploration.arrived, exploration.runs),
+        "picture": response_svg(exploration),
+        "probability": f"{exploration.violations / exploration.runs:.0%}",
         "interval": f"{low:.0%} to {high:.0%}",
-        "limit": limit_in_words(found.requirement),
-        "rows": [
-            (ranges[each.name], each, dependence(each, ranges[each.name], flat=True), trend(each)) for each in ordered
-        ],
+        "limit": limit_in_words(exploration.requirement),
+        "rows": [(ranges[s.name], s, dependence(s, ranges[s.name], flat=True), trend(s)) for s in ordered],
         "degree": degree,
-        "invalid": sum(bool(point.problems) for point in found.points),
+        "invalid": sum(bool(point.problems) for point in exploration.points),
     }
     return render("response.html", **values)
 
 
-def _probability_map(found: Exploration, a: int, b: int) -> dict[str, Any]:
+def _probability_map(exploration: Exploration, a: int, b: int) -> dict[str, Any]:
     """Return the probability over two ranges, the others at their middles, with the boundary and the runs."""
-    first, second = found.ranges[a], found.ranges[b]
+    first, second = exploration.ranges[a], exploration.ranges[b]
     x, y = Scale(first.low, first.high, LEFT, RIGHT), Scale(second.low, second.high, BOTTOM, TOP)
     panel = _panel(first, x, _ticks(second), y, second.name)
     panel["title"] = f"{first.name} and {second.name}"
-    panel["dots"] = [(x(p.values[a]), y(p.values[b]), p.violated, _said(found, p.values)) for p in found.judged]
-    if found.surface is not None:
+    panel["dots"] = [
+        (x(p.values[a]), y(p.values[b]), p.violated, _said(exploration, p.values)) for p in exploration.judged
+    ]
+    if exploration.surface is not None:
         edges = np.linspace(0.0, 1.0, CELLS + 1)
         centres = (edges[1:] + edges[:-1]) / 2
-        cells = found.surface.probability(_plane(len(found.ranges), a, b, centres)).reshape(CELLS, CELLS)
+        cells = exploration.surface.probability(_plane(len(exploration.ranges), a, b, centres)).reshape(CELLS, CELLS)
         wide, high = (RIGHT - LEFT) / CELLS, (BOTTOM - TOP) / CELLS
         panel["cells"] = [
             (
@@ -414,28 +416,29 @@ def _probability_map(found: Exploration, a: int, b: int) -> dict[str, Any]:
             )
             for (j, i), value in np.ndenumerate(cells)
         ]
-        corners = found.surface.probability(_plane(len(found.ranges), a, b, edges)).reshape(CELLS + 1, CELLS + 1)
-        panel["boundary"] = _boundary(corners)
+        corners = exploration.surface.probability(_plane(len(exploration.ranges), a, b, edges))
+        panel["boundary"] = _boundary(corners.reshape(CELLS + 1, CELLS + 1))
     return panel
 
 
-def _curve(found: Exploration) -> dict[str, Any]:
+def _curve(exploration: Exploration) -> dict[str, Any]:
     """Return the probability over one range with its 95 % interval; runs lie at 1 where they violate, else at 0."""
-    (only,) = found.ranges
+    (only,) = exploration.ranges
     x, y = Scale(only.low, only.high, LEFT, RIGHT), Scale(0.0, 1.0, BOTTOM, TOP)
     panel = _panel(only, x, [(tick, tick) for tick in (0.0, 0.25, 0.5, 0.75, 1.0)], y, "violation probability")
     panel["dots"] = [
-        (x(p.values[0]), y(float(bool(p.violated))), p.violated, _said(found, p.values)) for p in found.judged
+        (x(p.values[0]), y(float(bool(p.violated))), p.violated, _said(exploration, p.values))
+        for p in exploration.judged
     ]
-    if found.surface is not None:
+    if exploration.surface is not None:
         shares = np.linspace(0.0, 1.0, 101)[:, None]
-        low, high = found.surface.interval(shares)
+        low, high = exploration.surface.interval(shares)
         along = [x(only.at(float(share))) for share in shares[:, 0]]
 
         def points(values: Floats) -> list[str]:
             return [f"{a:.1f},{y(float(value)):.1f}" for a, value in zip(along, values, strict=True)]
 
-        panel["curve"] = " ".join(points(found.surface.probability(shares)))
+        panel["curve"] = " ".join(points(exploration.surface.probability(shares)))
         panel["spread"] = " ".join([*points(high), *reversed(points(low))])
     return panel
 
@@ -483,9 +486,9 @@ def _plane(dimensions: int, a: int, b: int, shares: Floats) -> Floats:
     return points
 
 
-def _said(found: Exploration, values: Sequence[float]) -> str:
-    pairs = zip(found.ranges, values, strict=True)
-    return ", ".join(f"{each.name} {each.word(value) or f'{value:.3g}'}" for each, value in pairs)
+def _said(exploration: Exploration, values: Sequence[float]) -> str:
+    pairs = zip(exploration.ranges, values, strict=True)
+    return ", ".join(f"{varied.name} {varied.word(value) or f'{value:.3g}'}" for varied, value in pairs)
 
 
 def _ticks(of: Range) -> list[tuple[float, float | str]]:
@@ -506,12 +509,12 @@ def check_exploration_file(path: Path) -> None:
     check_writable(path)
 
 
-def write_exploration(path: str | Path, found: Exploration) -> None:
+def write_exploration(path: str | Path, exploration: Exploration) -> None:
     """Write an exploration as a page (.html), as its picture (.svg) or as the numbers (.json)."""
     path = Path(path)
     check_exploration_file(path)
     kind = path.suffix.lower()
     if kind == ".json":
-        write_whole(path, found.to_json())
+        write_whole(path, exploration.to_json())
     else:
-        write_whole(path, response_page(found) if kind == ".html" else response_svg(found, alone=True))
+        write_whole(path, response_page(exploration) if kind == ".html" else response_svg(exploration, alone=True))

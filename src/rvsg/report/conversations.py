@@ -13,7 +13,7 @@ from rvsg.generation.generator import Call
 from rvsg.generation.vlm.call_log import CallLog
 from rvsg.report.renderer import render
 from rvsg.report.replay_data import distinct_colours
-from rvsg.report.stills import Turn, plan_markup
+from rvsg.report.stills import PlanTransform, plan_markup
 from rvsg.report.terminal import describe_calls
 from rvsg.runs.attempt import Attempt
 from rvsg.scenario.brief import Feedback
@@ -144,9 +144,9 @@ def _feedback(feedback: Feedback | None, unit: str) -> list[str]:
     ]
     lines += [feedback.unusual] if feedback.unusual else []
     lines += [
-        f"{each.name}: closest gap {metres(each.closest_gap_m)}, within 2 m for {percent(each.share_within_2_m)} of "
-        "the time."
-        for each in feedback.influences
+        f"{person.name}: closest gap {metres(person.closest_gap_m)}, within 2 m for "
+        f"{percent(person.share_within_2_m)} of the time."
+        for person in feedback.influences
     ]
     return lines
 
@@ -161,7 +161,7 @@ def _paths(
 ) -> list[dict[str, Any]]:
     """Return the planned paths on the floor plan, and those of the configuration before that differ."""
     at = {w.name: (w.x, w.y) for w in world.grid.waypoints}
-    turn = Turn.of(floor_plan(world, tooltips=False).matrix)
+    turn = PlanTransform.of(floor_plan(world, tooltips=False).matrix)
 
     def names(human: Human) -> list[str]:
         return [name for task in human.tasks for name in task.path]

@@ -26,7 +26,7 @@ from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.events import Contact
 from rvsg.simulation.run import Run
-from rvsg.world.drawing.floor_plan import Picture, draw_plan
+from rvsg.world.drawing.floor_plan import DrawnPlan, draw_plan
 from rvsg.world.drawing.sheet import NARROWEST_PX, font
 from rvsg.world.world import World
 
@@ -87,21 +87,21 @@ def still_times(run: RunFacts) -> list[float]:
     end = float(t[-1])
     contact = [event.time_s for event in run.contacts[:1]]
     wanted = [run.decisive_s, *contact, run.closest_s, end, end / 2, end / 4]
-    found: list[float] = []
+    times: list[float] = []
     for time in wanted:
-        if len(found) < STILLS and all(abs(time - other) >= APART_S for other in found):
-            found.append(float(shown_at(float(time))))
-    return sorted(found)
+        if len(times) < STILLS and all(abs(time - other) >= APART_S for other in times):
+            times.append(float(shown_at(float(time))))
+    return sorted(times)
 
 
 def _judged(facts: RunFacts, requirement: Requirement, t_s: float) -> str:
     """Return what the requirement measures up to a time, with its limit."""
-    known = [float(v) for t, v in zip(facts.curve.t, facts.curve.value, strict=True) if t <= t_s and v == v]
-    if not known:
+    values = [float(v) for t, v in zip(facts.curve.t, facts.curve.value, strict=True) if t <= t_s and v == v]
+    if not values:
         return ""
     limit = limit_in_words(requirement)
     beside = f" (limit: {limit})" if limit else ""
-    return f"{quantity(requirement)} so far: {number(known[-1], requirement.unit)}{beside}"
+    return f"{quantity(requirement)} so far: {number(values[-1], requirement.unit)}{beside}"
 
 
 def check_film(path: Path) -> None:
@@ -167,7 +167,7 @@ def _frames(shot: Shot, speed: float, width_px: int) -> Iterator[Image.Image]:
 class _Stage:
     """Draws moments of one run over one floor plan."""
 
-    def __init__(self, shot: Shot, plan: Picture) -> None:
+    def __init__(self, shot: Shot, plan: DrawnPlan) -> None:
         self.shot, self.view = shot, plan.view
         left, top, _, _ = plan.view.plan
         ground = plan.image.crop(plan.view.plan)

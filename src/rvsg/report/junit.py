@@ -46,15 +46,15 @@ def _suite(result: Result) -> ET.Element:
 def _properties(entry: Ranked) -> dict[str, str]:
     """Return the state of a scenario, and what its runs show beside the requirement."""
     seen = entry.seen
-    found = {"state": entry.state, "attempt": str(entry.attempt)}
-    found["violated"] = f"{entry.verdict.violations}/{entry.verdict.runs}"
+    properties = {"state": entry.state, "attempt": str(entry.attempt)}
+    properties["violated"] = f"{entry.verdict.violations}/{entry.verdict.runs}"
     if seen.contacts.of:
-        found["contacts"] = f"{seen.contacts.runs} of {counted(seen.contacts.of, 'run')}"
+        properties["contacts"] = f"{seen.contacts.runs} of {counted(seen.contacts.of, 'run')}"
     if seen.arrived.of:
-        found["arrived"] = f"{seen.arrived.runs} of {counted(seen.arrived.of, 'run')}"
+        properties["arrived"] = f"{seen.arrived.runs} of {counted(seen.arrived.of, 'run')}"
     if seen.least_clearance_m is not None:
-        found["minimum clearance"] = metres(seen.least_clearance_m)
-    return found
+        properties["minimum clearance"] = metres(seen.least_clearance_m)
+    return properties
 
 
 def _case(suite: str, name: str, entry: Ranked, plan: Plan, *, decides: bool) -> ET.Element:

@@ -23,11 +23,11 @@ from PIL import Image, ImageDraw
 from rvsg.core.errors import InputError
 from rvsg.core.files import check_writable, write_whole
 from rvsg.evaluation.verdict import counted
-from rvsg.report.answer_row import Row
+from rvsg.report.answer_row import AnswerRow
 from rvsg.report.renderer import render
 from rvsg.report.result import Result
 from rvsg.report.run_facts import row_at
-from rvsg.report.stills import Turn, pin_radius, plan_markup, spread
+from rvsg.report.stills import PlanTransform, pin_radius, plan_markup, spread
 from rvsg.report.words import limit_in_words, robot_words, shown_at
 from rvsg.search.exploration import Coverage
 from rvsg.world.drawing import png_bytes
@@ -51,7 +51,7 @@ class Pin:
     x: float
     y: float
     world: World
-    row: Row
+    row: AnswerRow
 
     @property
     def address(self) -> str:
@@ -121,7 +121,10 @@ def _matrix(reported: Sequence[Reported]) -> dict[str, Any]:
         cells.setdefault(route, {}).setdefault(result.requirement.name, []).append(
             {"link": quote(link), "answer": result.answer}
         )
-    rows = [{"route": route, "cells": [found.get(name, []) for name in requirements]} for route, found in cells.items()]
+    rows = [
+        {"route": route, "cells": [by_requirement.get(name, []) for name in requirements]}
+        for route, by_requirement in cells.items()
+    ]
     return {"requirements": requirements, "rows": rows}
 
 
@@ -137,7 +140,7 @@ def _maps(pins: Sequence[Pin]) -> list[dict[str, Any]]:
 
 def _map(id_: str, world: World, pins: Sequence[tuple[int, Pin]]) -> dict[str, Any]:
     plan = floor_plan(world, tooltips=False)
-    turn = Turn.of(plan.matrix)
+    turn = PlanTransform.of(plan.matrix)
     left, top, width, height = (float(v) for v in plan.view_box.split())
     points = [turn.point(pin.x, pin.y) for _, pin in pins]
     radius = pin_radius(plan.view_box)
@@ -177,7 +180,7 @@ def _headline(reported: Sequence[Reported]) -> dict[str, str]:
     said = [f"{ends[end]} {words}" for end, _, words in kinds if ends[end]]
     tone, chip = next((tone, words) for end, tone, words in kinds if ends[end])
     accounts = [result.accounting for _, result in reported]
-    runs = counted(sum(each.search_runs + each.confirmation_runs for each in accounts), "simulated run")
+    runs = counted(sum(account.search_runs + account.confirmation_runs for account in accounts), "simulated run")
     text = f"Of {counted(len(reported), 'campaign')}: {'; '.join(said)}. {runs}."
     return {"tone": tone, "chip": chip, "text": text}
 
@@ -225,12 +228,12 @@ def coverage_map(coverage: Coverage, world: World) -> Image.Image:
     plan = draw_plan(world, show=LAYERS, width_px=1400, title=f"{world.title}: what is tested")
     image = plan.image.convert("RGB")
     draw = ImageDraw.Draw(image, "RGBA")
-    untested = {each.name for each in coverage.areas if not each.tested}
+    untested = {entry.name for entry in coverage.areas if not entry.tested}
     for area in world.areas:
         if area.name in untested:
             corners = plan.view.pixels(np.array([*area.outline, area.outline[0]], float))
             _dashed(draw, corners, 3)
-    tested = {each.route for each in coverage.routes if each.scenarios}
+    tested = {entry.route for entry in coverage.routes if entry.scenarios}
     for route in world.routes:
         way = plan.view.pixels(line_of(world, route))
         if route.name in tested:
@@ -243,7 +246,7 @@ def coverage_map(coverage: Coverage, world: World) -> Image.Image:
             _disc(draw, plan.view.pixels(np.array(world.grid.position(name))), 2.5, QUIET)
         else:
             _disc(draw, plan.view.pixels(np.array(world.grid.position(name))), 3 + 7 * (count / most) ** 0.5)
-    most_met = max((each.encounters for each in coverage.met_at), default=0)
+    most_met = max((entry.encounters for entry in coverage.met_at), default=0)
     for met in coverage.met_at:
         at = plan.view.pixels(np.array(world.grid.position(met.waypoint)))
         _ring(draw, at, 8 + 16 * (met.encounters / most_met) ** 0.5, 3)
@@ -258,8 +261,8 @@ def coverage_page(coverages: Sequence[tuple[Coverage, World]]) -> str:
             "coverage": coverage,
             "picture": f"data:image/png;base64,{base64.b64encode(png_bytes(coverage_map(coverage, world))).decode()}",
             "untested": [(KINDS[kind], names) for kind, names in coverage.untested.items()],
-            "requirements": [each.name for each in coverage.requirements],
-            "encounters": [each.name for each in coverage.encounters],
+            "requirements": [entry.name for entry in coverage.requirements],
+            "encounters": [entry.name for entry in coverage.encounters],
         }
         for coverage, world in coverages
     ]
@@ -268,13 +271,15 @@ def coverage_page(coverages: Sequence[tuple[Coverage, World]]) -> str:
 
 def coverage_text(coverage: Coverage) -> str:
     """Return the coverage of a world as lines for a terminal."""
-    width = max((len(each.route) for each in coverage.routes), default=0)
+    width = max((len(entry.route) for entry in coverage.routes), default=0)
     held, read = counted(coverage.scenarios, "scenario"), counted(coverage.runs, "run")
     lines = [f"{coverage.world}: {held}, {read} read for encounters", ""]
-    for each in coverage.routes:
-        judged = ", ".join(f"{name} {count}" for name, count in each.requirements.items() if count)
-        met = ", ".join(f"{name} {count}" for name, count in each.encounters.items() if count)
-        lines.append(f"  {each.route:{width}}  {counted(each.scenarios, 'scenario'):>13}  {judged or 'no requirement'}")
+    for entry in coverage.routes:
+        judged = ", ".join(f"{name} {count}" for name, count in entry.requirements.items() if count)
+        met = ", ".join(f"{name} {count}" for name, count in entry.encounters.items() if count)
+        lines.append(
+            f"  {entry.route:{width}}  {counted(entry.scenarios, 'scenario'):>13}  {judged or 'no requirement'}"
+        )
         if met:
             lines.append(f"  {'':{width}}  runs with: {met}")
     lines += ["", "Untested:" if coverage.untested else "Everything listed is tested."]
@@ -337,24 +342,24 @@ class WorldCoverage:
         return coverage_text(self.coverage)
 
 
-def write_coverage(path: str | Path, found: Iterable[WorldCoverage]) -> None:
+def write_coverage(path: str | Path, worlds: Iterable[WorldCoverage]) -> None:
     """Write coverage to a file: .html, .png (of one world) or .json.
 
     Raises:
         InputError: another ending, or a picture of several worlds.
     """
-    path, found = Path(path), tuple(found)
+    path, worlds = Path(path), tuple(worlds)
     kind = path.suffix.lower()
     check_coverage_file(path)
     if kind == ".json":
-        values = [each.coverage.model_dump(mode="json") for each in found]
+        values = [covered.coverage.model_dump(mode="json") for covered in worlds]
         write_whole(path, json.dumps(values, indent=2, ensure_ascii=False) + "\n")
     elif kind == ".html":
-        write_whole(path, coverage_page([(each.coverage, each.world) for each in found]))
-    elif len(found) == 1:
-        write_whole(path, png_bytes(coverage_map(found[0].coverage, found[0].world)))
+        write_whole(path, coverage_page([(covered.coverage, covered.world) for covered in worlds]))
+    elif len(worlds) == 1:
+        write_whole(path, png_bytes(coverage_map(worlds[0].coverage, worlds[0].world)))
     else:
-        raise InputError(f"{path}: the scenarios are of {len(found)} worlds, and a picture shows one. Write .html.")
+        raise InputError(f"{path}: the scenarios are of {len(worlds)} worlds, and a picture shows one. Write .html.")
 
 
 def check_coverage_file(path: Path) -> None:

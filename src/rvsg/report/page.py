@@ -59,12 +59,12 @@ def data_of(
     requirement: Requirement,
     world: World,
     floor: FloorPlan,
-    given: bool = False,
+    by_hand: bool = False,
 ) -> dict[str, Any]:
     """Return the data of the replay component for the runs of these configurations, in this order.
 
     Args:
-        given: whether the runs belong to no campaign.
+        by_hand: whether the runs belong to no campaign.
     """
 
     def worst_first(run: RunFacts) -> float:
@@ -77,8 +77,8 @@ def data_of(
         groups.append(
             ReplayGroup(
                 id=str(facts.attempt.index),
-                label=many if given else f"{group_label(facts)} ({many})",
-                purpose="given" if given else facts.attempt.purpose,
+                label=many if by_hand else f"{group_label(facts)} ({many})",
+                purpose="given" if by_hand else facts.attempt.purpose,
                 status=facts.attempt.verdict.status.value if facts.attempt.verdict else "",
                 manners={human.name: manner(human) for human in scenario.people.humans} if scenario else {},
                 tasks={human.name: tasks_of(human) for human in scenario.people.humans} if scenario else {},
@@ -96,13 +96,15 @@ MOST_CARDS = 6
 def failure_cards(shown: PageContents) -> list[dict[str, Any]]:
     """Return a card for every failure, else for the most severe scenario: row, picture of the moment, and story."""
     runs = {run.id: (run, facts) for facts in shown.facts for run in facts.runs}
-    found = []
+    cards = []
     for row in shown.answer.failures or shown.answer.rows[:1]:
         run, facts = runs[row.run]
         svg = frame(run.run, row.moment_s, look_of(shown, facts), row.name)
-        story = [{"t": each.time_s, "text": untimed(each), "address": at(run.id, each.time_s)} for each in run.story]
-        found.append({"row": row, "svg": Markup(svg), "address": at(run.id, row.moment_s), "story": story})  # noqa: S704
-    return found
+        story = [
+            {"t": moment.time_s, "text": untimed(moment), "address": at(run.id, moment.time_s)} for moment in run.story
+        ]
+        cards.append({"row": row, "svg": Markup(svg), "address": at(run.id, row.moment_s), "story": story})  # noqa: S704
+    return cards
 
 
 def broken(cells: Sequence[MapCell]) -> dict[str, Any]:
@@ -172,11 +174,11 @@ def render_page(
     )
 
 
-def _shared(shown: PageContents, replayed: Sequence[AttemptFacts], *, given: bool = False) -> dict[str, Any]:
-    """Return what the pages of campaigns and of runs both show; `given` runs belong to no campaign."""
+def _shared(shown: PageContents, replayed: Sequence[AttemptFacts], *, by_hand: bool = False) -> dict[str, Any]:
+    """Return what the pages of campaigns and of runs both show; runs `by_hand` belong to no campaign."""
     plan, world, floor, answer = shown.result.plan, shown.result.world, shown.floor, shown.answer
     mission, requirement = plan.mission, plan.requirement
-    data = data_of(replayed, mission=mission, requirement=requirement, world=world, floor=floor, given=given)
+    data = data_of(replayed, mission=mission, requirement=requirement, world=world, floor=floor, by_hand=by_hand)
     if answer.rows:
         data["opens"] = {"run": answer.rows[0].run, "t": float(shown_at(answer.rows[0].moment_s))}
     return {
@@ -190,7 +192,7 @@ def _shared(shown: PageContents, replayed: Sequence[AttemptFacts], *, given: boo
         "place": f"{world.title}, {plan.mission.route.name}",
         "doors": plan.mission.doors,
         "replay": script_safe(data) if data["groups"] else None,
-        "runs": run_rows(shown) if not given else run_rows_of(replayed[0], plan.requirement.unit),
+        "runs": run_rows(shown) if not by_hand else run_rows_of(replayed[0], plan.requirement.unit),
         "component": Markup(component()),  # noqa: S704 - our own files
         **plan_markup(world, floor),
     }
@@ -246,10 +248,10 @@ def write_runs_page(
     Raises:
         InputError: the world of the runs is not known.
     """
-    scenario, given = scenario or runs.scenario, world if world is not None else runs.world
-    if given is None and scenario is None:
+    scenario, place = scenario or runs.scenario, world if world is not None else runs.world
+    if place is None and scenario is None:
         raise InputError("A page needs the world of the runs: add --scenario FILE or --world.", code="no-world")
-    where = world_of(scenario.mission, given) if scenario is not None else as_world(given or "")
+    where = world_of(scenario.mission, place) if scenario is not None else as_world(place or "")
     check_writable(path)
     mission = scenario.mission if scenario is not None else _driven(runs[0], where)
     requirement, verdict, measurements = judged.requirement, judged.verdict, judged.measurements
@@ -260,7 +262,7 @@ def write_runs_page(
     shown = PageContents(result, answer_of_runs(plan, attempt, world=where, run_of=result.run_of))
     text = render(
         "runs.html",
-        **_shared(shown, shown.facts, given=True),
+        **_shared(shown, shown.facts, by_hand=True),
         notes=[*notes, *(f"{label}: {text}." for label, text in under_test(runs).rows)],
         traces=(),
         sure=how_sure(verdict),

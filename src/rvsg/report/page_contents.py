@@ -11,9 +11,9 @@ from rvsg.evaluation.verdict import metres, number, outcome_in_words
 from rvsg.findings.ranking import best_attempt, confirmed_candidate
 from rvsg.report.answer_row import status_of
 from rvsg.report.replay_data import people_colours
-from rvsg.report.result import Answer, Result
+from rvsg.report.result import CampaignAnswer, Result
 from rvsg.report.run_facts import AttemptFacts, facts_of, footprint_of
-from rvsg.report.stills import Look, Turn
+from rvsg.report.stills import Look, PlanTransform
 from rvsg.report.words import in_short, shown_at
 from rvsg.runs.attempt import Attempt
 from rvsg.scenario.scenario import Attention, Behaviour, Human
@@ -25,7 +25,7 @@ class PageContents:
     """What the parts of a page share."""
 
     result: Result
-    answer: Answer
+    answer: CampaignAnswer
 
     @cached_property
     def facts(self) -> list[AttemptFacts]:
@@ -59,9 +59,9 @@ class PageContents:
 
 def look_of(shown: PageContents, facts: AttemptFacts) -> Look:
     """Return how still pictures of these runs are drawn."""
-    runs = [each.run for each in facts.runs]
+    runs = [facts_of_run.run for facts_of_run in facts.runs]
     return Look(
-        turn=Turn.of(shown.floor.matrix),
+        turn=PlanTransform.of(shown.floor.matrix),
         view_box=shown.floor.view_box,
         outline=footprint_of(runs[0], shown.result.plan.mission.robot_record),
         colours=people_colours(runs),
@@ -91,18 +91,18 @@ def _fullest(facts: Sequence[AttemptFacts], subject: AttemptFacts | None) -> lis
 
     A search may measure a configuration several times, and a confirmation may be continued.
     """
-    runs = {each.attempt.index: {run.id for run in each.runs} for each in facts}
+    runs = {facts_of_one.attempt.index: {run.id for run in facts_of_one.runs} for facts_of_one in facts}
     held: dict[tuple[str, str], list[AttemptFacts]] = {}
-    for each in facts:
-        if each.attempt.purpose in ("search", "confirmation"):
-            held.setdefault(_kind(each), []).append(each)
+    for facts_of_one in facts:
+        if facts_of_one.attempt.purpose in ("search", "confirmation"):
+            held.setdefault(_kind(facts_of_one), []).append(facts_of_one)
 
-    def superseded(each: AttemptFacts) -> bool:
-        mine, index = runs[each.attempt.index], each.attempt.index
-        others = ((runs[other.attempt.index], other.attempt.index) for other in held.get(_kind(each), []))
+    def superseded(facts_of_one: AttemptFacts) -> bool:
+        mine, index = runs[facts_of_one.attempt.index], facts_of_one.attempt.index
+        others = ((runs[other.attempt.index], other.attempt.index) for other in held.get(_kind(facts_of_one), []))
         return any(mine < theirs or (mine == theirs and other < index) for theirs, other in others)
 
-    return [each for each in facts if each is subject or not superseded(each)]
+    return [facts_of_one for facts_of_one in facts if facts_of_one is subject or not superseded(facts_of_one)]
 
 
 def _kind(facts: AttemptFacts) -> tuple[str, str]:
@@ -169,7 +169,7 @@ def at(run_id: str, t_s: float | None = None) -> str:
 def scenario_rows(shown: PageContents) -> list[dict[str, Any]]:
     """Return every scenario and every further confirmed configuration: its row, and what belongs to its fold."""
     attempts = {attempt.index: attempt for attempt in shown.result.attempts}
-    by_index = {each.attempt.index: each for each in shown.facts}
+    by_index = {other.attempt.index: other for other in shown.facts}
     rows = []
     for row in shown.answer.rows:
         attempt = attempts[row.attempt]

@@ -48,13 +48,13 @@ GOLDEN = 0.618034
 
 def distinct_colours(count: int) -> list[str]:
     """Return `count` different colours as `#rrggbb`; fewer are the first of more."""
-    found = list(FIRST[:count])
+    colours = list(FIRST[:count])
     free = 360.0 - (ROBOT_HUES[1] - ROBOT_HUES[0])
     for place in range(count - len(FIRST)):
         hue = (ROBOT_HUES[1] + place * GOLDEN % 1.0 * free) % 360.0
         channels = colorsys.hls_to_rgb(hue / 360.0, (0.25, 0.35, 0.45)[place % 3], 0.75)
-        found.append("#" + "".join(f"{round(255 * value):02x}" for value in channels))
-    return found
+        colours.append("#" + "".join(f"{round(255 * value):02x}" for value in channels))
+    return colours
 
 
 Floats = NDArray[np.float64]
@@ -137,7 +137,7 @@ def people_colours(runs: Sequence[Run]) -> dict[str, str | None]:
 
 
 def _group(group: ReplayGroup, robot: Robot | None, unit: str) -> dict[str, Any]:
-    runs = [each.run for each in group.runs]
+    runs = [facts.run for facts in group.runs]
     colours = people_colours(runs)
     names = list(colours)
     radii = {name: radius for run in runs for name, radius in zip(run.human_names, run.human_radius_m, strict=True)}
@@ -160,40 +160,42 @@ def _group(group: ReplayGroup, robot: Robot | None, unit: str) -> dict[str, Any]
             for n in names
         ],
         **({"moved": [[list(point) for point in outline] for outline in group.moved]} if group.moved else {}),
-        "runs": [_run(each, names, unit, group.notes[k] if group.notes else None) for k, each in enumerate(group.runs)],
+        "runs": [
+            _run(facts, names, unit, group.notes[k] if group.notes else None) for k, facts in enumerate(group.runs)
+        ],
     }
 
 
-def _run(each: RunFacts, names: Sequence[str], unit: str, note: str | None) -> dict[str, Any]:
-    run = each.run
+def _run(facts: RunFacts, names: Sequence[str], unit: str, note: str | None) -> dict[str, Any]:
+    run = facts.run
     coded, samples, far, near = _coded(run, names)
     data: dict[str, Any] = {
         "id": run.id,
         "seed": run.seed,
-        "objective": each.measurement.objective,
-        "said": number(each.measurement.objective, unit),
-        "violated": each.violated,
+        "objective": facts.measurement.objective,
+        "said": number(facts.measurement.objective, unit),
+        "violated": facts.violated,
         "outcome": outcome_in_words(run.outcome),
         "arrived": run.completed,
-        "note": ("contact" if each.contacts else "") if note is None else note,
+        "note": ("contact" if facts.contacts else "") if note is None else note,
         "t0": round(float(run.trajectory.t[0]), 3) if len(run.trajectory) else 0.0,
         "samples": samples,
-        "opens": round(each.decisive_s, 2) if note is None else 0.0,
+        "opens": round(facts.decisive_s, 2) if note is None else 0.0,
         "present": [names.index(name) for name in run.human_names],
         "far": far,
         "near": near,
-        "lanes": {name: [[round(a, 2), round(b, 2)] for a, b in spans] for name, spans in each.lanes.items() if spans},
-        "moments": [[round(said.time_s, 2), unbroken(untimed(said))] for said in each.story],
+        "lanes": {name: [[round(a, 2), round(b, 2)] for a, b in spans] for name, spans in facts.lanes.items() if spans},
+        "moments": [[round(said.time_s, 2), unbroken(untimed(said))] for said in facts.story],
         "blob": coded,
     }
     for event in run.events:
         if isinstance(event, DoorMoved):
             move = [event.time_s, event.share, float(event.opens), event.until_s]
             data.setdefault("doors", {}).setdefault(event.door, []).append(move)
-    if each.curve.is_known:
+    if facts.curve.is_known:
         data["judged"] = {
-            "t": [round(float(t), 2) for t in each.curve.t],
-            "value": [float(f"{v:.4g}") if np.isfinite(v) else None for v in each.curve.value],
+            "t": [round(float(t), 2) for t in facts.curve.t],
+            "value": [float(f"{v:.4g}") if np.isfinite(v) else None for v in facts.curve.value],
         }
     return data
 
@@ -283,9 +285,9 @@ def _lidar(trace: Trace, frames: Sequence[Frame], number: int) -> dict[str, Any]
     """Channels: x, y (cm) and yaw (0.01 rad) of the robot at the scan of each frame; then its ranges (cm, 0: none)."""
     lidar = trace.robot.lidars[number]
     step = -(-lidar.rays // MOST_RAYS)
-    kept = np.arange(0, lidar.rays, step)
+    rays = np.arange(0, lidar.rays, step)
     poses = np.array([frame.seen_from[number] for frame in frames]).reshape(-1, 3)
-    ranges = np.array([frame.scans[number][kept] for frame in frames]).reshape(len(frames), len(kept))
+    ranges = np.array([frame.scans[number][rays] for frame in frames]).reshape(len(frames), len(rays))
     channels = [poses[:, 0] * 100, poses[:, 1] * 100, np.unwrap(poses[:, 2]) * 100]
     channels += list(np.where(np.isfinite(ranges), np.maximum(1.0, ranges * 100), 0.0))
     return {
@@ -293,7 +295,7 @@ def _lidar(trace: Trace, frames: Sequence[Frame], number: int) -> dict[str, Any]
         "y": lidar.y,
         "first": round(lidar.yaw - lidar.field_of_view_rad / 2, 5),
         "step": round(step * lidar.field_of_view_rad / (lidar.rays - 1), 6),
-        "rays": len(kept),
+        "rays": len(rays),
         "blob": _channels(channels),
     }
 
@@ -343,18 +345,18 @@ def _tried(frames: Sequence[Frame]) -> dict[str, Any]:
     critics: tuple[str, ...] = ()
     answers = [frame.evaluation for frame in frames if frame.evaluation is not None]
     for tried in answers:
-        kept = np.arange(0, len(tried.score), max(1, -(-len(tried.score) // MOST_SAMPLES)))
-        kept = np.union1d(kept, [tried.best]) if tried.best >= 0 else kept
-        best = int(np.flatnonzero(kept == tried.best)[0]) if tried.best >= 0 else -1
+        shown = np.arange(0, len(tried.score), max(1, -(-len(tried.score) // MOST_SAMPLES)))
+        shown = np.union1d(shown, [tried.best]) if tried.best >= 0 else shown
+        best = int(np.flatnonzero(shown == tried.best)[0]) if tried.best >= 0 else -1
         x, y, yaw = tried.pose
-        asked.append([round(tried.t, 2), len(kept), best, round(x, 2), round(y, 2), round(yaw, 3)])
+        asked.append([round(tried.t, 2), len(shown), best, round(x, 2), round(y, 2), round(yaw, 3)])
         critics = tried.critics
         shares.append((tried.raw[tried.best] * tried.scales).round(2).tolist() if critics and tried.best >= 0 else [])
-        score = tried.score[kept]
+        score = tried.score[shown]
         channels += [
-            *(tried.velocity[kept] * 1000).T,
-            (tried.end[kept, 0] - x) * 100,
-            (tried.end[kept, 1] - y) * 100,
+            *(tried.velocity[shown] * 1000).T,
+            (tried.end[shown, 0] - x) * 100,
+            (tried.end[shown, 1] - y) * 100,
             np.where(np.isfinite(score), score * 10, -1.0),
         ]
     sideways = any(tried.velocity.shape[1] == 3 for tried in answers)
@@ -369,11 +371,11 @@ def _tried(frames: Sequence[Frame]) -> dict[str, Any]:
 
 def _changes(values: Iterable[tuple[float, str]]) -> list[list[Any]]:
     """Keep the first of equal values that follow each other."""
-    found: list[list[Any]] = []
+    changes: list[list[Any]] = []
     for t, value in values:
-        if not found or found[-1][1] != value:
-            found.append([round(t, 2), value])
-    return found
+        if not changes or changes[-1][1] != value:
+            changes.append([round(t, 2), value])
+    return changes
 
 
 def _channels(channels: Iterable[NDArray[np.float64]]) -> str:
@@ -402,7 +404,7 @@ def traces_beside(page: Path, runs: Collection[str]) -> list[Mapping[str, Any]]:
     Raises:
         FileError: a file is no trace.
     """
-    found: list[Mapping[str, Any]] = []
+    traces: list[Mapping[str, Any]] = []
     left = MOST_IN_A_PAGE
     for path in sorted((page.parent / TRACES).glob(f"*{SUFFIX}")):
         if path.name.removesuffix(SUFFIX) not in runs or path.stat().st_size > left:
@@ -413,5 +415,5 @@ def traces_beside(page: Path, runs: Collection[str]) -> list[Mapping[str, Any]]:
                 path, "this is not the trace its name says. Remove it, or write it again: rvsg replay --trace."
             )
         left -= path.stat().st_size
-        found.append(value)
-    return found
+        traces.append(value)
+    return traces

@@ -35,9 +35,9 @@ from rvsg.findings.findings import (
 )
 from rvsg.findings.ranking import Front, candidates, confirmations, front_of, measured, search_attempts, standing
 from rvsg.report.answer_row import (
+    AnswerRow,
     Often,
     Ranked,
-    Row,
     Tone,
     Violated,
     how_often,
@@ -86,12 +86,12 @@ class NextStep(Record):
     command: str
 
 
-class Answer(Record):
+class CampaignAnswer(Record):
     """What a campaign says."""
 
     status: str
-    """The strongest verdict of a confirmation, as `Row.status`; else `not confirmed`, `nothing found`, `no limit` or
-    `no result`."""
+    """The strongest verdict of a confirmation, as `AnswerRow.status`; else `not confirmed`, `nothing found`,
+    `no limit` or `no result`."""
     violated: Violated
     often: Often
     tone: Tone
@@ -112,22 +112,22 @@ class Answer(Record):
     elsewhere: Elsewhere | None
     """Contact in the rest of the campaign; None where there is none."""
     next: tuple[NextStep, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[AnswerRow, ...]
     """Every scenario by its most severe configuration, and further confirmed ones, as `Ranked.place` orders them."""
     rest: str
     """How many scenarios did not violate in the search and are not confirmed."""
 
     @property
-    def failures(self) -> tuple[Row, ...]:
+    def failures(self) -> tuple[AnswerRow, ...]:
         """The rows that are failures or contacts of confirmed configurations."""
         return tuple(row for row in self.rows if row.counts)
 
     @property
-    def shown(self) -> tuple[Row, ...]:
+    def shown(self) -> tuple[AnswerRow, ...]:
         """The rows of confirmed configurations and of candidates."""
         return tuple(row for row in self.rows if row.state != "not violated")
 
-    def row(self, confirmation: int) -> Row:
+    def row(self, confirmation: int) -> AnswerRow:
         """Return the row of a confirmation, by the index of its attempt."""
         return next(row for row in self.rows if row.confirmation == confirmation)
 
@@ -233,7 +233,7 @@ class Result:
         return front_of(self.plan, self.attempts) if self.plan.also else None
 
     @cached_property
-    def answer(self) -> Answer:
+    def answer(self) -> CampaignAnswer:
         """What the campaign says, in finished text."""
         requirement, by_index = self.requirement, {attempt.index: attempt for attempt in self.attempts}
         by_scenario = {attempt.scenario_id: attempt for attempt in confirmations(self.attempts)}
@@ -250,7 +250,7 @@ class Result:
         strongest = max(verdicts, key=_strength, default=None)
         status, is_, often = _status(self, strongest)
         touched = sum(row.contacts for row in rows) + (elsewhere is not None)
-        return Answer(
+        return CampaignAnswer(
             status=status,
             violated=is_,
             often=often,
@@ -297,7 +297,7 @@ def is_complete(plan: Plan, attempts: Sequence[Attempt]) -> bool:
     return runs_of(searched) >= plan.search_runs
 
 
-def answer_of_runs(plan: Plan, attempt: Attempt, *, world: World, run_of: Callable[[str], Run]) -> Answer:
+def answer_of_runs(plan: Plan, attempt: Attempt, *, world: World, run_of: Callable[[str], Run]) -> CampaignAnswer:
     """Return the answer of judged runs that belong to no campaign."""
     requirement, verdict = plan.requirement, attempt.verdict
     assert verdict is not None
@@ -320,7 +320,7 @@ def answer_of_runs(plan: Plan, attempt: Attempt, *, world: World, run_of: Callab
     )
     often = f"{row.share} runs violate {requirement.name}" if row.bounds else f"There is no limit of {requirement.name}"
     touch = f"; {row.contact} touch a person" if row.contacts else ""
-    return Answer(
+    return CampaignAnswer(
         status=row.status,
         violated=row.violated,
         often=row.often,
@@ -339,8 +339,8 @@ def answer_of_runs(plan: Plan, attempt: Attempt, *, world: World, run_of: Callab
 
 
 def _setup(mission: Mission, *more: str) -> tuple[str, ...]:
-    world, *stack = (Path(each).name for each in more)
-    return tuple(dict.fromkeys(each for each in (world, mission.route.name, mission.robot_name, *stack) if each))
+    world, *stack = (Path(path).name for path in more)
+    return tuple(dict.fromkeys(part for part in (world, mission.route.name, mission.robot_name, *stack) if part))
 
 
 def _strength(verdict: Verdict) -> tuple[bool, bool, bool, float]:
@@ -359,7 +359,7 @@ def _status(result: Result, strongest: Verdict | None) -> tuple[str, Violated, O
     return status_of(strongest), is_violated(strongest), how_often(strongest)
 
 
-def _headline(result: Result, rows: Sequence[Row], strongest: Verdict | None, alone: DroveAlone | None) -> str:
+def _headline(result: Result, rows: Sequence[AnswerRow], strongest: Verdict | None, alone: DroveAlone | None) -> str:
     """Return the most severe failure in a sentence, or what was found instead."""
     requirement, account = result.requirement, result.accounting
     if not result.ranking:
@@ -374,8 +374,8 @@ def _headline(result: Result, rows: Sequence[Row], strongest: Verdict | None, al
     if strongest is None:
         runs = counted(account.search_runs, "run")
         done = "" if result.complete else f"The campaign is not finished ({runs} so far). "
-        if found := sum(row.state == "candidate" for row in rows):
-            many = f"{counted(found, 'candidate')}, none confirmed; the first"
+        if candidates := sum(row.state == "candidate" for row in rows):
+            many = f"{counted(candidates, 'candidate')}, none confirmed; the first"
             touch = f"; {rows[0].contact} touch a person" if rows[0].contacts else ""
             return f"{done}{many}: {rows[0].name}. {rows[0].share} runs violate {requirement.name}{touch}."
         return f"{done}No run of the search violates {requirement.name} ({runs})."
@@ -397,7 +397,7 @@ def _headline(result: Result, rows: Sequence[Row], strongest: Verdict | None, al
     return f"Open: {first.share} confirmation runs of the worst scenario violate {requirement.name}."
 
 
-def _counts(rows: Sequence[Row]) -> str:
+def _counts(rows: Sequence[AnswerRow]) -> str:
     """Return how many confirmed configurations violate the requirement, how often, and touch a person."""
     confirmed = [row for row in rows if row.state == "confirmed"]
     bad = Counter(row.often for row in confirmed if row.violated == "yes")
@@ -407,32 +407,32 @@ def _counts(rows: Sequence[Row]) -> str:
         "not settled": "violated (how often is open)",
     }
     parts = [f"{bad[key]} {text}" for key, text in words.items() if bad[key]]
-    kept, undecided = (sum(row.violated == each for row in confirmed) for each in ("no", "open"))
-    parts += [f"{kept} not violated"] if kept else []
+    passed, undecided = (sum(row.violated == answer for row in confirmed) for answer in ("no", "open"))
+    parts += [f"{passed} not violated"] if passed else []
     parts += [f"{undecided} open"] if undecided else []
     parts += [f"{touched} with contact"] if (touched := sum(row.contacts > 0 for row in confirmed)) else []
     return f"{counted(len(confirmed), 'confirmed configuration')}: {', '.join(parts)}." if confirmed else ""
 
 
-def _figures(row: Row, requirement: Requirement) -> tuple[Figure, ...]:
+def _figures(row: AnswerRow, requirement: Requirement) -> tuple[Figure, ...]:
     """Return the four figures of the most severe configuration."""
-    known = limit_in_words(requirement)
-    limit = f"limit: {known}{' in each run' if row.runs > 1 else ''}" if known else ""
+    limit = limit_in_words(requirement)
+    limit = f"limit: {limit}{' in each run' if row.runs > 1 else ''}" if limit else ""
     often = f"likely {row.interval} of runs" if row.interval else "no limit"
     metric = find_metric(requirement.metric)
     touch = f"contact {row.contact} runs" + (f", {row.touch}" if row.touch else "")
     return (
-        Figure(label="Violated", value=row.share, note="; ".join(each for each in (often, row.others) if each)),
+        Figure(label="Violated", value=row.share, note="; ".join(part for part in (often, row.others) if part)),
         Figure(label=metric.title if metric else requirement.title, value=row.measured, note=limit),
         Figure(label="Closest gap", value=row.closest, note=touch),
         Figure(label="Cause", value=row.cause, note=row.caused),
     )
 
 
-def _elsewhere(rows: Sequence[Row], attempts: Sequence[Attempt], requirement: Requirement) -> Elsewhere | None:
+def _elsewhere(rows: Sequence[AnswerRow], attempts: Sequence[Attempt], requirement: Requirement) -> Elsewhere | None:
     """Return in how many runs of the other configurations robot and person touch, and in which most."""
     touches: dict[str, dict[str, bool]] = {}
-    found, confirmed = dict[str, int](), set[str]()
+    searched, confirmed = dict[str, int](), set[str]()
     for attempt in attempts:
         number = attempt.number
         if attempt.purpose not in ("search", "confirmation") or (rows and number == rows[0].number):
@@ -440,7 +440,7 @@ def _elsewhere(rows: Sequence[Row], attempts: Sequence[Attempt], requirement: Re
         met = {m.run_id: m.touches for m in attempt.measurements}
         touches.setdefault(number, {}).update(met)
         if attempt.purpose == "search":
-            found.setdefault(number, attempt.index)
+            searched.setdefault(number, attempt.index)
         else:
             confirmed.add(number)
     total, touched = sum(map(len, touches.values())), sum(sum(met.values()) for met in touches.values())
@@ -454,7 +454,7 @@ def _elsewhere(rows: Sequence[Row], attempts: Sequence[Attempt], requirement: Re
     return Elsewhere(
         text=text,
         number=most,
-        attempt=-1 if most in confirmed else found[most],
+        attempt=-1 if most in confirmed else searched[most],
         runs=tuple(run_id for run_id, touch in met.items() if touch),
     )
 
@@ -464,7 +464,7 @@ FEW_RUNS = 10
 
 
 def _next_steps(
-    result: Result, rows: Sequence[Row], elsewhere: Elsewhere | None, strongest: Verdict | None
+    result: Result, rows: Sequence[AnswerRow], elsewhere: Elsewhere | None, strongest: Verdict | None
 ) -> tuple[NextStep, ...]:
     """Return up to three steps that fit what was found, the most urgent first."""
     commands = result.commands(result)
@@ -484,8 +484,8 @@ def _next_steps(
     steps.append(("keep", "Keep it as a regression test", "") if shown else ("repeat", "Search with another seed", ""))
     if rows:
         steps.append(("planner", "See what the planner does", f" --run {rows[0].run}"))
-    known = (NextStep(text=text, command=commands[key] + rest) for key, text, rest in steps if key in commands)
-    return tuple(known)[:3]
+    usable = (NextStep(text=text, command=commands[key] + rest) for key, text, rest in steps if key in commands)
+    return tuple(usable)[:3]
 
 
 def _rest(ranking: Sequence[Ranked]) -> str:

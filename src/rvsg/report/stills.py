@@ -152,7 +152,7 @@ def area_colours(world: World, floor: FloorPlan, *, within: str = "") -> str:
         )
         rules.append(wrap.format(tints))
     size = narrow_size(floor)
-    words = ",".join(f"{at}{each}" for each in (".still .area-name", ".map .area-name", ".pin text"))
+    words = ",".join(f"{at}{selector}" for selector in (".still .area-name", ".map .area-name", ".pin text"))
     rules.append(
         f"@media (max-width:640px){{{words}{{font-size:{size:.3f}px}}{at}.pin circle{{r:{0.8 * size:.3f}px}}}}"
     )
@@ -174,7 +174,7 @@ SHOWN_PEOPLE = 4
 
 
 @dataclass(frozen=True)
-class Turn:
+class PlanTransform:
     """World coordinates (m) to those of the floor plan, by its `matrix(a b c d e f)`."""
 
     a: float
@@ -185,7 +185,7 @@ class Turn:
     f: float
 
     @classmethod
-    def of(cls, matrix: str) -> Turn:
+    def of(cls, matrix: str) -> PlanTransform:
         """Read a matrix as SVG writes it."""
         return cls(*(float(v) for v in matrix[7:-1].replace(",", " ").split()))
 
@@ -207,7 +207,7 @@ class Turn:
 class Look:
     """What a still picture draws with: the plan's turn and box, the robot's outline, people's colours by name."""
 
-    turn: Turn
+    turn: PlanTransform
     view_box: str
     outline: Outline
     colours: Mapping[str, str | None]
@@ -273,18 +273,18 @@ def _samples(run: Run, seconds: float) -> int:
 def _trails(run: Run, begin: int, end: int, look: Look, people: Sequence[int]) -> list[str]:
     path = run.trajectory
     rows = np.unique(np.append(np.arange(begin, end, _samples(run, 0.25)), end - 1))
-    found = [f'<polyline class="way of-robot" points="{_line(path.x[rows], path.y[rows], look.turn)}"/>']
+    lines = [f'<polyline class="way of-robot" points="{_line(path.x[rows], path.y[rows], look.turn)}"/>']
     for h in people:
         colour = look.colours.get(run.human_names[h])
         if colour:
             points = _line(path.human_x[rows, h], path.human_y[rows, h], look.turn)
-            found.append(f'<polyline class="way" stroke="{colour}" points="{points}"/>')
-    return found
+            lines.append(f'<polyline class="way" stroke="{colour}" points="{points}"/>')
+    return lines
 
 
 def _bodies(run: Run, row: int, look: Look, people: Sequence[int], inside: Box) -> list[str]:
     path = run.trajectory
-    found, names = [], []
+    bodies, names = [], []
     robot = look.turn.point(float(path.x[row]), float(path.y[row]))
     across = max(math.hypot(*corner) for corner in look.outline)
     taken = [box_around(*robot, across, across)]
@@ -300,7 +300,7 @@ def _bodies(run: Run, row: int, look: Look, people: Sequence[int], inside: Box) 
         pushed = run.human_outlines[h] if run.human_outlines else ()
         outline = " ".join(f"{px:g},{py:g}" for px, py in pushed)
         body = f'<polygon fill="{colour or GREY}" fill-opacity=".55" points="{outline}"/>' if pushed else ""
-        found.append(
+        bodies.append(
             f'<g transform="{look.turn.placed(x, y, float(path.human_yaw[row, h]))}">{body}'
             f'<circle r="{radius:g}" fill="{colour or GREY}"/><path class="nose" d="{nose}"/></g>'
         )
@@ -321,13 +321,13 @@ def _bodies(run: Run, row: int, look: Look, people: Sequence[int], inside: Box) 
     nose = f"M{front * 0.9:.2f} 0L{front * 0.1:.2f} {front * 0.5:.2f}L{front * 0.1:.2f} {-front * 0.5:.2f}Z"
     corners = " ".join(f"{x:.3f},{y:.3f}" for x, y in look.outline)
     pose = look.turn.placed(float(path.x[row]), float(path.y[row]), float(path.yaw[row]))
-    found.append(
+    bodies.append(
         f'<g transform="{pose}"><polygon class="robot" points="{corners}"/><path class="nose" d="{nose}"/></g>'
     )
-    return found + names
+    return bodies + names
 
 
-def _line(x: Floats, y: Floats, turn: Turn) -> str:
+def _line(x: Floats, y: Floats, turn: PlanTransform) -> str:
     return " ".join(f"{a:.2f},{b:.2f}" for a, b in zip(*turn.points(x, y), strict=True))
 
 

@@ -54,9 +54,9 @@ def describe_finding(finding: Finding, requirement: Requirement) -> Iterator[str
         yield f"  No run touches a person; the smallest gap is {metres(finding.least_clearance_m)}."
     if finding.realism:
         yield f"  {finding.realism}"
-    for each in finding.cause:
-        many = f"{each.violated} of {counted(each.of, 'run')}"
-        yield f"  Without {each.without}: {many} violate it; with everybody {each.before}."
+    for cause in finding.cause:
+        many = f"{cause.violated} of {counted(cause.of, 'run')}"
+        yield f"  Without {cause.without}: {many} violate it; with everybody {cause.before}."
     if finding.violated and finding.story:
         yield f"  {' '.join(finding.story)}"
 
@@ -118,10 +118,9 @@ def describe_calls(calls: Sequence[Call]) -> str:
     costs = [call.cost_usd for call in calls]
     cost = f"{sum(c for c in costs if c is not None):.4f} USD" if None not in costs else "cost unknown"
     about = "about " if any(call.estimated for call in calls) else ""
-    given, written = sum(call.input_tokens for call in calls), sum(call.output_tokens for call in calls)
-    return (
-        f"{counted(len(calls), 'call')} of {calls[0].model}: {about}{given} input and {written} output tokens, {cost}."
-    )
+    tokens_in, written = sum(call.input_tokens for call in calls), sum(call.output_tokens for call in calls)
+    tokens = f"{about}{tokens_in} input and {written} output tokens"
+    return f"{counted(len(calls), 'call')} of {calls[0].model}: {tokens}, {cost}."
 
 
 def describe_case(case: CaseResult) -> str:
@@ -131,23 +130,24 @@ def describe_case(case: CaseResult) -> str:
     return f"{case.state.value:14} {case.case}, {case.requirement} ({robot}): {case.verdict.reason}{extra}"
 
 
-def describe_exploration(found: Exploration) -> str:
+def describe_exploration(exploration: Exploration) -> str:
     """Return what was found as lines for a terminal."""
-    low, high = found.interval
+    low, high = exploration.interval
     lines = [
-        f"{arrivals_in_words(found.arrived, found.runs)}{found.requirement.name} is violated in {found.violations} of "
-        f"{found.runs} runs over the ranges "
+        f"{arrivals_in_words(exploration.arrived, exploration.runs)}{exploration.requirement.name} is violated in "
+        f"{exploration.violations} of {exploration.runs} runs over the ranges "
         f"({100 * low:.0f} to {100 * high:.0f} %)."
     ]
-    if invalid := sum(bool(point.problems) for point in found.points):
-        lines.append(f"{invalid} of {len(found.points)} points are no valid scenario and were not run.")
-    if found.surface is None:
+    if invalid := sum(bool(point.problems) for point in exploration.points):
+        lines.append(f"{invalid} of {len(exploration.points)} points are no valid scenario and were not run.")
+    if exploration.surface is None:
         return "\n".join([*lines, f"A surface needs at least {FEWEST} runs."])
-    ranges = {each.name: each for each in found.ranges}
-    for each in sorted(found.sensitivities, key=lambda s: (s.band.p if s.band else 1.0, -s.share)):
-        lines.append(f"  {each.name}: {dependence(each, ranges[each.name], flat=found.surface.degree == 0)}")
-        if said := trend(each):
-            lines.append(f"    {found.requirement.name}: {said}")
+    ranges = {varied.name: varied for varied in exploration.ranges}
+    for sensitivity in sorted(exploration.sensitivities, key=lambda s: (s.band.p if s.band else 1.0, -s.share)):
+        where = dependence(sensitivity, ranges[sensitivity.name], flat=exploration.surface.degree == 0)
+        lines.append(f"  {sensitivity.name}: {where}")
+        if said := trend(sensitivity):
+            lines.append(f"    {exploration.requirement.name}: {said}")
     return "\n".join(lines)
 
 
@@ -164,6 +164,6 @@ def describe_judgement(judged: Judgement, runs: Iterable[Run]) -> Iterator[str]:
         procedure, verdict = judged.procedure, judged.verdict
         left = procedure.max_runs - len(judged.measurements)
         fewest = procedure.fewest_for(verdict.violations, verdict.runs).items()
-        each = ", ".join(f"{count} for {status.value}" for status, count in fewest if count <= left)
-        can = f"More runs can decide it: at least {each}" if each else f"{left} more cannot decide it"
+        needed = ", ".join(f"{count} for {status.value}" for status, count in fewest if count <= left)
+        can = f"More runs can decide it: at least {needed}" if needed else f"{left} more cannot decide it"
         yield f"{can} (budget: {procedure.max_runs} in all)."

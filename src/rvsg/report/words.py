@@ -21,10 +21,10 @@ def quantity(requirement: Requirement) -> str:
     """Return the judged quantity in words, with the id of its metric."""
     if requirement.formula is not None:
         return "robustness of the formula"
-    known = find_metric(requirement.metric)
-    if known is None:
+    metric = find_metric(requirement.metric)
+    if metric is None:
         return requirement.metric or "objective"
-    title = known.title[:1].lower() + known.title[1:] if known.title[1:2].islower() else known.title
+    title = metric.title[:1].lower() + metric.title[1:] if metric.title[1:2].islower() else metric.title
     return f"{title} ({requirement.metric})"
 
 
@@ -57,27 +57,30 @@ def tried_of(tried: int, planned: int) -> str:
     return f"{tried} of {planned}" if tried <= planned else str(tried)
 
 
-def dependence(each: Sensitivity, of: Range, *, flat: bool) -> str:
+def dependence(sensitivity: Sensitivity, of: Range, *, flat: bool) -> str:
     """Return how the violations depend on a range, as far as the runs tell it from chance.
 
     Args:
         flat: whether the fitted surface is flat.
     """
-    if each.band is None:
+    if sensitivity.band is None:
         return "the same everywhere"
-    (bad, runs), (others, rest), p = each.band.inside, each.band.outside, f"p {each.band.p:.2g}"
-    low, high = (of.word(value) or f"{value:.2f}" for value in (of.at(each.band.low), of.at(each.band.high)))
+    (bad, runs), (others, rest), p = sensitivity.band.inside, sensitivity.band.outside, f"p {sensitivity.band.p:.2g}"
+    low, high = (
+        of.word(value) or f"{value:.2f}" for value in (of.at(sensitivity.band.low), of.at(sensitivity.band.high))
+    )
     said = f"{bad}/{runs} violate from {low} to {high}"
-    said += f", {others}/{rest} elsewhere ({p}{'' if each.band.told else ', not told apart from chance'})"
-    ends = f"{100 * each.at_low:.0f} % at the low end, {100 * each.at_high:.0f} % at the high end"
+    said += f", {others}/{rest} elsewhere ({p}{'' if sensitivity.band.told else ', not told apart from chance'})"
+    ends = f"{100 * sensitivity.at_low:.0f} % at the low end, {100 * sensitivity.at_high:.0f} % at the high end"
     return said if flat else f"{said}; fitted: {ends}"
 
 
-def trend(each: Sensitivity) -> str:
+def trend(sensitivity: Sensitivity) -> str:
     """Return the trend of the objective over a range; empty where it is not known or not told apart."""
-    if each.correlation is None or each.p is None or each.p >= 0.05:
+    if sensitivity.correlation is None or sensitivity.p is None or sensitivity.p >= 0.05:
         return ""
-    return f"larger is {'worse' if each.correlation > 0 else 'better'} ({each.correlation:+.2f}, p {each.p:.2g})"
+    way = "worse" if sensitivity.correlation > 0 else "better"
+    return f"larger is {way} ({sensitivity.correlation:+.2f}, p {sensitivity.p:.2g})"
 
 
 def untimed(sentence: Sentence) -> str:
@@ -106,28 +109,28 @@ class UnderTest:
 
 def under_test(runs: Iterable[Run]) -> UnderTest:
     """Return what the runs tell of their people and their stack; of the built-in stack only what went wrong."""
-    made = {run.id: run for run in runs}.values()  # attempts share runs
-    told = [(run, facts) for run in made if isinstance(facts := run.details.get("stack"), Mapping)]
-    kept, runs = [facts for _, facts in told], [run for run, _ in told]
-    rows = (*_people(made), *_start(runs), *_pace(kept), *_trouble(kept, runs))
-    return UnderTest(all(facts.get("repeatable", True) for facts in kept), rows)
+    distinct = {run.id: run for run in runs}.values()  # attempts share runs
+    described = [(run, facts) for run in distinct if isinstance(facts := run.details.get("stack"), Mapping)]
+    facts_of_stacks, runs = [facts for _, facts in described], [run for run, _ in described]
+    rows = (*_people(distinct), *_start(runs), *_pace(facts_of_stacks), *_trouble(facts_of_stacks, runs))
+    return UnderTest(all(facts.get("repeatable", True) for facts in facts_of_stacks), rows)
 
 
 def _people(runs: Iterable[Run]) -> Iterable[tuple[str, str]]:
     """Yield the profile of the people of the embedded simulator; what 0.2 stored as `default` is `hunavsim` today."""
-    found = set()
+    people = set()
     for options in (run.options for run in runs if run.simulator == "embedded"):
         old = "published-study" if options.get("profile") == "published-study" else "hunavsim"
-        found.add("default profile" if options.get("human_model") == "anticipation" else old)
-    if found:
-        yield "People", ", ".join(sorted(found))
+        people.add("default profile" if options.get("human_model") == "anticipation" else old)
+    if people:
+        yield "People", ", ".join(sorted(people))
 
 
 def _start(runs: list[Run]) -> Iterable[tuple[str, str]]:
     for name, label in (("launch", "Launch command"), ("params", "Parameter file")):
-        given = {str(value) for run in runs if (value := _options(run).get(name))}
-        if given:
-            yield label, ", ".join(sorted(given))
+        values = {str(value) for run in runs if (value := _options(run).get(name))}
+        if values:
+            yield label, ", ".join(sorted(values))
 
 
 def _options(run: Run) -> Mapping[str, Any]:
@@ -136,17 +139,17 @@ def _options(run: Run) -> Mapping[str, Any]:
     return options if isinstance(options, Mapping) else {}
 
 
-def _pace(told: list[Mapping[str, Any]]) -> Iterable[tuple[str, str]]:
+def _pace(details: list[Mapping[str, Any]]) -> Iterable[tuple[str, str]]:
     """Yield how fast the runs went, and how many control periods were missed."""
-    releases = sorted({str(facts["release"]) for facts in told if "release" in facts})
+    releases = sorted({str(facts["release"]) for facts in details if "release" in facts})
     if releases:
         yield "ROS 2", ", ".join(releases)
-    kept = [facts for facts in told if "speed" in facts and "speed_asked" in facts]
-    if kept:
-        asked = _range([float(facts["speed_asked"]) for facts in kept], "g")
-        reached = _range([float(facts["speed"]) for facts in kept], ".2f")
+    timed = [facts for facts in details if "speed" in facts and "speed_asked" in facts]
+    if timed:
+        asked = _range([float(facts["speed_asked"]) for facts in timed], "g")
+        reached = _range([float(facts["speed"]) for facts in timed], ".2f")
         yield "Speed, in times of real time", f"{asked} asked, {reached} reached"
-    counts = [(facts["missed_periods"], facts["missed_periods"] + facts["commands"]) for facts in kept]
+    counts = [(facts["missed_periods"], facts["missed_periods"] + facts["commands"]) for facts in timed]
     due = sum(every for _, every in counts)
     if due:
         missed, worst = sum(some for some, _ in counts), max(some / every for some, every in counts if every)
@@ -154,15 +157,15 @@ def _pace(told: list[Mapping[str, Any]]) -> Iterable[tuple[str, str]]:
         yield "Control periods missed", f"{missed:,} of {due:,}{most}"
 
 
-def _trouble(told: list[Mapping[str, Any]], runs: list[Run]) -> Iterable[tuple[str, str]]:
+def _trouble(details: list[Mapping[str, Any]], runs: list[Run]) -> Iterable[tuple[str, str]]:
     """Yield the velocities that the robot could not take as they came, and the first warnings of the stack."""
     for name, label in (
         ("clipped", "Velocities beyond the limits of the robot, cut"),
         ("not_finite", "Velocities that are no numbers, left out"),
     ):
-        found = [facts[name] for facts in told if facts.get(name)]
-        if found:
-            yield label, f"{sum(found):,} in {counted(len(found), 'run')}"
+        troubles = [facts[name] for facts in details if facts.get(name)]
+        if troubles:
+            yield label, f"{sum(troubles):,} in {counted(len(troubles), 'run')}"
     warned = [run for run in runs if run.stack_warnings]
     if warned:
         first = list(dict.fromkeys(text for run in warned for text in run.stack_warnings))[:3]

@@ -71,7 +71,7 @@ class Person(BaseModel):
     start_delay_s: float = 0.0
 
 
-class Workspace:
+class AssistantFolder:
     """The folder that an assistant may read and write."""
 
     def __init__(self, folder: Path) -> None:
@@ -154,7 +154,7 @@ class Server(MCPServer[Any]):
 def server(folder: Path) -> MCPServer[Any]:
     """Return the server of a workspace."""
     made = Server("rvsg", instructions=INSTRUCTIONS, version=rvsg.__version__, log_level="WARNING")
-    tools = Tools(Workspace(folder))
+    tools = Tools(AssistantFolder(folder))
     for tool in (
         tools.catalogue, tools.show_world, tools.new_world, tools.write_scenario, tools.simulate, tools.campaigns,
         tools.findings, tools.keep, tools.run_suite,
@@ -167,7 +167,7 @@ def server(folder: Path) -> MCPServer[Any]:
 class Tools:
     """The tools, by the name an assistant calls them."""
 
-    def __init__(self, workspace: Workspace) -> None:
+    def __init__(self, workspace: AssistantFolder) -> None:
         self.workspace = workspace
 
     def catalogue(self) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from nicegui import ui
 from nicegui.elements.mixins.text_element import TextElement
 
 from rvsg.core.errors import RvsgError
-from rvsg.report.answer_row import Row
+from rvsg.report.answer_row import AnswerRow
 from rvsg_studio.workspace import Workspace
 
 HEAD = (
@@ -63,8 +63,8 @@ def link(text: str, path: str, *, cls: str = "", **query: Any) -> Tag:
 
 def address(path: str, **query: Any) -> str:
     """Return the address of a page of the studio."""
-    given = {key: value for key, value in query.items() if value is not None}
-    return path + (f"?{urlencode(given)}" if given else "")
+    arguments = {key: value for key, value in query.items() if value is not None}
+    return path + (f"?{urlencode(arguments)}" if arguments else "")
 
 
 class Page:
@@ -93,11 +93,13 @@ class Page:
 
     def button(self, text: str, action: Handler, *, command: str = "", cls: str = "", **attributes: Any) -> Tag:
         """Add a button; an error of its action becomes a message. `command` is listed on the page."""
-        made = tag("button", text, cls=f"st-button {cls}".strip(), type="button", title=command or None, **attributes)
-        made.on("click", self.guarded(action))
+        element = tag(
+            "button", text, cls=f"st-button {cls}".strip(), type="button", title=command or None, **attributes
+        )
+        element.on("click", self.guarded(action))
         if command:
             self.command(text, command)
-        return made
+        return element
 
     def guarded(self, action: Handler) -> Callable[..., Awaitable[None]]:
         """Return the action with its errors shown as a message."""
@@ -120,7 +122,7 @@ def page(workspace: Workspace, title: str, *, here: str = "", wide: bool = False
     Args:
         full: fill the window, so that parts of the page scroll instead of the page.
     """
-    made = Page(workspace)
+    view = Page(workspace)
     ui.add_head_html(HEAD)
     ui.page_title(f"{title} – RVSG studio")
     with ui.header(fixed=False).classes(replace="st-bar"), tag("nav", cls="st-nav", aria_label="Pages"):
@@ -130,14 +132,14 @@ def page(workspace: Workspace, title: str, *, here: str = "", wide: bool = False
             tag("a", name, href=path, aria_current="page" if path == here else None)
     with tag("div", cls=f"st-main{' st-wide' if wide else ' st-full' if full else ''}", id="content", tabindex="-1"):
         tag("h1", title)
-        made.message = tag("p", "", cls="st-message", role="status", aria_live="polite")
+        view.message = tag("p", "", cls="st-message", role="status", aria_live="polite")
         body = tag("div", cls="st-body")
         with tag("details", cls="st-commands") as folded:
             tag("summary", "The same on the command line")
-            made._commands = tag("div")
+            view._commands = tag("div")
         with body:
-            yield made
-        folded.set_visibility(bool(made._listed))
+            yield view
+        folded.set_visibility(bool(view._listed))
 
 
 async def load(work: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
@@ -162,9 +164,9 @@ def route(
 
         @ui.page(path, response_timeout=patience_s)
         @functools.wraps(build)
-        async def shown(**given: Any) -> None:
+        async def shown(**query: Any) -> None:
             try:
-                await build(**given)
+                await build(**query)
             except RvsgError as error:
                 with page(workspace, title):
                     tag("p", str(error), cls="st-message st-wrong")
@@ -206,7 +208,7 @@ def chip(status: str, tone: str = "") -> Tag:
     return tag("span", status, cls=f"chip {tone}".strip())
 
 
-def rate(row: Row) -> None:
+def rate(row: AnswerRow) -> None:
     """Add the share of violating runs with a bar of its interval, as the report draws it."""
     tag("span", row.share)
     if row.bounds is not None:
@@ -232,10 +234,10 @@ Changed = Callable[[str], Any]
 
 def text_input(value: Any, changed: Changed, *, kind: str = "text", **attributes: Any) -> Tag:
     """Add an input; `changed` gets its text with every keystroke."""
-    made = tag("input", type=kind, **attributes)
-    made._props["^value"] = "" if value is None else str(value)
-    made.on("input", lambda event: changed(str(event.args)), js_handler="(e) => emit(e.target.value)")
-    return made
+    element = tag("input", type=kind, **attributes)
+    element._props["^value"] = "" if value is None else str(value)
+    element.on("input", lambda event: changed(str(event.args)), js_handler="(e) => emit(e.target.value)")
+    return element
 
 
 def number_input(value: Any, changed: Callable[[Any], Any], kind: type = int, **attributes: Any) -> Tag:
@@ -250,9 +252,9 @@ def number_input(value: Any, changed: Callable[[Any], Any], kind: type = int, **
 
 def text_area(value: str, changed: Changed, **attributes: Any) -> Tag:
     """Add an input of several lines; `changed` gets its text with every keystroke."""
-    made = tag("textarea", value, **attributes)
-    made.on("input", lambda event: changed(str(event.args)), js_handler="(e) => emit(e.target.value)")
-    return made
+    element = tag("textarea", value, **attributes)
+    element.on("input", lambda event: changed(str(event.args)), js_handler="(e) => emit(e.target.value)")
+    return element
 
 
 def select(
@@ -260,14 +262,14 @@ def select(
 ) -> Tag:
     """Add a list to choose from: the names of the options, or a dictionary of their names and texts."""
     texts = options if isinstance(options, dict) else {name: name for name in options}
-    made = tag("select", **attributes)
-    with made:
+    element = tag("select", **attributes)
+    with element:
         for key, text in texts.items():
             option = tag("option", text, value=key, disabled=key in disabled)
             if key == value:
                 option._props["^selected"] = "selected"
-    made.on("change", lambda event: changed(str(event.args)), js_handler="(e) => emit(e.target.value)")
-    return made
+    element.on("change", lambda event: changed(str(event.args)), js_handler="(e) => emit(e.target.value)")
+    return element
 
 
 def as_script(text: str) -> str:

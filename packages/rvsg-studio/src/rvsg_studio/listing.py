@@ -20,7 +20,7 @@ from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import write_whole
 from rvsg.core.records import Record
 from rvsg.findings.ranking import search_attempts
-from rvsg.report.answer_row import Row
+from rvsg.report.answer_row import AnswerRow
 from rvsg.report.result import is_complete
 from rvsg.report.words import tried_of
 from rvsg.search.execution import account, calls_of
@@ -37,7 +37,7 @@ _RESULTS = re.compile(rb'\s*\{\s*"suite"\s*:')
 class FoundFailure(Record):
     """A confirmed configuration that violates the requirement or touches a person."""
 
-    row: Row
+    row: AnswerRow
     """What its campaign says of it."""
     scenario_id: str
 
@@ -125,8 +125,8 @@ class Listing(Record):
     @property
     def failures(self) -> list[Failure]:
         """The failures of all campaigns, the most severe first."""
-        found = [(campaign, failure) for campaign in self.campaigns for failure in campaign.failures]
-        return sorted(found, key=lambda each: each[1].severity, reverse=True)
+        failures = [(campaign, failure) for campaign in self.campaigns for failure in campaign.failures]
+        return sorted(failures, key=lambda failure: failure[1].severity, reverse=True)
 
     @property
     def unread(self) -> int:
@@ -200,8 +200,8 @@ class Lister:
                 if self._background is None or not self._background.is_alive():
                     self._background = threading.Thread(target=self._read_changed, args=(stores,), daemon=True)
                     self._background.start()
-        campaigns = [each for place in stores for each in self._campaigns(place)]
-        newest_first = sorted(campaigns, key=lambda each: (-each.changed_s, each.folder))
+        campaigns = [campaign for place in stores for campaign in self._campaigns(place)]
+        newest_first = sorted(campaigns, key=lambda campaign: (-campaign.changed_s, campaign.folder))
         return Listing(
             worlds=tuple(sorted(worlds)),
             campaigns=tuple(newest_first),
@@ -211,25 +211,25 @@ class Lister:
         )
 
     def _changed(self, place: str) -> bool:
-        known = self._known.get(place)
-        return known is None or known[0] != _stamp(self.folder / place)
+        remembered = self._known.get(place)
+        return remembered is None or remembered[0] != _stamp(self.folder / place)
 
     def _campaigns(self, place: str) -> tuple[FoundCampaign, ...]:
         """Return what is known of a store, marked where that is old."""
-        known = self._known.get(place)
-        if known is None:
+        remembered = self._known.get(place)
+        if remembered is None:
             return (FoundCampaign(folder=place, unread=True, changed_s=_changed_s(self.folder / place)),)
         unread = self._changed(place)
-        return tuple(each.model_copy(update={"unread": unread}) for each in known[1])
+        return tuple(campaign.model_copy(update={"unread": unread}) for campaign in remembered[1])
 
     def _read_changed(self, stores: list[str]) -> None:
         saved = time.monotonic()
         with self._reading:
             changed = [place for place in stores if self._changed(place)]
             for place in changed:
-                kept = (_stamp(self.folder / place), _read(self.folder / place, place))
+                entry = (_stamp(self.folder / place), _read(self.folder / place, place))
                 with self._lock:
-                    self._known[place] = kept
+                    self._known[place] = entry
                 if time.monotonic() - saved > SAVE_EVERY_S:
                     self._save()
                     saved = time.monotonic()
@@ -248,16 +248,16 @@ def suite_results_in(folder: Path, *, most: int = 200) -> tuple[str, ...]:
 
     A file counts by its first key. Whether it can be read, `rvsg.suites.suite_folder.read_results` says.
     """
-    found = list[str]()
+    results = list[str]()
     for path, names in _folders(folder):
         for name in sorted(names):
             place = path / name
-            if len(found) == most or not name.endswith(".json") or name.startswith(".") or not place.is_file():
+            if len(results) == most or not name.endswith(".json") or name.startswith(".") or not place.is_file():
                 continue
             with place.open("rb") as file:
                 if _RESULTS.match(file.read(80)):
-                    found.append(place.relative_to(folder).as_posix())
-    return tuple(found)
+                    results.append(place.relative_to(folder).as_posix())
+    return tuple(results)
 
 
 def _folders(top: Path) -> Iterator[tuple[Path, frozenset[str]]]:
@@ -266,16 +266,16 @@ def _folders(top: Path) -> Iterator[tuple[Path, frozenset[str]]]:
         here = Path(path)
         depth = len(here.relative_to(top).parts)
         inside = LEDGER in files or "world.yaml" in files
-        listed = sorted(each for each in folders if not each.startswith(".") and each not in SKIPPED)
+        listed = sorted(name for name in folders if not name.startswith(".") and name not in SKIPPED)
         if inside and here == top:  # the folder of a campaign that is itself the studio's holds what the studio adds
-            listed = [each for each in listed if each not in (INPUTS, "vlm")]
+            listed = [name for name in listed if name not in (INPUTS, "vlm")]
         folders[:] = [] if depth >= DEEPEST or (inside and here != top) else listed
         yield here, frozenset(files)
 
 
 def _stamp(folder: Path) -> Stamp:
     """Return what changes when the store does: time and size of the ledger and of the log it writes ahead."""
-    found = []
+    stamps = []
     for path in sorted(folder.glob("ledger.*")):
         if path.name.endswith("-shm"):  # readers change it, too
             continue
@@ -284,8 +284,8 @@ def _stamp(folder: Path) -> Stamp:
         except FileNotFoundError:  # the log is gone when the last reader closes
             continue
         if status.st_size:
-            found.append((path.name, status.st_mtime_ns, status.st_size))
-    return tuple(found)
+            stamps.append((path.name, status.st_mtime_ns, status.st_size))
+    return tuple(stamps)
 
 
 def _read(folder: Path, place: str) -> tuple[FoundCampaign, ...]:

@@ -39,8 +39,8 @@ class AskedModel(BaseModel, frozen=True):
         """What a job has to know; InputError where no model is named."""
         if not self.model.strip():
             raise InputError("Name a model first: PROVIDER:NAME, for example openai-chat:gpt-4.1.")
-        given = {"model": self.model.strip(), "base_url": self.base_url.strip() or None, "budget_usd": self.budget_usd}
-        return {key: value for key, value in given.items() if value is not None}
+        values = {"model": self.model.strip(), "base_url": self.base_url.strip() or None, "budget_usd": self.budget_usd}
+        return {key: value for key, value in values.items() if value is not None}
 
     @property
     def options(self) -> str:
@@ -59,11 +59,11 @@ def asked_model(workspace: Workspace) -> AskedModel:
 def keep_model(workspace: Workspace, **values: Any) -> AskedModel:
     """Change what is kept of the model; InputError where a value is none."""
     try:
-        made = AskedModel.model_validate(asked_model(workspace).model_dump() | values)
+        asked = AskedModel.model_validate(asked_model(workspace).model_dump() | values)
     except ValidationError as error:
         raise InputError(f"The model cannot be kept: {error.errors()[0]['msg']}.") from None
-    write_whole(workspace.own / "model.json", made.model_dump_json())
-    return made
+    write_whole(workspace.own / "model.json", asked.model_dump_json())
+    return asked
 
 
 PARTS = {"layout": "Layout", "grid": "Grid"}
@@ -81,7 +81,7 @@ class Texts(BaseModel, frozen=True):
         return bool(self.layout.strip() and self.grid.strip())
 
 
-class Draft(BaseModel, frozen=True):
+class ReviewDraft(BaseModel, frozen=True):
     """A review as it stands."""
 
     texts: Texts = Texts()
@@ -98,7 +98,7 @@ class Draft(BaseModel, frozen=True):
     """What the model wrote last."""
     job: str = ""
     """The newest job whose result is taken in."""
-    kept: Texts | None = None
+    saved: Texts | None = None
     """What was stored last from here; where nothing was typed since, what is stored now is shown."""
 
 
@@ -113,13 +113,13 @@ class Review:
         self.target = f"description of {name}"
         self.draft = self._read()
 
-    def _read(self) -> Draft:
-        found = self.stored
-        texts = Texts(layout=found.layout, grid=found.grid) if found else Texts()
+    def _read(self) -> ReviewDraft:
+        description = self.stored
+        texts = Texts(layout=description.layout, grid=description.grid) if description else Texts()
         if not self._path.is_file():
-            return Draft(texts=texts)
-        draft = Draft.model_validate_json(self._path.read_text(encoding="utf-8"))
-        return draft.model_copy(update={"texts": texts}) if draft.texts == draft.kept else draft
+            return ReviewDraft(texts=texts)
+        draft = ReviewDraft.model_validate_json(self._path.read_text(encoding="utf-8"))
+        return draft.model_copy(update={"texts": texts}) if draft.texts == draft.saved else draft
 
     def change(self, **values: Any) -> None:
         """Change something of the draft."""
@@ -136,7 +136,7 @@ class Review:
         job = self.draft.job
         self._path.unlink(missing_ok=True)
         self.draft = self._read()
-        self.change(job=job, kept=self.draft.texts)
+        self.change(job=job, saved=self.draft.texts)
 
     def begin(self, reason: str) -> dict[str, Any]:
         """Return what a job has to know that gives a reason to the model, or has it write a first text."""
@@ -155,8 +155,8 @@ class Review:
         """Take in what a finished job wrote; whether it was new."""
         if job.state != "finished" or job.id <= self.draft.job:
             return False
-        made = Texts(layout=job.result["layout"], grid=job.result["grid"])
-        self.change(texts=made, proposed=made, job=job.id, reason="")
+        written = Texts(layout=job.result["layout"], grid=job.result["grid"])
+        self.change(texts=written, proposed=written, job=job.id, reason="")
         return True
 
     @property
@@ -169,19 +169,19 @@ class Review:
         """Where the description is stored; None for a shipped world, which keeps it in the data folder."""
         return None if self.name in shipped_worlds() else self.workspace.existing(self.name)
 
-    def accept(self, made: Description) -> None:
+    def accept(self, description: Description) -> None:
         """Remember what was stored, and end the review."""
-        self.stored = made
+        self.stored = description
         self.forget()
         self.change(proposed=self.draft.texts)
 
 
 def named_in(text: str, world: World) -> list[tuple[str, Literal["text", "known", "unknown"]]]:
     """Return a text in pieces: names of areas of the world, what looks like one and is none, and the rest."""
-    known = [area.name for area in world.areas]
-    unknown = [name for name in unknown_areas(text, known) if name.strip()]
+    areas = [area.name for area in world.areas]
+    unknown = [name for name in unknown_areas(text, areas) if name.strip()]
     kinds: dict[str, Literal["known", "unknown"]] = {name.casefold(): "unknown" for name in unknown}
-    kinds |= {name.casefold(): "known" for name in known}
+    kinds |= {name.casefold(): "known" for name in areas}
     if not kinds:
         return [(text, "text")]
     longest = sorted(kinds, key=len, reverse=True)

@@ -65,17 +65,17 @@ def question_of(sent: bytes | dict[str, str]) -> Question:
         raise InputError(f"The request: {'; '.join(mistakes_of(error, Question))}.") from None
 
 
-def text_of(given: Question, key: str) -> str:
+def text_of(question: Question, key: str) -> str:
     """Return a text of a question; InputError where it is missing."""
-    value = getattr(given, key)
+    value = getattr(question, key)
     if not isinstance(value, str) or not value:
         raise InputError(f"The request has no {key!r}.")
     return value
 
 
-def number_of(given: Question, key: Literal["attempt", "seeds"]) -> int:
+def number_of(question: Question, key: Literal["attempt", "seeds"]) -> int:
     """Return a whole number of a question; InputError where it is missing."""
-    value: int | None = getattr(given, key)
+    value: int | None = getattr(question, key)
     if value is None:
         raise InputError(f"The request has no whole number {key!r}.")
     return value

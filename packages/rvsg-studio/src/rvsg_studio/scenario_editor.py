@@ -31,7 +31,7 @@ from rvsg.simulation.simulators import Simulator, check_robot, make_simulator
 from rvsg.world.drawing.svg import floor_plan
 from rvsg.world.world import Route, World
 
-BEHAVIOURS = tuple(each.value for each in Behaviour)
+BEHAVIOURS = tuple(behaviour.value for behaviour in Behaviour)
 """How a person may react to the robot."""
 PERIOD_S = 0.2
 """Seconds between the points of the lines that are drawn."""
@@ -39,7 +39,7 @@ _made: dict[str, Simulator] = {}
 _making = threading.RLock()
 
 
-class Tried(Record):
+class TriedScenario(Record):
     """What a scenario does as it stands."""
 
     scenario: Scenario
@@ -80,7 +80,7 @@ def empty_scenario(world: World, route: Route | str) -> Scenario:
 def with_person(scenario: Scenario, world: World, stops: Sequence[str]) -> Scenario:
     """Return the scenario with one more person, who goes round some waypoints by the shortest ways."""
     taken = {human.name for human in scenario.people.humans}
-    name = next(each for k in range(1, len(taken) + 2) if (each := f"Human {k}") not in taken)
+    name = next(candidate for k in range(1, len(taken) + 2) if (candidate := f"Human {k}") not in taken)
     human = walk(name, *stops, speed_m_s=1.0).human(world)
     return scenario.replace(people=HumanConfiguration(humans=(*scenario.people.humans, human)))
 
@@ -93,24 +93,24 @@ def try_out(
     seeds: Sequence[int] = (0,),
     simulator: str | Spec = "embedded",
     as_is: bool = False,
-) -> Tried:
+) -> TriedScenario:
     """Repair a scenario as its generator would, unless it is tried as it is; check and simulate it for each seed."""
     world = scenario.mission.place(world)
     people, repairs = (scenario.people, ()) if as_is else repair(scenario.people, scenario.mission, world)
     scenario = scenario.replace(people=people)
-    said = tuple(dict.fromkeys(f"{each.human}: {each.what}" for each in repairs))
+    said = tuple(dict.fromkeys(f"{fix.human}: {fix.what}" for fix in repairs))
     problems = tuple(str(finding) for finding in check(people, scenario.mission, world))
     if problems:
-        return Tried(scenario=scenario, repairs=said, problems=problems)
-    made = _simulator(simulator)
-    check_robot(scenario, made)
+        return TriedScenario(scenario=scenario, repairs=said, problems=problems)
+    prepared = _simulator(simulator)
+    check_robot(scenario, prepared)
     with _making:  # one at a time: a simulator is not shared between threads
-        runs = simulate(scenario, seeds, simulator=made, world=world)
+        runs = simulate(scenario, seeds, simulator=prepared, world=world)
     measuring = Evaluator(requirement, world)
     values = tuple(measuring.measure(run).objective for run in runs)
     violated = tuple(value is not None and requirement.violated_by(value) for value in values)
     first = runs[0]
-    return Tried(
+    return TriedScenario(
         scenario=scenario,
         repairs=said,
         runs=len(runs),
@@ -133,12 +133,12 @@ def simulated(scenario: Scenario, world: World, seeds: Sequence[int], simulator:
         return simulate(scenario, seeds, simulator=_simulator(simulator), world=world)
 
 
-def _simulator(given: str | Spec) -> Simulator:
+def _simulator(asked: str | Spec) -> Simulator:
     """Return a simulator that is made and prepared once in this process."""
-    key = repr(Spec.of(given))
+    key = repr(Spec.of(asked))
     with _making:
         if key not in _made:
-            _made[key] = make_simulator(given)
+            _made[key] = make_simulator(asked)
             _made[key].prepare(lambda _: None)
         return _made[key]
 
@@ -190,7 +190,7 @@ def replay_of_attempts(campaign: Campaign, attempts: Iterable[Attempt]) -> dict[
     world = campaign.shown_world
     with campaign.reading() as ledger:
         facts = facts_of(attempts, campaign.requirement, world, ledger.run)
-    return _data(facts, campaign.plan.mission, campaign.requirement, world, given=False)
+    return _data(facts, campaign.plan.mission, campaign.requirement, world, by_hand=False)
 
 
 def replay_of_runs(runs: RunSet, requirement: Requirement) -> dict[str, Any]:
@@ -213,13 +213,13 @@ def replay_of_runs(runs: RunSet, requirement: Requirement) -> dict[str, Any]:
         verdict=measuring.judge(measured),
     )
     facts = facts_of([attempt], requirement, world, {run.id: run for run in runs}.__getitem__)
-    return _data(facts, scenario.mission, requirement, world, given=True)
+    return _data(facts, scenario.mission, requirement, world, by_hand=True)
 
 
 def _data(
-    facts: Iterable[AttemptFacts], mission: Mission, requirement: Requirement, world: World, *, given: bool
+    facts: Iterable[AttemptFacts], mission: Mission, requirement: Requirement, world: World, *, by_hand: bool
 ) -> dict[str, Any]:
     """Return the data of the replay component, with the floor plan as SVG that `mount` reads."""
     floor = floor_plan(world, tooltips=False)
-    data = data_of(facts, mission=mission, requirement=requirement, world=world, floor=floor, given=given)
+    data = data_of(facts, mission=mission, requirement=requirement, world=world, floor=floor, by_hand=by_hand)
     return data | {"floor": floor_svg(world)}

@@ -184,8 +184,8 @@ class Guard:
             return ""
         return cookies[self.cookie].value if self.cookie in cookies else ""
 
-    def _is(self, given: str) -> bool:
-        return hmac.compare_digest(given.encode(), self.token.encode())
+    def _is(self, token: str) -> bool:
+        return hmac.compare_digest(token.encode(), self.token.encode())
 
     async def _let_in(self, scope: Scope, query: dict[str, str], send: Send, *, own: bool) -> None:
         """Send the browser to the studio's own host name; there set the cookie and take the token off the address."""

@@ -46,7 +46,7 @@ from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.workspace import BOTH, EVENTS, JOB, PAUSE, RESULT, holding
 
 
-class Work:
+class JobWork:
     """The work of one job: its arguments, where its events go, and whether it was asked to pause."""
 
     def __init__(self, folder: Path, events: TextIO) -> None:
@@ -82,11 +82,11 @@ class Work:
 
     def rerun(self) -> Rerun:
         """Return the scenario of the job, with what it was found with unless the job says otherwise."""
-        given = self.arguments
-        return rerun(given["scenario"], requirement=given.get("requirement"), on_message=self.say)
+        arguments = self.arguments
+        return rerun(arguments["scenario"], requirement=arguments.get("requirement"), on_message=self.say)
 
 
-def run_campaign(work: Work) -> dict[str, Any]:
+def run_campaign(work: JobWork) -> dict[str, Any]:
     """Do what is left of a campaign and write its report."""
     campaign = work.campaign()
     work.cancel = campaign.cancel
@@ -100,7 +100,7 @@ def run_campaign(work: Work) -> dict[str, Any]:
     return {"state": "finished" if result.complete else "paused", "violated": result.violated}
 
 
-def run_matrix(work: Work) -> dict[str, Any]:
+def run_matrix(work: JobWork) -> dict[str, Any]:
     """Do what is left of several campaigns in one folder, and write their reports."""
     matrix = Matrix.open(Path(work.arguments["folder"]))
     campaigns = matrix.create(work.say)
@@ -114,7 +114,7 @@ def run_matrix(work: Work) -> dict[str, Any]:
     failed = []
     if work.pausing:
         cancel()
-    progress = {each.folder: CampaignProgress(each.plan, each.attempts(), name=each.folder.name) for each in campaigns}
+    progress = {c.folder: CampaignProgress(c.plan, c.attempts(), name=c.folder.name) for c in campaigns}
     for campaign, event in matrix.run(campaigns):
         if work.pausing:
             cancel()
@@ -130,10 +130,10 @@ def run_matrix(work: Work) -> dict[str, Any]:
     matrix.report()
     if failed:
         return {"state": "failed", "reason": "\n".join(failed)}
-    return {"state": "finished" if all(each.finished for each in campaigns) else "paused"}
+    return {"state": "finished" if all(campaign.finished for campaign in campaigns) else "paused"}
 
 
-def tell_event(work: Work, progress: CampaignProgress, event: Event, **where: str) -> None:
+def tell_event(work: JobWork, progress: CampaignProgress, event: Event, **where: str) -> None:
     """Append what a page shows of an event of a campaign; `where` is its folder, where the job is about several."""
     tell: Callable[..., None] = partial(work.tell, **where)
     before = progress.text()
@@ -149,32 +149,32 @@ def tell_event(work: Work, progress: CampaignProgress, event: Event, **where: st
         tell("progress", text=text)
 
 
-def confirm(work: Work) -> dict[str, Any]:
+def confirm(work: JobWork) -> dict[str, Any]:
     """Confirm one more candidate of a campaign."""
     campaign = work.campaign()
     work.cancel = campaign.cancel
     observe = partial(tell_event, work, CampaignProgress(campaign.plan, campaign.attempts()))
-    made = campaign.confirm(work.arguments["candidate"], observe=observe)
+    attempt = campaign.confirm(work.arguments["candidate"], observe=observe)
     campaign.report()
-    return {"state": "finished", "attempt": made.index, "reason": made.verdict.reason if made.verdict else ""}
+    return {"state": "finished", "attempt": attempt.index, "reason": attempt.verdict.reason if attempt.verdict else ""}
 
 
-def make_runs(work: Work) -> dict[str, Any]:
+def make_runs(work: JobWork) -> dict[str, Any]:
     """Simulate a scenario with seeds one after the other, judge the runs and write them to a file."""
-    given = work.arguments
+    arguments = work.arguments
     again = work.rerun()
-    first, count = given["seed"], given["repeats"]
+    first, count = arguments["seed"], arguments["repeats"]
     runs = rvsg.simulate(
         again.scenario, range(first, first + count), jobs=os.cpu_count() or 1, simulator=again.simulator,
         world=again.world, on_run=lambda run: work.tell("run", seed=run.seed), on_message=work.say,
     )  # fmt: skip
-    write_whole(Path(given["out"]), runs_text(runs))
-    return {"state": "finished", "out": given["out"], "reason": str(rvsg.judge(runs, again.requirement))}
+    write_whole(Path(arguments["out"]), runs_text(runs))
+    return {"state": "finished", "out": arguments["out"], "reason": str(rvsg.judge(runs, again.requirement))}
 
 
-def shrink(work: Work) -> dict[str, Any]:
+def shrink(work: JobWork) -> dict[str, Any]:
     """Find the smallest scenario that violates about as often, and write it to a file."""
-    given = work.arguments
+    arguments = work.arguments
     again = work.rerun()
     shrunk = rvsg.shrink(
         again.scenario, again.requirement, jobs=os.cpu_count() or 1, simulator=again.simulator, world=again.world,
@@ -182,114 +182,116 @@ def shrink(work: Work) -> dict[str, Any]:
         on_step=lambda step: work.tell("step", what=step.what, kept=step.kept, violations=step.violations,
                                        runs=step.runs),
     )  # fmt: skip
-    write_whole(Path(given["out"]), again.json(shrunk.smallest))
+    write_whole(Path(arguments["out"]), again.json(shrunk.smallest))
     before, after = shrunk.before, shrunk.after
     reason = (
         f"{len(shrunk.original.people.humans)} people become {len(shrunk.smallest.people.humans)}. The original "
         f"violates it in {before.violations} of {before.runs} fresh runs, the smallest in {after.violations} of "
         f"{after.runs}."
     )
-    return {"state": "finished", "out": given["out"], "reason": reason}
+    return {"state": "finished", "out": arguments["out"], "reason": reason}
 
 
-def describe(work: Work) -> dict[str, Any]:
+def describe(work: JobWork) -> dict[str, Any]:
     """Have a model describe a world, or revise its description for the reasons that a person gives."""
-    given = work.arguments
-    session = open_session(rvsg.load_world(_world(given["world"])), record=None, prompts=None, **given["access"])
+    arguments = work.arguments
+    world = rvsg.load_world(_world(arguments["world"]))
+    session = open_session(world, record=None, prompts=None, **arguments["access"])
     assert session is not None, "a model is named"
     session.access.tell = partial(tell_call, work)
-    start = Description(**given["start"]) if given["start"] is not None else None
-    made = session.revised(start, given["reasons"])
+    start = Description(**arguments["start"]) if arguments["start"] is not None else None
+    description = session.revised(start, arguments["reasons"])
     said = " ".join([describe_calls(session.calls), *session.notes()])
-    return {"state": "finished", "layout": made.layout, "grid": made.grid, "said": said}
+    return {"state": "finished", "layout": description.layout, "grid": description.grid, "said": said}
 
 
-def name_areas(work: Work) -> dict[str, Any]:
+def name_areas(work: JobWork) -> dict[str, Any]:
     """Have a model propose names for the areas of a world, and its doors."""
-    given = work.arguments
-    photographs = [Path(path) for path in given.get("photographs", ())]
-    made = propose_names(rvsg.load_world(_world(given["world"])), photographs=photographs, **given["access"])
-    said = " ".join([describe_calls(made.calls), *made.unusable])
-    return {"state": "finished", "said": said, **made.model_dump(mode="json", include={"names", "doors"})}
+    arguments = work.arguments
+    photographs = [Path(path) for path in arguments.get("photographs", ())]
+    world = rvsg.load_world(_world(arguments["world"]))
+    proposed = propose_names(world, photographs=photographs, **arguments["access"])
+    said = " ".join([describe_calls(proposed.calls), *proposed.unusable])
+    return {"state": "finished", "said": said, **proposed.model_dump(mode="json", include={"names", "doors"})}
 
 
 def _world(name: str) -> str | Path:
     return name if name in shipped_worlds() else Path(name)
 
 
-def tell_call(work: Work, news: CallNews, **where: str) -> None:
+def tell_call(work: JobWork, news: CallNews, **where: str) -> None:
     """Append what a page shows of a call of a model."""
     work.tell("model", what=news.what, model=news.model, purpose=news.purpose, why=news.why,
               usd=news.spent.cost_usd, calls=news.spent.calls, **where)  # fmt: skip
 
 
-def make_proposals(work: Work) -> dict[str, Any]:
+def make_proposals(work: JobWork) -> dict[str, Any]:
     """Ask a generator for scenarios with seeds one after the other, and write each to a file."""
-    given = work.arguments
-    settings, folder = given["settings"], Path(given["folder"])
+    arguments = work.arguments
+    settings, folder = arguments["settings"], Path(arguments["folder"])
     folder.mkdir(exist_ok=True)
     valid = 0
-    for seed in range(settings["seed"], settings["seed"] + given["count"]):
+    for seed in range(settings["seed"], settings["seed"] + arguments["count"]):
         if work.pausing:
             return {"state": "paused", "reason": "Paused."}
         wired = wire(effective(None, {}, settings | {"seed": seed, "out": "runs/proposals"}))
         wired.generator.watch(partial(tell_call, work))
-        made = propose_as(wired)
+        proposal = propose_as(wired)
         parts = (settings["world"], settings["route"], settings["requirement"], settings["generator"], seed)
         name = safe_name("-".join(Path(str(part)).name for part in parts))
-        write_whole(folder / f"{name}.json", proposal_json(made))
-        valid += made.scenario is not None
+        write_whole(folder / f"{name}.json", proposal_json(proposal))
+        valid += proposal.scenario is not None
         work.tell("proposal", name=name)
-    return {"state": "finished", "reason": f"{valid} of {given['count']} proposals are valid."}
+    return {"state": "finished", "reason": f"{valid} of {arguments['count']} proposals are valid."}
 
 
-def rebuild_recording(work: Work) -> dict[str, Any]:
+def rebuild_recording(work: JobWork) -> dict[str, Any]:
     """Make the scenario of a recording, run it, and write it with the page of both drives."""
-    given, out = work.arguments, Path(work.target)
-    place = rvsg.load_world(_world(given["world"])) if given["world"] else None
-    found = load_recording(given["file"], world=place, people_topic=given["people_topic"] or None)
-    place = world_of_recording(found, place, out.with_name(f"{out.stem}-world"), open_floor=given["open_floor"])
-    options = {key: given[key] for key in ("robot", "people", "requirement")}
-    made = rebuild(found, place, jobs=os.cpu_count() or 1, on_message=work.say, **options)
-    save_scenario(made.made.scenario, out, made.found)
-    write_whole(out.with_suffix(".html"), made.page())
-    write_whole(work.folder / BOTH, json.dumps(made.replay()))
-    return {"state": "finished", "out": work.target, "reason": made.verdict, "lines": made.lines}
+    arguments, out = work.arguments, Path(work.target)
+    place = rvsg.load_world(_world(arguments["world"])) if arguments["world"] else None
+    recording = load_recording(arguments["file"], world=place, people_topic=arguments["people_topic"] or None)
+    place = world_of_recording(recording, place, out.with_name(f"{out.stem}-world"), open_floor=arguments["open_floor"])
+    options = {key: arguments[key] for key in ("robot", "people", "requirement")}
+    rebuilt = rebuild(recording, place, jobs=os.cpu_count() or 1, on_message=work.say, **options)
+    save_scenario(rebuilt.made.scenario, out, rebuilt.found)
+    write_whole(out.with_suffix(".html"), rebuilt.page())
+    write_whole(work.folder / BOTH, json.dumps(rebuilt.replay()))
+    return {"state": "finished", "out": work.target, "reason": rebuilt.verdict, "lines": rebuilt.lines}
 
 
-def tune(work: Work) -> dict[str, Any]:
+def tune(work: JobWork) -> dict[str, Any]:
     """Tune a stack on a suite; a pause ends it at once, and every run that was made is stored."""
 
     def interrupt() -> None:
         raise KeyboardInterrupt
 
-    given, begun = work.arguments, time.monotonic()
-    budget = given["budget_runs"]
+    arguments, begun = work.arguments, time.monotonic()
+    budget = arguments["budget_runs"]
 
     def show(search: ParameterSearch) -> None:
         before = search.before.score
         assert before is not None
         work.say(f"search: {search_text(search, budget, time.monotonic() - begun)}")
-        rows = [front_row(each.number, each.score, before) for each in search.front() if each.score is not None]
+        rows = [front_row(s.number, s.score, before) for s in search.front() if s.score is not None]
         work.tell("front", rows=rows)
 
     tuner = Tuner(
-        **{**given, "suite": Path(given["suite"])}, out=Path(work.target), jobs=os.cpu_count() or 1,
+        **{**arguments, "suite": Path(arguments["suite"])}, out=Path(work.target), jobs=os.cpu_count() or 1,
         on_message=work.say, on_search=show,
     )  # fmt: skip
     try:
         work.cancel = interrupt
-        found = None if work.pausing else tuner.run()
+        tuning = None if work.pausing else tuner.run()
     except KeyboardInterrupt:
-        found = None
+        tuning = None
     finally:
         work.cancel = lambda: None
-    if found is None:
+    if tuning is None:
         return {"state": "paused", "reason": "Paused. What was run is stored."}
-    return {"state": "finished", "out": work.target, "reason": headline(found)}
+    return {"state": "finished", "out": work.target, "reason": headline(tuning)}
 
 
-KINDS: dict[str, Callable[[Work], dict[str, Any]]] = {
+KINDS: dict[str, Callable[[JobWork], dict[str, Any]]] = {
     "campaign": run_campaign,
     "matrix": run_matrix,
     "confirm": confirm,
@@ -307,7 +309,7 @@ def main() -> None:
     """Do a job and write how it ended."""
     folder = Path(sys.argv[1])
     with holding(folder), (folder / EVENTS).open("a", encoding="utf-8") as events:
-        work = Work(folder, events)
+        work = JobWork(folder, events)
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, work.asked_to_end)
         work.pausing = work.pausing or (folder / PAUSE).exists()

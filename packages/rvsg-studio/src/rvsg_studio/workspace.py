@@ -103,8 +103,8 @@ class Jobs:
         job = f"{time.strftime('%Y%m%d-%H%M%S')}-{secrets.token_hex(3)}"
         folder = self.folder / job
         folder.mkdir()
-        told = {"kind": kind, "title": title, "command": command, "target": target, "begun_s": time.time()}
-        write_whole(folder / JOB, json.dumps(told | {"arguments": arguments}, indent=2))
+        facts = {"kind": kind, "title": title, "command": command, "target": target, "begun_s": time.time()}
+        write_whole(folder / JOB, json.dumps(facts | {"arguments": arguments}, indent=2))
         with (folder / LOG).open("wb") as log:
             self._children[job] = subprocess.Popen(  # noqa: S603
                 command_of("rvsg_studio.worker:main", str(folder)),
@@ -114,9 +114,9 @@ class Jobs:
                 stderr=log,
                 start_new_session=True,
             )
-        done = [each for each in self.all() if not each.running]
-        for each in done[KEPT:]:
-            shutil.rmtree(each.folder, ignore_errors=True)
+        done = [other for other in self.all() if not other.running]
+        for other in done[KEPT:]:
+            shutil.rmtree(other.folder, ignore_errors=True)
         return self.get(job)
 
     def all(self) -> list[Job]:
@@ -129,10 +129,10 @@ class Jobs:
         folder = self.folder / job
         if folder.parent != self.folder or not exists(folder / JOB):
             raise InputError(f"There is no job {job!r}.")
-        told = json.loads((folder / JOB).read_text(encoding="utf-8"))
+        facts = json.loads((folder / JOB).read_text(encoding="utf-8"))
         result = read_json(folder / RESULT, None)
-        state = self._state(job, folder, result, told["begun_s"])
-        return Job(id=job, state=state, result=result or {}, folder=folder, **told)
+        state = self._state(job, folder, result, facts["begun_s"])
+        return Job(id=job, state=state, result=result or {}, folder=folder, **facts)
 
     def events(self, job: str, after: int = 0) -> tuple[list[dict[str, Any]], int]:
         """Return the events behind a place in the file of events, and the place behind them."""
@@ -281,20 +281,20 @@ class Workspace:
         """Return where the studio keeps something of its own about a page, a world or a scenario."""
         return self.own / kind / f"{hashlib.sha256(about.encode()).hexdigest()[:16]}.json"
 
-    def kept(self, key: tuple[Any, ...], path: Path, make: Callable[[], T]) -> T:
+    def cached(self, key: tuple[Any, ...], path: Path, make: Callable[[], T]) -> T:
         """Return what was made of a file or a store, made anew where its files have changed since."""
         now = stamp(path)
         with self._lock:
-            found = self._kept.get(key)
-            if found is not None and found[0] == now:
+            entry = self._kept.get(key)
+            if entry is not None and entry[0] == now:
                 self._kept.move_to_end(key)
-                return cast(T, found[1])
-        made = make()
+                return cast(T, entry[1])
+        value = make()
         with self._lock:
-            self._kept[key] = (now, made)
+            self._kept[key] = (now, value)
             while len(self._kept) > REMEMBERED:
                 self._kept.popitem(last=False)
-        return made
+        return value
 
 
 def stamp(path: Path) -> tuple[Any, ...]:
@@ -302,15 +302,15 @@ def stamp(path: Path) -> tuple[Any, ...]:
     if path.is_file():
         status = path.stat()
         return (status.st_mtime_ns, status.st_size)
-    found = []
+    stamps = []
     with os.scandir(path) as entries:
         for entry in entries:
             with contextlib.suppress(OSError):  # gone by now, or a loop of links
                 if entry.is_file() and not entry.name.endswith(("-shm", ".lock", ".html")):
                     status = entry.stat()
                     if status.st_size:
-                        found.append((entry.name, status.st_mtime_ns, status.st_size))
-    return tuple(sorted(found))
+                        stamps.append((entry.name, status.st_mtime_ns, status.st_size))
+    return tuple(sorted(stamps))
 
 
 FILE = "notes.yaml"
@@ -320,7 +320,7 @@ STATES: tuple[NoteState, ...] = ("new", "known", "accepted", "fixed")
 _writing = threading.Lock()
 
 
-class Note(Record):
+class FindingNote(Record):
     """What people say of a finding."""
 
     status: NoteState = "new"
@@ -330,7 +330,7 @@ class Note(Record):
 class Notes(Record):
     """The notes of a campaign, by the id of the scenario they are on."""
 
-    findings: dict[str, Note] = Field(default_factory=dict)
+    findings: dict[str, FindingNote] = Field(default_factory=dict)
 
 
 def notes_of(folder: Path) -> Notes:
@@ -343,17 +343,17 @@ def notes_of(folder: Path) -> Notes:
     return read_document(path, Notes)[0] if path.is_file() else Notes()
 
 
-def note(folder: Path, scenario_id: str, *, status: NoteState | None = None, comment: str | None = None) -> Note:
+def note(folder: Path, scenario_id: str, *, status: NoteState | None = None, comment: str | None = None) -> FindingNote:
     """Change the note on a finding, keep the others, and return it; the file is whole at any moment."""
     with _writing:
-        kept = notes_of(folder)
-        before = kept.findings.get(scenario_id, Note())
+        notes = notes_of(folder)
+        before = notes.findings.get(scenario_id, FindingNote())
         changes = {"status": status, "comment": comment}
-        made = before.replace(**{key: value for key, value in changes.items() if value is not None})
-        values = kept.replace(findings={**kept.findings, scenario_id: made}).model_dump(mode="json")
+        changed = before.replace(**{key: value for key, value in changes.items() if value is not None})
+        values = notes.replace(findings={**notes.findings, scenario_id: changed}).model_dump(mode="json")
         text = yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=100)
         write_whole(folder / FILE, HEAD + text)
-    return made
+    return changed
 
 
 KINDS = (".yaml", ".yml", ".pgm", ".png", ".bmp", ".sdf", ".world")
@@ -442,25 +442,25 @@ class Typed:
     @property
     def fields(self) -> dict[str, Any]:
         """What is kept, by field."""
-        found: dict[str, Any] = read_json(self._path, {})
-        return found
+        stored: dict[str, Any] = read_json(self._path, {})
+        return stored
 
     def keep(self, fields: Mapping[str, Any]) -> None:
         """Write the values of fields to disk; None forgets a field."""
         with _keeping:
-            kept = {key: value for key, value in {**self.fields, **fields}.items() if value is not None}
-            if kept:
-                write_whole(self._path, json.dumps(kept))
+            values = {key: value for key, value in {**self.fields, **fields}.items() if value is not None}
+            if values:
+                write_whole(self._path, json.dumps(values))
             else:
                 self._path.unlink(missing_ok=True)
 
 
-def typed(workspace: Workspace, given: Question) -> dict[str, Any]:
+def typed(workspace: Workspace, question: Question) -> dict[str, Any]:
     """Return what is kept of a page."""
-    return Typed(workspace, given.page).fields
+    return Typed(workspace, question.page).fields
 
 
-def typed_keep(workspace: Workspace, given: Question) -> dict[str, Any]:
+def typed_keep(workspace: Workspace, question: Question) -> dict[str, Any]:
     """Keep the values of fields of a page; null forgets a field."""
-    Typed(workspace, given.page).keep(given.fields)
+    Typed(workspace, question.page).keep(question.fields)
     return {}

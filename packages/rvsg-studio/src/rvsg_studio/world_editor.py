@@ -48,14 +48,14 @@ def editable_world(name: str | Path) -> dict[str, Any]:
     """
     world = read_world(folder_of_world(name), [])
     kinds = list(dict.fromkeys(area.kind for area in world.areas))
-    known = sorted({*kinds, *_shipped_kinds()})
+    all_kinds = sorted({*kinds, *_shipped_kinds()})
     return {
         "name": world.name,
         "title": world.title,
         "editable": not folder_of_world(name).resolve().is_relative_to(SHIPPED.resolve()),
         "floor": floor_of(world, areas=False),
         "kinds": kinds,
-        "known_kinds": known,
+        "known_kinds": all_kinds,
         "areas": [
             {
                 "name": area.name,
@@ -81,14 +81,14 @@ def remarks_on(name: str | Path, *, trial: Trial | None = None, robot: Robot | N
         trial: drives the routes and walks the hops, too.
     """
     folder = folder_of_world(name)
-    found = []
+    remarks = []
     for remark in check_world(folder, trial=trial, robot=robot):
         problem = remark.problem
         said = {"serious": remark.serious, "code": remark.code, "key": list(remark.key)}
         said |= {"message": problem.message, "file": problem.path.name, "line": problem.line}
         fix = {"label": remark.fix.label, "change": dict(remark.fix.change)} if remark.fix is not None else None
-        found.append(said | {"fix": fix})
-    return found
+        remarks.append(said | {"fix": fix})
+    return remarks
 
 
 Steps = Mapping[str, Sequence[Mapping[str, str]]]
@@ -109,13 +109,13 @@ class History:
         edit = edit_world(folder, change)
         if edit.after == edit.before:
             return
-        kept = self._read()
-        made = {"path": str(edit.path), "before": edit.before, "after": edit.after, "together": together}
-        done = list(kept["done"])
-        continued = {"path": made["path"], "after": edit.before, "together": together}
+        history = self._read()
+        step = {"path": str(edit.path), "before": edit.before, "after": edit.after, "together": together}
+        done = list(history["done"])
+        continued = {"path": step["path"], "after": edit.before, "together": together}
         if together and done and continued.items() <= done[-1].items():
-            made |= {"before": done.pop()["before"], "shortly": edit.before}
-        self._apply(edit, kept, {"done": [*done, made][-STEPS:], "undone": []})
+            step |= {"before": done.pop()["before"], "shortly": edit.before}
+        self._apply(edit, history, {"done": [*done, step][-STEPS:], "undone": []})
 
     def undo(self) -> None:
         """Undo the last change; InputError if there is none."""
@@ -128,25 +128,25 @@ class History:
     @property
     def steps(self) -> tuple[int, int]:
         """Return how many changes can be undone and made again."""
-        kept = self._read()
-        return len(kept["done"]), len(kept["undone"])
+        history = self._read()
+        return len(history["done"]), len(history["undone"])
 
     def _move(self, source: str, target: str, *, undo: bool) -> None:
-        before, kept = self._read(), self._read()
-        while kept[source]:
-            data = kept[source].pop()
+        before, history = self._read(), self._read()
+        while history[source]:
+            data = history[source].pop()
             edit = Edit(path=Path(data["path"]), before=data["before"], after=data["after"])
             now = read_text(edit.path)
             if undo and now == edit.before:
                 continue  # remembered, but the process died before it was made
-            kept[target].append(data)
+            history[target].append(data)
             if undo:
                 replace(edit, after=now if now == data.get("shortly") else edit.after).revert()
-                self._write(kept)
+                self._write(history)
             else:
-                self._apply(edit, before, kept)
+                self._apply(edit, before, history)
             return
-        self._write(kept)
+        self._write(history)
         raise InputError(f"There is nothing to {'undo' if undo else 'redo'}.")
 
     def _apply(self, edit: Edit, before: Steps, after: Steps) -> None:
@@ -159,11 +159,11 @@ class History:
             raise
 
     def _read(self) -> dict[str, list[dict[str, str]]]:
-        found: dict[str, list[dict[str, str]]] = read_json(self.path, {"done": [], "undone": []})
-        return found
+        history: dict[str, list[dict[str, str]]] = read_json(self.path, {"done": [], "undone": []})
+        return history
 
-    def _write(self, kept: Steps) -> None:
-        write_whole(self.path, json.dumps(kept))
+    def _write(self, history: Steps) -> None:
+        write_whole(self.path, json.dumps(history))
 
 
 @cache
@@ -196,19 +196,19 @@ def _route(world: World, route: Route) -> dict[str, Any]:
 
 def _edges(world: World) -> list[list[float]]:
     """Return edges of walls and things that lie along the axes, [x0, y0, x1, y1] in metres, for areas to snap to."""
-    found = []
+    edges = []
     for thing in world.objects:
         for ring in (thing.footprint, *thing.holes):
             for (x0, y0), (x1, y1) in zip(ring, (*ring[1:], ring[0]), strict=True):
                 if abs(x0 - x1) < 0.02 or abs(y0 - y1) < 0.02:
-                    found.append([round(v, 2) for v in (x0, y0, x1, y1)])
+                    edges.append([round(v, 2) for v in (x0, y0, x1, y1)])
     if not world.objects:
         occupancy = world_map(world)
         frame = frame_of(occupancy)
         for left, bottom, right, top in rectangles(occupancy.cells == OCCUPIED):
             (x0, y0), (x1, y1) = frame.to_metres(np.array([[left, bottom], [right, top]], float))
             box = [round(float(v), 2) for v in (x0, y0, x1, y1)]
-            found += [[box[0], box[1], box[2], box[1]], [box[0], box[3], box[2], box[3]]]
-            found += [[box[0], box[1], box[0], box[3]], [box[2], box[1], box[2], box[3]]]
-    longest = sorted(found, key=lambda e: -abs(e[2] - e[0]) - abs(e[3] - e[1]))
+            edges += [[box[0], box[1], box[2], box[1]], [box[0], box[3], box[2], box[3]]]
+            edges += [[box[0], box[1], box[0], box[3]], [box[2], box[1], box[2], box[3]]]
+    longest = sorted(edges, key=lambda e: -abs(e[2] - e[0]) - abs(e[3] - e[1]))
     return longest[:MOST_EDGES]

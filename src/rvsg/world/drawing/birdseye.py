@@ -14,9 +14,9 @@ from rvsg.world.drawing.layers import is_wall
 from rvsg.world.drawing.sheet import (
     FINE,
     Colour,
+    PageView,
     Palette,
     Sheet,
-    View,
     check_width,
     known_window,
     palette,
@@ -85,7 +85,7 @@ class _Scene:
         self.matrix = scale * seen
         self.shift = np.array([(width - wide * scale) / 2, top]) - low * scale
         height = round(float(tall * scale)) + top + bottom
-        self.sheet = Sheet(View((0.0, 0.0, 1.0, 1.0), "y", 1.0, 0, 0, width, height), ink)
+        self.sheet = Sheet(PageView((0.0, 0.0, 1.0, 1.0), "y", 1.0, 0, 0, width, height), ink)
         self.kinds = ink.kind_colours(area.kind for area in world.areas)
 
     def pixels(self, points: Floats | Sequence[tuple[float, float]], z: float = 0.0) -> Floats:

@@ -29,9 +29,9 @@ from rvsg.world.drawing.layers import (
 from rvsg.world.drawing.sheet import (
     SMALLEST_TEXT,
     Colour,
+    PageView,
     Palette,
     Sheet,
-    View,
     Window,
     Word,
     known_window,
@@ -215,12 +215,12 @@ GRID = frozenset({"objects", "areas", "rulers", "waypoints", "names", "title", "
 
 
 @dataclass(frozen=True)
-class Picture:
+class DrawnPlan:
     """A drawn floor plan: the image, every word on it with its box, the view, and what could not be shown."""
 
     image: Image.Image
     words: tuple[Word, ...]
-    view: View
+    view: PageView
     notes: tuple[str, ...]
 
 
@@ -234,7 +234,7 @@ def draw_plan(
     window: Window | None = None,
     title: str = "",
     way: Way | None = None,
-) -> Picture:
+) -> DrawnPlan:
     """Draw the LAYERS to `show` of a floor plan, or of a window of it (x_min, y_min, x_max, y_max in metres).
 
     `way` is, with a route, the drive to draw as (time in s, x, y), with a mark every 5 s.
@@ -279,7 +279,7 @@ def draw_plan(
     if "title" in show:
         draw_title(sheet, title or world.title)
     end = draw_footer(sheet, world, show, kinds if areas else {}, route)
-    return Picture(sheet.finished(end), tuple(sheet.words), view, tuple(sheet.notes))
+    return DrawnPlan(sheet.finished(end), tuple(sheet.words), view, tuple(sheet.notes))
 
 
 MOST_TILES = 100
@@ -323,7 +323,7 @@ def tile_windows(world: World, *, width_px: int = 1600) -> dict[tuple[int, int],
 
 def tiles(
     world: World, *, width_px: int = 1600, route: Route | None = None, colours: str | Palette = "light"
-) -> dict[tuple[int, int], Picture]:
+) -> dict[tuple[int, int], DrawnPlan]:
     """Draw all tiles of a world by row and column, each with the names of all its waypoints."""
     windows = tile_windows(world, width_px=width_px)
     drawn = {}

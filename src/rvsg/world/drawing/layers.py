@@ -17,8 +17,8 @@ from rvsg.world.drawing.sheet import (
     LIGHT,
     SMALLEST_TEXT,
     Colour,
+    PageView,
     Sheet,
-    View,
     Word,
     place_beside,
     place_inside,
@@ -61,7 +61,7 @@ def draw_floor(sheet: Sheet, world: World, guides: tuple[list[float], list[float
     sheet.paste(np.concatenate(bands), left, top)
 
 
-def _shown(kind: NDArray[np.uint8], frame: Frame, view: View, across: Floats, down: Floats) -> NDArray[np.uint8]:
+def _shown(kind: NDArray[np.uint8], frame: Frame, view: PageView, across: Floats, down: Floats) -> NDArray[np.uint8]:
     """Return the kinds of the cells under the pixels of a band (down, across); 0 off the map."""
     if frame.origin.yaw:
         return frame.looked_up(kind, view.metres(np.stack(np.meshgrid(across, down), axis=-1)))
@@ -110,14 +110,14 @@ def draw_areas(sheet: Sheet, areas: list[Area], kinds: dict[str, Colour]) -> Non
         sheet.polygon(ring, fill=None, edge=kinds[area.kind], width=1.8)
 
 
-def areas_in_sight(world: World, view: View) -> list[Area]:
+def areas_in_sight(world: World, view: PageView) -> list[Area]:
     """Return the areas that lie at least partly in the window of the view."""
     x0, y0, x1, y1 = view.window
     boxes = [(area, rectangle(area.outline)) for area in world.areas]
     return [area for area, (low, high) in boxes if high[0] > x0 and low[0] < x1 and high[1] > y0 and low[1] < y1]
 
 
-def area_words(world: World, view: View) -> tuple[Word, ...]:
+def area_words(world: World, view: PageView) -> tuple[Word, ...]:
     """Return where the names of the areas stand on a plan of the view's size with nothing else on it."""
     sheet = Sheet(view, LIGHT)
     areas = areas_in_sight(world, view)
@@ -159,7 +159,7 @@ def write_areas(sheet: Sheet, areas: list[Area], kinds: dict[str, Colour], *, la
         sheet.notes.append(f"no room for the names of {len(order)} areas: {', '.join(sorted(a.name for a in order))}")
 
 
-def _clipped(ring: Floats, view: View) -> Floats:
+def _clipped(ring: Floats, view: PageView) -> Floats:
     """The part of a polygon in pixels that lies on the plan: its largest piece, or the polygon where none does."""
     left, top, right, bottom = view.plan
     if (ring >= (left, top)).all() and (ring <= (right, bottom)).all():

@@ -242,7 +242,7 @@ TALLEST = 1.3  # a page is at most this many times as tall as it may be wide
 
 
 @dataclass(frozen=True)
-class View:
+class PageView:
     """The plan on a page: `window` (x_min, y_min, x_max, y_max) in metres is drawn at `scale` pixels a metre with
     its upper left corner at (`left`, `top`) pixels; `up` is the axis that points up. The page is `width` x `height`.
     """
@@ -289,7 +289,7 @@ def check_width(width_px: int) -> None:
         )
 
 
-def view_of(world: World, *, width_px: int, window: Window | None, margins: tuple[int, int, int, int]) -> View:
+def view_of(world: World, *, width_px: int, window: Window | None, margins: tuple[int, int, int, int]) -> PageView:
     """The view that shows a window of the world (None: all that is known of it) on a page at most `width_px` wide.
 
     `margins` are pixels left, top, right and bottom of the plan. Raises InputError for absurd sizes.
@@ -317,7 +317,7 @@ def view_of(world: World, *, width_px: int, window: Window | None, margins: tupl
     width = max(round(across * scale) + left + right, min(width_px, 900))
     moved = (width - (round(across * scale) + left + right)) // 2
     height = round(down * scale) + top + bottom
-    return View(shown, world.grid.up, scale, left + moved, top, width, height)
+    return PageView(shown, world.grid.up, scale, left + moved, top, width, height)
 
 
 def known_window(world: World, margin_m: float = 0.15) -> Window:
@@ -346,7 +346,7 @@ ROOM_BELOW = 200
 class Sheet:
     """A page with its view, its colours, its labels and the rectangles that these occupy."""
 
-    def __init__(self, view: View, palette: Palette) -> None:
+    def __init__(self, view: PageView, palette: Palette) -> None:
         self.view = view
         self.palette = palette
         self.taken = Taken()

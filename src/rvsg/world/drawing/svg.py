@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.world.drawing.layers import area_words, is_wall
-from rvsg.world.drawing.sheet import Colour, Palette, View, Word, palette, view_of
+from rvsg.world.drawing.sheet import Colour, PageView, Palette, Word, palette, view_of
 from rvsg.world.space import frame_of, solid_cells, world_map
 from rvsg.world.world import AUTOMATIC, FREE, OCCUPIED, World
 
@@ -39,7 +39,7 @@ class FloorPlan:
     view_box: str
     matrix: str
     shapes: str
-    view: View
+    view: PageView
     words: tuple[Word, ...] = ()
 
     @property

@@ -18,7 +18,7 @@ from rvsg.report.charts import search_chart
 from rvsg.report.words import tried_of
 from rvsg_studio.frame import Page, actions, address, chip, link, load, page, rate, route, section, svg, table, tag
 from rvsg_studio.listing import FoundCampaign
-from rvsg_studio.pages.finding import State, job_buttons, known
+from rvsg_studio.pages.finding import State, current, job_buttons
 from rvsg_studio.pages.home import ago
 from rvsg_studio.workspace import LOG, Job, Workspace, is_held, stamp
 
@@ -35,25 +35,25 @@ def add(workspace: Workspace) -> None:
 
     @route(workspace, "/campaign", "Campaign")
     async def campaign(folder: str = "", name: str = "") -> None:
-        state = await load(known, workspace, folder, name)
-        with page(workspace, workspace.folder.name if folder == "." else folder, wide=True) as made:
-            Live(made, workspace.relative(workspace.path(folder)), state)
+        state = await load(current, workspace, folder, name)
+        with page(workspace, workspace.folder.name if folder == "." else folder, wide=True) as view:
+            Live(view, workspace.relative(workspace.path(folder)), state)
 
     @route(workspace, "/matrix", "Campaigns")
     async def matrix(folder: str = "") -> None:
-        found = await load(Matrix.open, workspace.existing(folder))
+        opened = await load(Matrix.open, workspace.existing(folder))
         name = workspace.relative(workspace.path(folder))
-        with page(workspace, f"Campaigns in {name}", wide=True) as made:
-            Cells(made, name, found)
+        with page(workspace, f"Campaigns in {name}", wide=True) as view:
+            Cells(view, name, opened)
 
 
 class Live:
     """The page of a campaign, which follows it while it runs."""
 
-    def __init__(self, made: Page, folder: str, state: State) -> None:
-        self.page, self.folder = made, folder
+    def __init__(self, view: Page, folder: str, state: State) -> None:
+        self.page, self.folder = view, folder
         self._take(state)
-        self.workspace = made.workspace
+        self.workspace = view.workspace
         self._seen, self._held = self._stored()
         self._at, self._next, self._shown_worst = 0, 0.0, -1
         self._following: str | None = None
@@ -84,19 +84,19 @@ class Live:
                 self.replay = tag("div", data_studio="replay", data_play=True, id="worst-replay")
             with section("Latest reasoning", "thought"):
                 self.reasoning = tag("p", "", cls="reasoning small")
-        made.command("Start it again elsewhere", self.campaign.command)
-        made.command("Resume", resume_command(self.campaign.config))
-        made.command("Report", f"rvsg report {folder}")
+        view.command("Start it again elsewhere", self.campaign.command)
+        view.command("Resume", resume_command(self.campaign.config))
+        view.command("Report", f"rvsg report {folder}")
         self._show(self._job())
-        self.timer = ui.timer(EVERY_S, made.guarded(self._follow))
+        self.timer = ui.timer(EVERY_S, view.guarded(self._follow))
 
     def _take(self, state: State) -> None:
         self.campaign, self.result = state
 
     def _job(self) -> Job | None:
         """The newest job on this campaign, or on the folder of campaigns that it stands in."""
-        found = [self.workspace.jobs.of(self.folder), self.workspace.jobs.of(self.folder.rpartition("/")[0])]
-        jobs = [job for job in found if job is not None and (job.target == self.folder or job.kind == "matrix")]
+        newest = [self.workspace.jobs.of(self.folder), self.workspace.jobs.of(self.folder.rpartition("/")[0])]
+        jobs = [job for job in newest if job is not None and (job.target == self.folder or job.kind == "matrix")]
         return max(jobs, key=lambda job: (job.running, job.id), default=None)
 
     def _stored(self) -> tuple[object, bool]:
@@ -117,7 +117,7 @@ class Live:
         was, (stored, self._held) = self._held, await load(self._stored)
         if stored != self._seen and time.monotonic() >= self._next:
             begun = time.monotonic()
-            self._take(await load(known, self.workspace, self.folder, self.campaign.name))
+            self._take(await load(current, self.workspace, self.folder, self.campaign.name))
             self._next = time.monotonic() + max(EVERY_S, PATIENCE * (time.monotonic() - begun))
             self._seen = stored
             self._show(job)
@@ -142,7 +142,7 @@ class Live:
                 svg(chart)
             else:
                 tag("p", "No configuration is measured yet.", cls="soft")
-        texts = [each.proposal.reasoning for each in self.result.attempts if each.purpose == "search"]
+        texts = [attempt.proposal.reasoning for attempt in self.result.attempts if attempt.purpose == "search"]
         self.reasoning.set_text(next((text for text in reversed(texts) if text), "No reasoning yet."))
         self._worst()
         self._answer()
@@ -162,11 +162,11 @@ class Live:
         self.chip.classes(replace=f"chip{' bad' if words == 'failed' else ''}")
         if job is not None and words == "failed":
             self.page.say(job.result.get("reason", ""), wrong=True)
-        made = account.search_runs
+        done = account.search_runs
         tried = tried_of(account.search_attempts, plan.attempts)
-        self.progress.set_text(f"{tried} configurations tried, {made} of {plan.search_runs} search runs, "
+        self.progress.set_text(f"{tried} configurations tried, {done} of {plan.search_runs} search runs, "
                                f"{account.confirmation_runs} of at most {plan.confirmations} to confirm")  # fmt: skip
-        share = 1.0 if self.result.complete else min(1.0, made / max(1, plan.search_runs)) * 0.9
+        share = 1.0 if self.result.complete else min(1.0, done / max(1, plan.search_runs)) * 0.9
         self.bar._props["value"] = f"{share:.3f}"
         self.bar.update()
         self.spend.set_text(self._spent(job))
@@ -205,9 +205,9 @@ class Live:
     def _resume(self) -> None:
         before = self.workspace.jobs.of(self.folder)
         machine = before.arguments.get("machine", {}) if before is not None else {}
-        told = {"folder": self.folder, "name": self.campaign.name, "machine": machine}
+        arguments = {"folder": self.folder, "name": self.campaign.name, "machine": machine}
         command = resume_command(self.campaign.config)
-        self.workspace.jobs.start("campaign", title="Campaign", command=command, target=self.folder, **told)
+        self.workspace.jobs.start("campaign", title="Campaign", command=command, target=self.folder, **arguments)
         self.news.set_text("Resuming…")
 
     async def _report(self) -> None:
@@ -256,32 +256,32 @@ class Live:
 class Cells:
     """The table of routes and requirements, which follows the campaigns."""
 
-    def __init__(self, made: Page, folder: str, matrix: Matrix) -> None:
-        self.page, self.folder, self.matrix = made, folder, matrix
-        self.workspace = made.workspace
+    def __init__(self, view: Page, folder: str, matrix: Matrix) -> None:
+        self.page, self.folder, self.matrix = view, folder, matrix
+        self.workspace = view.workspace
         with tag("div", cls="st-status"):
             self.chip = tag("span", "", cls="chip")
             self.news = tag("span", "", cls="soft", role="status")
         self.actions = actions()
         self.table = tag("div")
-        made.command("Run or resume", f"rvsg run --out {shlex.quote(folder)}")
-        made.command("Begin elsewhere", matrix.commands())
+        view.command("Run or resume", f"rvsg run --out {shlex.quote(folder)}")
+        view.command("Begin elsewhere", matrix.commands())
         self._shown: tuple[object, ...] = ()
         self._buttons: tuple[bool, bool] | None = None
         self._update(self._found(), self.workspace.jobs.of(folder))
-        self.timer = ui.timer(EVERY_S, made.guarded(self._follow))
+        self.timer = ui.timer(EVERY_S, view.guarded(self._follow))
 
     def _found(self) -> dict[tuple[str, str], FoundCampaign]:
         """The campaigns of the folder by route and requirement, as they are known now."""
-        inside = [each for each in self.workspace.listing().campaigns if each.folder.rpartition("/")[0] == self.folder]
-        return {(each.route, each.requirement): each for each in inside if each.name}
+        inside = [c for c in self.workspace.listing().campaigns if c.folder.rpartition("/")[0] == self.folder]
+        return {(c.route, c.requirement): c for c in inside if c.name}
 
     async def _follow(self) -> None:
         self._update(await load(self._found), await load(self.workspace.jobs.of, self.folder))
 
-    def _update(self, found: dict[tuple[str, str], FoundCampaign], job: Job | None) -> None:
+    def _update(self, campaigns: dict[tuple[str, str], FoundCampaign], job: Job | None) -> None:
         running = job is not None and job.running
-        finished = len(found) == len(self.matrix.all_pairs) and all(each.complete for each in found.values())
+        finished = len(campaigns) == len(self.matrix.all_pairs) and all(c.complete for c in campaigns.values())
         state = job.state if job is not None and (running or not finished) else "finished" if finished else "not run"
         elsewhere = not running and is_held(self.workspace.path(self.folder) / LOCK)
         self.chip.set_text("running" if elsewhere else state)
@@ -295,16 +295,16 @@ class Cells:
                     job_buttons(self.page, job)
                 elif not finished and not elsewhere:
                     self.page.button("Resume", self._resume, cls="st-primary")
-        if (shown := (tuple(found.items()), finished)) != self._shown:
+        if (shown := (tuple(campaigns.items()), finished)) != self._shown:
             self._shown = shown
-            self._table(found)
+            self._table(campaigns)
 
     def _resume(self) -> None:
         command = self.matrix.resume_command
         self.workspace.jobs.start("matrix", title="Campaigns", command=command, target=self.folder, folder=self.folder)
         self.news.set_text("")
 
-    def _table(self, found: dict[tuple[str, str], FoundCampaign]) -> None:
+    def _table(self, campaigns: dict[tuple[str, str], FoundCampaign]) -> None:
         self.table.clear()
         pairs = self.matrix.all_pairs
         requirements = list(dict.fromkeys(requirement for _, requirement in pairs))
@@ -315,7 +315,7 @@ class Cells:
                     for requirement in requirements:
                         with tag("td"):
                             if (name, requirement) in pairs:
-                                self._cell(found.get((name, requirement)))
+                                self._cell(campaigns.get((name, requirement)))
 
     def _cell(self, campaign: FoundCampaign | None) -> None:
         if campaign is None:

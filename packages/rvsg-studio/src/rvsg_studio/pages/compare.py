@@ -40,12 +40,12 @@ def add(workspace: Workspace) -> None:
     @route(workspace, "/compare", "Compare", menu=4, patience_s=PATIENT_S)
     async def compare(a: str = "", b: str = "") -> None:
         listing = await load(workspace.whole_listing if a and b else workspace.listing)
-        found = await load(_read, workspace, a, b) if a and b else None
-        with page(workspace, "Compare", here="/compare", wide=True) as made:
-            _choose_campaigns(made, [each for each in listing.campaigns if not each.problem], a, b)
-            if found is not None:
+        pairs = await load(_read, workspace, a, b) if a and b else None
+        with page(workspace, "Compare", here="/compare", wide=True) as view:
+            _choose_campaigns(view, [campaign for campaign in listing.campaigns if not campaign.problem], a, b)
+            if pairs is not None:
                 _totals(listing, a, b)
-                _pairs(found)
+                _pairs(pairs)
             tag("p", "", cls="soft")
             link("Compare two versions of the robot on a suite", "/compare/versions")
 
@@ -65,26 +65,26 @@ def add(workspace: Workspace) -> None:
         first: str = "", second: str = "", suite: str = "", case: str = "", requirement: str = ""
     ) -> None:
         listing, results = await load(workspace.listing), await load(suite_results_in, workspace.folder)
-        given = {"first": first, "second": second, "suite": suite}
+        chosen = {"first": first, "second": second, "suite": suite}
         compared = await load(compared_versions, workspace, first, second, suite) if first and second else None
-        with page(workspace, "Compare two versions", here="/compare", wide=True) as made:
-            files = {"": "choose results"} | {each: each for each in results}
-            suites = {"": "none"} | {each: each for each in listing.suites}
+        with page(workspace, "Compare two versions", here="/compare", wide=True) as view:
+            files = {"": "choose results"} | {name: name for name in results}
+            suites = {"": "none"} | {name: name for name in listing.suites}
             choices = {
                 "first": ("Version before", files),
                 "second": ("Version now", files),
                 "suite": ("Suite to replay", suites),
             }
-            _choose(made, "/compare/versions", given, choices, "Choose two files of results.")
+            _choose(view, "/compare/versions", chosen, choices, "Choose two files of results.")
             if not results:
                 tag("p", "No results of a suite are in this folder yet. `rvsg suite run` writes them.", cls="soft")
             if compared is not None:
-                _changes(compared, given)
+                _changes(compared, chosen)
                 if suite and case:
-                    _replay(compared, given, case, requirement)
+                    _replay(compared, chosen, case, requirement)
                 both = shlex.join((first, second))
-                made.command("Compare two versions", f"rvsg suite compare {both} --html versions.html")
-            made.command("Run a suite", "rvsg suite run suite --runs 20 --version now --json > now.json")
+                view.command("Compare two versions", f"rvsg suite compare {both} --html versions.html")
+            view.command("Run a suite", "rvsg suite run suite --runs 20 --version now --json > now.json")
 
 
 def _read(workspace: Workspace, a: str, b: str) -> str:
@@ -93,11 +93,11 @@ def _read(workspace: Workspace, a: str, b: str) -> str:
 
     def compared() -> str:
         first, second = (rvsg.Campaign.open(path) for path in paths)
-        found = compare_campaigns(first, second)
-        if not found.changes:
+        comparison = compare_campaigns(first, second)
+        if not comparison.changes:
             return ""
         names: dict[int | None, str] = {row.attempt: f"{row.number} {row.name}" for row in first.answer.rows}
-        one, two = ({case.key: case for case in variant.cases} for variant in found.variants)
+        one, two = ({case.key: case for case in variant.cases} for variant in comparison.variants)
 
         def links(change: CaseChange) -> dict[str, Any]:
             mine, theirs = (side[change.case, change.requirement] for side in (one, two))
@@ -113,15 +113,17 @@ def _read(workspace: Workspace, a: str, b: str) -> str:
         pairs = [(mine.verdict.mean, two[key].verdict.mean) for key, mine in one.items() if key in two]
         places = [(x, y) for x, y in pairs if x is not None and y is not None]
         quantity = f"mean, {first.requirement.unit}" if first.requirement.unit else "mean"
-        return changes_markup(found, sides=("the first", "the second"), quantity=quantity, places=places, links=links)
+        return changes_markup(
+            comparison, sides=("the first", "the second"), quantity=quantity, places=places, links=links
+        )
 
-    return workspace.kept(("pairs", a, b, stamp(paths[1])), paths[0], compared)
+    return workspace.cached(("pairs", a, b, stamp(paths[1])), paths[0], compared)
 
 
-def _choose_campaigns(made: Page, known: Sequence[FoundCampaign], a: str, b: str) -> None:
+def _choose_campaigns(view: Page, campaigns: Sequence[FoundCampaign], a: str, b: str) -> None:
     """Lay out the choice of two campaigns; what cannot be compared says why, and cannot be chosen."""
     chosen = {"a": a, "b": b}
-    mates = {each.folder: any(not why_not(each, other) for other in known) for each in known}
+    mates = {campaign.folder: any(not why_not(campaign, other) for other in campaigns) for campaign in campaigns}
     firsts = {name: name if mates[name] else f"{name}: no campaign ran the same scenarios" for name in mates}
 
     def compare() -> None:
@@ -129,15 +131,18 @@ def _choose_campaigns(made: Page, known: Sequence[FoundCampaign], a: str, b: str
             raise InputError("Choose two campaigns.")
         ui.navigate.to(address("/compare", **chosen))
 
-    def lay_second(folder: str, kept: str = "") -> None:
-        chosen.update(a=folder, b=kept)
-        first = next((each for each in known if each.folder == folder), None)
-        why = {each.folder: why_not(first, each) if first is not None else "choose the first" for each in known}
+    def lay_second(folder: str, second_folder: str = "") -> None:
+        chosen.update(a=folder, b=second_folder)
+        first = next((campaign for campaign in campaigns if campaign.folder == folder), None)
+        why = {
+            campaign.folder: why_not(first, campaign) if first is not None else "choose the first"
+            for campaign in campaigns
+        }
         texts = {name: f"{name}: {why[name]}" if why[name] else name for name in sorted(why, key=why.__getitem__)}
         second.clear()
         with second, field("Second"):
             unfit = {name for name in why if why[name]}
-            select({"": "choose a campaign"} | texts, kept, partial(chosen.__setitem__, "b"), disabled=unfit)
+            select({"": "choose a campaign"} | texts, second_folder, partial(chosen.__setitem__, "b"), disabled=unfit)
 
     with tag("div", cls="st-form"):
         with field("First"):
@@ -145,18 +150,18 @@ def _choose_campaigns(made: Page, known: Sequence[FoundCampaign], a: str, b: str
             select({"": "choose a campaign"} | firsts, a, lay_second, disabled=unfit)
         second = tag("div")
     lay_second(a, b)
-    if known and not any(mates.values()):
+    if campaigns and not any(mates.values()):
         none = "No two campaigns here ran the same scenarios: repeat one with another stack and the same seed."
         tag("p", none, cls="soft")
     with actions():
-        made.button("Compare", compare, cls="st-primary")
+        view.button("Compare", compare, cls="st-primary")
 
 
 def _choose(
-    made: Page, path: str, given: Mapping[str, str], choices: Mapping[str, tuple[str, dict[str, str]]], missing: str
+    view: Page, path: str, values: Mapping[str, str], choices: Mapping[str, tuple[str, dict[str, str]]], missing: str
 ) -> None:
     """Lay out what can be chosen, and the button that opens the page on it; the first two must be chosen."""
-    chosen = dict(given)
+    chosen = dict(values)
 
     def compare() -> None:
         if not all(chosen[key] for key in [*chosen][:2]):
@@ -166,14 +171,14 @@ def _choose(
     with tag("div", cls="st-form"):
         for key, (label, options) in choices.items():
             with field(label):
-                select(options, given[key], partial(chosen.__setitem__, key))
+                select(options, values[key], partial(chosen.__setitem__, key))
     with actions():
-        made.button("Compare", compare, cls="st-primary")
+        view.button("Compare", compare, cls="st-primary")
 
 
 def _totals(listing: Listing, a: str, b: str) -> None:
-    known = {each.folder: each for each in listing.campaigns}
-    shown = [known[name] for name in (a, b) if name in known]
+    campaigns = {campaign.folder: campaign for campaign in listing.campaigns}
+    shown = [campaigns[name] for name in (a, b) if name in campaigns]
     rows: dict[str, Callable[[FoundCampaign], Any]] = {
         "World, route": lambda c: f"{c.world}, {c.route}",
         "Requirement": lambda c: c.requirement,
@@ -201,23 +206,23 @@ def _pairs(shown: str) -> None:
     tag("p", none + "another stack and the same seed, can be compared scenario by scenario.", cls="soft")
 
 
-def _changes(compared: VersionComparison, given: dict[str, str]) -> None:
+def _changes(compared: VersionComparison, chosen: dict[str, str]) -> None:
     names = [variant.version for variant in compared.found.variants]
     tag("h2", f"{names[1]} against {names[0]}")
 
     def links(change: CaseChange) -> dict[str, Any]:
         case = {"case": change.case, "requirement": change.requirement}
         shown = tuple(case.values()) in compared.replayable
-        return {"address": address("/compare/versions", **given, **case) + "#replay" if shown else ""}
+        return {"address": address("/compare/versions", **chosen, **case) + "#replay" if shown else ""}
 
     svg(changes_markup(compared.found, links=links))
 
 
-def _replay(compared: VersionComparison, given: dict[str, str], case: str, requirement: str) -> None:
-    first, second = (each.version for each in compared.found.variants)
+def _replay(compared: VersionComparison, chosen: dict[str, str], case: str, requirement: str) -> None:
+    first, second = (variant.version for variant in compared.found.variants)
     names = f"{first}, and over it {second}"
     with tag("section", id="replay", aria_label="Both versions on one clock"):
         tag("h2", f"{case}, {requirement}: both versions on one clock")
         tag("p", f"The first seed on which they differ, run again with {names}.", cls="soft")
-        where = address("/data/versions", **given, case=case, requirement=requirement)
+        where = address("/data/versions", **chosen, case=case, requirement=requirement)
         tag("div", data_studio="replay", data_url=where, data_both="")

@@ -51,8 +51,8 @@ def add(workspace: Workspace) -> None:
     @route(workspace, "/describe", "Description")
     async def describe(world: str = "") -> None:
         review = await load(Review, workspace, world)
-        with page(workspace, f"Description of {review.world.title}", wide=True) as made:
-            Reviewing(made, review)
+        with page(workspace, f"Description of {review.world.title}", wide=True) as view:
+            Reviewing(view, review)
 
     @route(workspace, "/conversations", "Conversations", menu=5, patience_s=PATIENT_S)
     async def conversations(folder: str = "", name: str = "") -> None:
@@ -60,22 +60,22 @@ def add(workspace: Workspace) -> None:
             await _list(workspace)
             return
         shown = await load(_read, workspace, folder, name)
-        with page(workspace, f"Conversations of {workspace.relative(workspace.existing(folder))}", wide=True) as made:
+        with page(workspace, f"Conversations of {workspace.relative(workspace.existing(folder))}", wide=True) as view:
             tag("div", data_studio="filter", data_of=".step", data_within=".thought", data_counted="configurations")
             svg(shown)
-            made.command("What a model would be asked next", "rvsg scenario prompt --world WORLD --route ROUTE")
+            view.command("What a model would be asked next", "rvsg scenario prompt --world WORLD --route ROUTE")
 
 
 class Reviewing:
     """The page: the map, the text with its names, the difference after a revision, and what a person decides."""
 
-    def __init__(self, made: Page, review: Review) -> None:
-        self.page, self.review = made, review
+    def __init__(self, view: Page, review: Review) -> None:
+        self.page, self.review = view, review
         name = shlex.quote(review.name)
-        model = asked_model(made.workspace).options
-        made.command("Let a model write it", f"rvsg world describe {name} {model}")
-        made.command("Reject with a reason", f"rvsg world describe {name} {model} --review (answer r)")
-        made.command("Accept, edit", f"rvsg world describe {name} --review")
+        model = asked_model(view.workspace).options
+        view.command("Let a model write it", f"rvsg world describe {name} {model}")
+        view.command("Reject with a reason", f"rvsg world describe {name} {model} --review (answer r)")
+        view.command("Accept, edit", f"rvsg world describe {name} --review")
         self.state = tag("p", self._said(), cls="soft")
         self.news = tag("p", "", cls="st-news soft small", role="status")
         with tag("div", cls="st-two"):
@@ -86,7 +86,7 @@ class Reviewing:
         self._show()
         if (job := review.job) is not None:
             self._follow(job)
-        self.timer = ui.timer(1.0, made.guarded(self._watch))
+        self.timer = ui.timer(1.0, view.guarded(self._watch))
 
     def _edit(self) -> None:
         with tag("section", aria_label="Edit"):
@@ -156,12 +156,12 @@ class Reviewing:
         texts = {key: " ".join(text.split()) for key, text in self.review.draft.texts.model_dump().items()}
         if not all(texts.values()):
             raise InputError("Layout and grid both need a text.")
-        told: dict[str, Any] = {"reviewed": reviewed}
+        facts: dict[str, Any] = {"reviewed": reviewed}
         if reviewed:
-            told |= {"reviewer": getpass.getuser(), "reviewed_on": datetime.date.today().isoformat()}
-        made = Description(**texts, **told)
-        path = await load(store_description, self.review.world, made, self.review.place)
-        self.review.accept(made)
+            facts |= {"reviewer": getpass.getuser(), "reviewed_on": datetime.date.today().isoformat()}
+        description = Description(**texts, **facts)
+        path = await load(store_description, self.review.world, description, self.review.place)
+        self.review.accept(description)
         self.state.set_text(self._said())
         self._show()
         self.page.say(f"Stored in {path}.")
@@ -184,9 +184,9 @@ class Reviewing:
         asked = asked_model(self.page.workspace)
         model = asked.arguments
         command = f"rvsg world describe {shlex.quote(self.review.name)} {asked.options}{' --review' if reason else ''}"
-        told = self.review.begin(reason)
+        begun = self.review.begin(reason)
         job = self.page.workspace.jobs.start("describe", title="Description", command=command,
-                                             target=self.review.target, **told, access=model)  # fmt: skip
+                                             target=self.review.target, **begun, access=model)  # fmt: skip
         self._follow(job)
 
     async def _watch(self) -> None:
@@ -215,19 +215,19 @@ class Reviewing:
 
 def model_form(workspace: Workspace) -> None:
     """Lay out the fields that name a model; what is typed is kept at once."""
-    known = asked_model(workspace)
+    asked = asked_model(workspace)
     with tag("div", cls="st-form"):
         with field("Model", help="PROVIDER:NAME; its key is read from the environment."):
-            text_input(known.model, lambda text: keep_model(workspace, model=text), autocomplete="off")
+            text_input(asked.model, lambda text: keep_model(workspace, model=text), autocomplete="off")
         with field("Server", help="Only for an OpenAI-compatible server of your own"):
-            text_input(known.base_url, lambda text: keep_model(workspace, base_url=text), autocomplete="off")
+            text_input(asked.base_url, lambda text: keep_model(workspace, base_url=text), autocomplete="off")
         with field("Budget in USD", help="It stops before its calls cost more."):
-            number_input(known.budget_usd, lambda usd: keep_model(workspace, budget_usd=usd), float, step="any")
+            number_input(asked.budget_usd, lambda usd: keep_model(workspace, budget_usd=usd), float, step="any")
 
 
 def _read(workspace: Workspace, folder: str, name: str) -> str:
     path, where = workspace.existing(folder), {"campaign": folder, "name": name or None}
-    return workspace.kept(
+    return workspace.cached(
         ("conversations", folder, name),
         path,
         lambda: conversation_of(

@@ -25,47 +25,47 @@ def add(workspace: Workspace) -> None:
 
     @route(workspace, "/world", "World")
     async def world(world: str = "") -> None:
-        found = await load(editable_world, world_place(workspace, Question(world=world)))
-        with page(workspace, found["title"], wide=True) as made:
-            _lay_out(made, world, found)
+        editable = await load(editable_world, world_place(workspace, Question(world=world)))
+        with page(workspace, editable["title"], wide=True) as view:
+            _lay_out(view, world, editable)
 
     @route(workspace, "/world/new", "New world")
     async def new_world() -> None:
-        with page(workspace, "New world") as made:
-            NewWorld(made)
+        with page(workspace, "New world") as view:
+            NewWorld(view)
 
     _add_scenario(workspace)
 
 
-def _lay_out(made: Page, name: str, found: dict[str, Any]) -> None:
+def _lay_out(view: Page, name: str, editable: dict[str, Any]) -> None:
     async def copy() -> None:
-        target = made.workspace.path(name)
+        target = view.workspace.path(name)
         if target.exists():
             raise InputError(f"{name}: this folder exists already.")
         await load(shutil.copytree, folder_of_world(name), target)
         ui.navigate.to(address("/world", world=f"./{name}"))
 
     with actions():
-        where = "shipped with RVSG" if not found["editable"] else name
+        where = "shipped with RVSG" if not editable["editable"] else name
         tag("span", where, cls="soft")
-        if not found["editable"]:
-            made.button("Copy into this folder to edit it", copy, cls="st-primary")
+        if not editable["editable"]:
+            view.button("Copy into this folder to edit it", copy, cls="st-primary")
         tag("a", "Review its description", cls="st-button", href=address("/describe", world=name))
         tag("a", "New scenario here", cls="st-button", href=address("/scenario", world=name))
         tag("a", "New campaign here", cls="st-button", href=address("/campaign/new", world=name))
     tag("div", data_studio="world", data_world=name, id="world-editor")
-    made.command("Check", f"rvsg world check {name}")
-    made.command("Draw", f"rvsg world draw {name}")
-    made.command("Let a model propose names of areas", f"rvsg world label {name} --model PROVIDER:NAME")
-    made.command("Edit", "edit labels.yaml, routes.yaml and world.yaml in the folder")
+    view.command("Check", f"rvsg world check {name}")
+    view.command("Draw", f"rvsg world draw {name}")
+    view.command("Let a model propose names of areas", f"rvsg world label {name} --model PROVIDER:NAME")
+    view.command("Edit", "edit labels.yaml, routes.yaml and world.yaml in the folder")
 
 
 class NewWorld:
     """The form for a new world from dropped files."""
 
-    def __init__(self, made: Page) -> None:
-        self.page = made
-        self.typed = Typed(made.workspace, "world/new")
+    def __init__(self, view: Page) -> None:
+        self.page = view
+        self.typed = Typed(view.workspace, "world/new")
         self.name = str(self.typed.fields.get("folder", ""))
         tag("p", "Drop a Nav2 map (its .yaml with the picture beside it) or a Gazebo world (.sdf, .world). Labels and "
                  "routes are proposed; you correct them on the map.")  # fmt: skip
@@ -74,9 +74,9 @@ class NewWorld:
         self.wrong = tag("p", "", cls="st-wrong small", role="alert", id="wrong")
         tag("div", data_studio="drop", data_accept=",".join(KINDS), id="files")
         with actions():
-            made.button("Make the world", self._make, cls="st-primary")
-        made.command("From a Nav2 map", "rvsg world new DIR --map map.yaml")
-        made.command("From a Gazebo world", "rvsg world new DIR --sdf FILE")
+            view.button("Make the world", self._make, cls="st-primary")
+        view.command("From a Nav2 map", "rvsg world new DIR --map map.yaml")
+        view.command("From a Gazebo world", "rvsg world new DIR --sdf FILE")
 
     def _named(self, text: str) -> None:
         self.name = text.strip()
@@ -121,43 +121,43 @@ def _add_scenario(workspace: Workspace) -> None:
     ) -> None:
         source = {"campaign": campaign, "name": name, "attempt": attempt, "file": file, "world": world, "route": route}
         source = {key: value for key, value in {**source, "suite": suite, "case": case}.items() if value}
-        found, place, _ = await load(scenario_place, workspace, question_of(source))
+        shown, place, _ = await load(scenario_place, workspace, question_of(source))
         requirement = "R1"
         if campaign:
             opened = await load(rvsg.Campaign.open, workspace.path(campaign), name or None)
             requirement = opened.requirement.name
-        title = f"Scenario on {place.title}, {found.mission.route.name}"
-        with page(workspace, title, wide=True) as made:
+        title = f"Scenario on {place.title}, {shown.mission.route.name}"
+        with page(workspace, title, wide=True) as view:
             if not (campaign or file or case):
                 listing = await load(workspace.listing)
-                _choose(made, (*shipped_worlds(), *listing.worlds), world or "warehouse", found, place)
+                _choose(view, (*shipped_worlds(), *listing.worlds), world or "warehouse", shown, place)
             tag("p", "Drag a waypoint of the chosen person; the robot's run is simulated while you drag.", cls="soft")
             tag(
                 "div", data_studio="scenario", data_source=json.dumps(source), data_requirement=requirement, id="editor"
             )
-            made.command("Simulate", "rvsg simulate scenarios/edited.json --repeats 20 --out runs.jsonl")
-            made.command("Judge", "rvsg evaluate runs.jsonl --scenario scenarios/edited.json")
-            made.command("Add to a suite", "rvsg suite add scenarios/edited.json --suite suite")
+            view.command("Simulate", "rvsg simulate scenarios/edited.json --repeats 20 --out runs.jsonl")
+            view.command("Judge", "rvsg evaluate runs.jsonl --scenario scenarios/edited.json")
+            view.command("Add to a suite", "rvsg suite add scenarios/edited.json --suite suite")
 
     @route(workspace, "/runs", "Runs", patience_s=PATIENT_S)
     async def runs(file: str = "", scenario: str = "", campaign: str = "") -> None:
-        with page(workspace, file or "Runs", wide=True) as made:
+        with page(workspace, file or "Runs", wide=True) as view:
             where = address("/data/runs", file=file, scenario=scenario, campaign=campaign or None)
             traced = json.dumps({"file": file, "scenario": scenario})
             tag("div", data_studio="replay", data_url=where, data_keys="page", data_trace=traced, id="replay")
-            made.command("Judge", f"rvsg evaluate {file} --scenario {scenario}")
-            made.command(
+            view.command("Judge", f"rvsg evaluate {file} --scenario {scenario}")
+            view.command(
                 "Trace a run", f"rvsg replay {file} --trace --scenario {scenario} --run RUN --out RUN.trace.json"
             )
 
 
-def _choose(made: Page, names: tuple[str, ...], world: str, found: rvsg.Scenario, place: rvsg.World) -> None:
+def _choose(view: Page, names: tuple[str, ...], world: str, opened: rvsg.Scenario, place: rvsg.World) -> None:
     """Lay out the choice of world and route; another world brings its own routes."""
-    chosen: dict[str, str] = {"world": world, "route": found.mission.route.name}
+    chosen: dict[str, str] = {"world": world, "route": opened.mission.route.name}
     with tag("div", cls="st-form"):
         with field("World"):
             select(names, world, lambda name: chosen.update(world=name, route=""))
         with field("Route"):
-            select([each.name for each in place.routes], chosen["route"], lambda name: chosen.update(route=name))
+            select([way.name for way in place.routes], chosen["route"], lambda name: chosen.update(route=name))
     with actions():
-        made.button("Open", lambda: ui.navigate.to(address("/scenario", **chosen)))
+        view.button("Open", lambda: ui.navigate.to(address("/scenario", **chosen)))

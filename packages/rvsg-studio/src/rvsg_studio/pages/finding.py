@@ -16,7 +16,7 @@ from rvsg.app.commands import confirm_command, runs_command, shrink_command
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.plugins import ignore
 from rvsg.evaluation.verdict import how_sure
-from rvsg.report.answer_row import Row
+from rvsg.report.answer_row import AnswerRow
 from rvsg.report.result import Result, answer_of_runs
 from rvsg.report.words import shown_at
 from rvsg.runs.attempt import Attempt
@@ -37,7 +37,7 @@ from rvsg_studio.frame import (
     text_area,
 )
 from rvsg_studio.listing import Failure
-from rvsg_studio.workspace import STATES, Job, Note, Workspace, note, notes_of
+from rvsg_studio.workspace import STATES, FindingNote, Job, Workspace, note, notes_of
 
 TABS = ("Events", "Cause", "People", "Certainty", "Notes")
 MORE = 30
@@ -62,8 +62,8 @@ class Shown:
     campaign: rvsg.Campaign
     folder: str
     attempt: Attempt
-    row: Row
-    note: Note
+    row: AnswerRow
+    note: FindingNote
     confirmed: bool
     changes: str
     """What has changed since the campaign ran."""
@@ -94,32 +94,32 @@ def add(workspace: Workspace) -> None:
     async def finding(campaign: str = "", name: str = "", attempt: int = -1) -> None:
         shown = await load(read, workspace, campaign, name, attempt)
         listing = await load(workspace.listing)
-        with page(workspace, shown.row.name, full=True) as made:
-            lay_out(made, shown, listing.failures)
+        with page(workspace, shown.row.name, full=True) as view:
+            lay_out(view, shown, listing.failures)
 
 
 State = tuple[rvsg.Campaign, Result]
 """A campaign as it is stored now, with its answer."""
 
 
-def known(workspace: Workspace, folder: str, name: str) -> State:
+def current(workspace: Workspace, folder: str, name: str) -> State:
     """Read a campaign; what was read is kept until its store changes."""
     path = workspace.existing(folder)
     if not path.is_dir():
         raise InputError(f"{folder}: this is a file; a campaign is a folder.")
 
-    def made() -> State:
+    def view() -> State:
         campaign = rvsg.Campaign.open(path, name or None)
         with campaign.result() as result:
             assert result.answer, "asked for while the store is open"
         return campaign, result
 
-    return workspace.kept(("answer", folder, name), path, made)
+    return workspace.cached(("answer", folder, name), path, view)
 
 
 def read(workspace: Workspace, folder: str, name: str, index: int) -> Shown:
     """Read an attempt of a campaign, with what its campaign says of it."""
-    campaign, result = known(workspace, folder, name)
+    campaign, result = current(workspace, folder, name)
     attempt = next((a for a in result.attempts if a.index == index), None)
     if attempt is None or attempt.proposal.scenario is None or attempt.verdict is None:
         raise InputError(f"There is no attempt {index} with a valid scenario in {folder}.")
@@ -132,25 +132,25 @@ def read(workspace: Workspace, folder: str, name: str, index: int) -> Shown:
         folder=folder,
         attempt=attempt,
         row=row,
-        note=notes_of(workspace.path(folder)).findings.get(attempt.proposal.scenario.id, Note()),
+        note=notes_of(workspace.path(folder)).findings.get(attempt.proposal.scenario.id, FindingNote()),
         confirmed=any(a.scenario_id == attempt.scenario_id and a.purpose == "confirmation" for a in result.attempts),
         changes=result.changes,
     )
 
 
-def lay_out(made: Page, shown: Shown, failures: Sequence[Failure]) -> None:
+def lay_out(view: Page, shown: Shown, failures: Sequence[Failure]) -> None:
     """Lay out the page: what can be done, then runs, map, and what is known, beside each other."""
     with tag("div", cls="st-actions st-head"):
         _facts(shown, failures)
-        _actions(made, shown)
-        if any(campaign.folder == shown.folder and each.row == shown.row for campaign, each in failures):
+        _actions(view, shown)
+        if any(campaign.folder == shown.folder and failure.row == shown.row for campaign, failure in failures):
             link("Tune", "/tune", cls="st-button", campaign=shown.folder, attempt=shown.attempt.index)
     if shown.changes:
         tag("p", shown.changes, cls="strip warn")
     with tag("div", cls="st-panes"):
         with tag("section", cls="st-runs", aria_label="Runs", tabindex="0"):
             tag("div", id="runs")
-            _jobs(made, shown)
+            _jobs(view, shown)
         tag("section", cls="st-stage", aria_label="Replay", id="stage")
         with tag("section", cls="st-known", aria_label="What is known", data_studio="tabs"):
             with tag("div", role="tablist", aria_label="What is known"):
@@ -161,12 +161,12 @@ def lay_out(made: Page, shown: Shown, failures: Sequence[Failure]) -> None:
                 "Cause": lambda: _list([shown.row.cause, shown.row.caused, shown.row.shrunk]),
                 "People": lambda: _people(shown),
                 "Certainty": lambda: _certainty(shown),
-                "Notes": lambda: _note(made, shown),
+                "Notes": lambda: _note(view, shown),
             }
             for name, lay in lays.items():
                 with tag("div", role="tabpanel", id=f"panel-{name}", aria_labelledby=f"tab-{name}", tabindex="0"):
                     lay()
-    made.command("Trace a run", f"rvsg replay {shlex.quote(shown.folder)} --trace --run RUN")
+    view.command("Trace a run", f"rvsg replay {shlex.quote(shown.folder)} --trace --run RUN")
 
 
 def _facts(shown: Shown, failures: Sequence[Failure]) -> None:
@@ -177,13 +177,13 @@ def _facts(shown: Shown, failures: Sequence[Failure]) -> None:
     tag("span", f"contact {row.contact}{f', {row.touch}' if row.touch else ''}", cls="st-wrong" if row.contacts else "")
     tag("span", f"{plan.requirement.name} on {plan.mission.world}, {plan.mission.route.name}", cls="soft")
     link(f"{shown.folder} {row.number}", "/campaign", folder=shown.folder, name=shown.campaign.name)
-    here = [campaign.folder == shown.folder and each.row == row for campaign, each in failures]
+    here = [campaign.folder == shown.folder and failure.row == row for campaign, failure in failures]
     place = here.index(True) if True in here else -1
     for key, text, other in (("k", "Previous (k)", place - 1), ("j", "Next (j)", place + 1)):
         if place >= 0 and 0 <= other < len(failures):
-            campaign, each = failures[other]
-            query = {"campaign": campaign.folder, "name": campaign.name, "attempt": each.row.confirmation}
-            tag("a", text, href=address("/finding", **query), data_key=key, cls="st-step", title=each.row.name)
+            campaign, failure = failures[other]
+            query = {"campaign": campaign.folder, "name": campaign.name, "attempt": failure.row.confirmation}
+            tag("a", text, href=address("/finding", **query), data_key=key, cls="st-step", title=failure.row.name)
 
 
 def _list(lines: Iterable[str]) -> None:
@@ -220,24 +220,24 @@ def _certainty(shown: Shown) -> None:
     tag("p", f"{how_sure(verdict)}.")
 
 
-def _actions(made: Page, shown: Shown) -> None:
-    workspace, config, file = made.workspace, shown.campaign.config, shown.file
-    told = {"folder": shown.folder, "name": shown.campaign.name}
+def _actions(view: Page, shown: Shown) -> None:
+    workspace, config, file = view.workspace, shown.campaign.config, shown.file
+    facts = {"folder": shown.folder, "name": shown.campaign.name}
 
     def offer(kind: str, text: str, title: str, scenario: rvsg.Scenario, path: str, command: str, **more: Any) -> None:
         """Add a button for a job on a scenario, which is written to a file first."""
 
         def start() -> None:
             save_scenario(scenario, workspace.path(path), shown.campaign.found_with)
-            given = {**told, "scenario": path, **more}
-            workspace.jobs.start(kind, title=title, command=command, target=path, **given)
+            arguments = {**facts, "scenario": path, **more}
+            workspace.jobs.start(kind, title=title, command=command, target=path, **arguments)
             ui.navigate.reload()
 
-        made.button(text, start, command=command)
+        view.button(text, start, command=command)
 
     def confirm() -> None:
-        given = {**told, "candidate": shown.attempt.index}
-        workspace.jobs.start("confirm", title="Confirm", command=confirming, target=shown.folder, **given)
+        arguments = {**facts, "candidate": shown.attempt.index}
+        workspace.jobs.start("confirm", title="Confirm", command=confirming, target=shown.folder, **arguments)
         ui.navigate.reload()
 
     small = file.replace(".json", "-smallest.json")
@@ -253,14 +253,14 @@ def _actions(made: Page, shown: Shown) -> None:
             seeds: dict[str, Any] = {"seed": FRESH_SEED, "repeats": MORE, "out": path.replace(".json", "-runs.jsonl")}
             offer("runs", text, title, scenario, path, runs_command(path, config, **seeds), **seeds)
         if shown.attempt.purpose == "search" and not shown.confirmed:
-            made.button("Confirm now", confirm, command=confirming, cls="st-primary")
+            view.button("Confirm now", confirm, command=confirming, cls="st-primary")
         editor = {"data_edit": json.dumps({key: str(value) for key, value in shown.query.items()})}
         editor |= {"data_before": shown.row.share, "data_requirement": shown.campaign.requirement.name}
         tag("a", "Edit", cls="st-button", href=address("/scenario", **shown.query), data_key="e", title="e", **editor)
-        _export(made, shown)
+        _export(view, shown)
 
 
-def _export(made: Page, shown: Shown) -> None:
+def _export(view: Page, shown: Shown) -> None:
     chosen = {"format": "mcap"}
 
     def out() -> str:
@@ -268,24 +268,24 @@ def _export(made: Page, shown: Shown) -> None:
         return shown.file.replace(".json", f"-{chosen['format']}{suffix}")
 
     async def export() -> None:
-        path = made.workspace.path(out())
+        path = view.workspace.path(out())
         simulator = shown.campaign.simulator
         notes = await load(exchange.export, shown.scenario, path, chosen["format"], simulator=simulator)
-        made.say("\n".join([f"Written: {out()}", *notes]))
+        view.say("\n".join([f"Written: {out()}", *notes]))
 
     with tag("span", cls="st-group"):
         choose = select(FORMATS, "mcap", lambda value: chosen.update(format=value), aria_label="Format of the export")
         choose.classes("st-inline")
-        made.button("Export", export)
-    made.command("Export", f"rvsg export {shown.file} --to {chosen['format']} --out {out()}")
+        view.button("Export", export)
+    view.command("Export", f"rvsg export {shown.file} --to {chosen['format']} --out {out()}")
 
 
-def _jobs(made: Page, shown: Shown) -> None:
+def _jobs(view: Page, shown: Shown) -> None:
     """List what was made of this scenario, and follow what is under way."""
     stem = shown.file.removesuffix(".json")
     mine = [
         job
-        for job in made.workspace.jobs.all()
+        for job in view.workspace.jobs.all()
         if job.target.removesuffix(".json") in (stem, f"{stem}-alone")
         or (job.kind == "confirm" and job.target == shown.folder and job.arguments["candidate"] == shown.attempt.index)
     ]
@@ -293,14 +293,14 @@ def _jobs(made: Page, shown: Shown) -> None:
         return
     with tag("ul", cls="st-list st-jobs", aria_label="Work on this scenario", aria_live="polite"):
         for job in mine[:6]:
-            JobLine(made, job)
+            JobLine(view, job)
 
 
 class JobLine:
     """A line on a job that follows it until it ends."""
 
-    def __init__(self, made: Page, job: Job) -> None:
-        self._made, self._job, self._at = made, job, 0
+    def __init__(self, view: Page, job: Job) -> None:
+        self._made, self._job, self._at = view, job, 0
         with tag("li", cls="st-job"):
             tag("strong", job.title)
             self._state = tag("span", "", cls="soft")
@@ -316,8 +316,8 @@ class JobLine:
         events, self._at = await load(jobs.events, job.id, self._at)
         for event in events:
             if event["kind"] == "step":
-                kept = "kept" if event["kept"] else "needed"
-                self._text.set_text(f"{kept}: {event['what']} ({event['violations']} of {event['runs']} violate)")
+                effect = "kept" if event["kept"] else "needed"
+                self._text.set_text(f"{effect}: {event['what']} ({event['violations']} of {event['runs']} violate)")
             elif event["kind"] == "message":
                 self._text.set_text(event["text"])
         self._show(job)
@@ -343,9 +343,9 @@ class JobLine:
                 link("Open the finding", "/finding", campaign=job.target, attempt=job.result["attempt"])
 
 
-def job_buttons(made: Page, job: Job, said: Callable[[str], object] = ignore, *, command: str = "") -> None:
+def job_buttons(view: Page, job: Job, said: Callable[[str], object] = ignore, *, command: str = "") -> None:
     """Add the button that pauses a job, and once pressed stops it at once; `said` gets what comes of it."""
-    jobs, pausing = made.workspace.jobs, [False]
+    jobs, pausing = view.workspace.jobs, [False]
 
     def end() -> None:
         (jobs.stop if pausing[0] else jobs.pause)(job.id)
@@ -353,38 +353,38 @@ def job_buttons(made: Page, job: Job, said: Callable[[str], object] = ignore, *,
         pausing[0] = True
         button.set_text("Stop now")
 
-    button = made.button("Pause", end, command=command)
+    button = view.button("Pause", end, command=command)
 
 
-def _note(made: Page, shown: Shown) -> None:
+def _note(view: Page, shown: Shown) -> None:
     """Lay out the note on a finding, which follows what another tab makes of it."""
-    folder, scenario, known = made.workspace.path(shown.folder), shown.scenario.id, [shown.note]
+    folder, scenario, latest = view.workspace.path(shown.folder), shown.scenario.id, [shown.note]
     fields, state = tag("div"), tag("p", "", cls="soft small", role="status")
 
     def kept(**change: Any) -> None:
         try:
-            known[0] = note(folder, scenario, **change)
+            latest[0] = note(folder, scenario, **change)
             state.set_text("Kept in notes.yaml beside the campaign.")
         except RvsgError as error:
-            made.say(str(error), wrong=True)
+            view.say(str(error), wrong=True)
 
     def lay_out() -> None:
         fields.clear()
         with fields:
             with field("Status"):
-                select(STATES, known[0].status, lambda value: kept(status=value))
+                select(STATES, latest[0].status, lambda value: kept(status=value))
             with field("Comment"):
-                text_area(known[0].comment, lambda text: kept(comment=text), rows=4, maxlength=20_000)
+                text_area(latest[0].comment, lambda text: kept(comment=text), rows=4, maxlength=20_000)
 
     async def follow() -> None:
-        mine = known[0]
-        stored = (await load(notes_of, folder)).findings.get(scenario, Note())
-        if stored != mine and known[0] is mine:
-            known[0] = stored
+        mine = latest[0]
+        stored = (await load(notes_of, folder)).findings.get(scenario, FindingNote())
+        if stored != mine and latest[0] is mine:
+            latest[0] = stored
             lay_out()
 
     lay_out()
-    ui.timer(FOLLOW_S, made.guarded(follow))
+    ui.timer(FOLLOW_S, view.guarded(follow))
 
 
 def _people(shown: Shown) -> None:

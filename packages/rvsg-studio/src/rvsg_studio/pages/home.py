@@ -36,7 +36,7 @@ from rvsg_studio.frame import (
 )
 from rvsg_studio.listing import Failure, FoundCampaign, Listing
 from rvsg_studio.pages.finding import FOLLOW_S, JobLine, job_buttons
-from rvsg_studio.workspace import LARGEST_FILE, STATES, Job, Note, Notes, Workspace, note, notes_of
+from rvsg_studio.workspace import LARGEST_FILE, STATES, FindingNote, Job, Notes, Workspace, note, notes_of
 
 FAILURES = ("", "", "Failure", "Violated", "Contact", "Cause", "Status", "Age")
 CAMPAIGNS = ("Campaign", "Answer", "Tried", "Runs", "Changed")
@@ -61,39 +61,39 @@ def add(workspace: Workspace) -> None:
 
     @route(workspace, "/job", "Job")
     async def job(job: str = "") -> None:
-        found = await load(workspace.jobs.get, job)
-        with page(workspace, f"{found.title}: {found.target}") as made:
+        opened = await load(workspace.jobs.get, job)
+        with page(workspace, f"{opened.title}: {opened.target}") as view:
             with tag("ul", cls="st-list"):
-                JobLine(made, found)
+                JobLine(view, opened)
             with actions():
-                if found.kind in ("matrix", "campaign"):
-                    name = "Open the campaigns" if found.kind == "matrix" else "Open the campaign"
-                    link(name, f"/{found.kind}", cls="st-button", folder=found.target)
-                if found.kind == "recording":
-                    asked = {key: found.arguments[key] for key in ("file", "world", "people_topic")}
+                if opened.kind in ("matrix", "campaign"):
+                    name = "Open the campaigns" if opened.kind == "matrix" else "Open the campaign"
+                    link(name, f"/{opened.kind}", cls="st-button", folder=opened.target)
+                if opened.kind == "recording":
+                    asked = {key: opened.arguments[key] for key in ("file", "world", "people_topic")}
                     link("Open the recording", "/recording", cls="st-button", **asked)
-                if found.kind == "tuning":
-                    link("Open the tuning", "/tuning", cls="st-button", folder=found.target)
-                if found.running:
-                    job_buttons(made, found)
-            made.command(found.title, found.command)
+                if opened.kind == "tuning":
+                    link("Open the tuning", "/tuning", cls="st-button", folder=opened.target)
+                if opened.running:
+                    job_buttons(view, opened)
+            view.command(opened.title, opened.command)
 
     @route(workspace, "/suite", "Suite")
     async def suite(suite: str = "") -> None:
-        found = await load(rvsg.Suite.open, workspace.existing(suite))
-        with page(workspace, f"{found.head.title} ({suite})") as made:
-            made.command("Run it", f"rvsg suite run {suite}")
-            if not found.cases:
+        opened = await load(rvsg.Suite.open, workspace.existing(suite))
+        with page(workspace, f"{opened.head.title} ({suite})") as view:
+            view.command("Run it", f"rvsg suite run {suite}")
+            if not opened.cases:
                 tag("p", "This suite holds no case yet. Save a scenario in it from the scenario editor.", cls="soft")
             else:
                 with actions():
                     link("Tune a stack on it", "/tune", cls="st-button", suite=suite)
-            for note in found.head.tunings:
+            for note in opened.head.tunings:
                 with tag("p"):
                     folder = posixpath.normpath(posixpath.join(suite, note.folder))
                     link(f"Tuning of {note.stack}, {note.date}", "/tuning", folder=folder)
                     tag("span", f" {note.result}", cls="soft small")
-            for case in found.cases:
+            for case in opened.cases:
                 with tag("div", cls="st-row"):
                     with tag("span", cls="st-row-head"):
                         for expectation in case.expectations:
@@ -144,7 +144,7 @@ class Home:
             )
             _running([job for job in jobs if job.running])
             if listing.campaigns:
-                new = sum(self._status(each) == "new" for each in self.failures)
+                new = sum(self._status(failure) == "new" for failure in self.failures)
                 title = f"{counted(len(self.failures), 'failure')}, {new} new"
                 with section(title, "failures"):
                     self._filters(listing)
@@ -155,13 +155,14 @@ class Home:
             _places(listing)
 
     def _read_notes(self) -> dict[str, Notes]:
-        return {folder: notes_of(self.workspace.path(folder)) for folder in {each.folder for each, _ in self.failures}}
+        folders = {campaign.folder for campaign, _ in self.failures}
+        return {folder: notes_of(self.workspace.path(folder)) for folder in folders}
 
-    def _status(self, each: Failure) -> str:
-        return self.notes[each[0].folder].findings.get(each[1].scenario_id, Note()).status
+    def _status(self, failure: Failure) -> str:
+        return self.notes[failure[0].folder].findings.get(failure[1].scenario_id, FindingNote()).status
 
     def _filters(self, listing: Listing) -> None:
-        known: dict[str, Iterable[str]] = {
+        filters: dict[str, Iterable[str]] = {
             "world": sorted({campaign.world for campaign, _ in self.failures}),
             "requirement": sorted({campaign.requirement for campaign, _ in self.failures}),
             "status": STATES,
@@ -175,40 +176,40 @@ class Home:
         if not self.failures:
             return
         with tag("div", cls="st-filters"):
-            for key, values in known.items():
+            for key, values in filters.items():
                 options = {"": f"any {key}"} | {value: value for value in values}
                 select(options, self.chosen[key], partial(choose, key), aria_label=key.capitalize())
             text_input(self.chosen["search"], partial(choose, "search"), kind="search", data_key="/",
                        placeholder="Search ( / )", aria_label="Search failures")  # fmt: skip
 
-    def _is_shown(self, each: Failure) -> bool:
-        campaign, failure = each
+    def _is_shown(self, pair: Failure) -> bool:
+        campaign, failure = pair
         row, chosen = failure.row, self.chosen
         touched = "contact" if row.contacts else "no contact"
         facts = {"world": campaign.world, "requirement": campaign.requirement, "contact": touched}
-        facts["status"] = self._status(each)
+        facts["status"] = self._status(pair)
         text = f"{row.name} {row.cause} {campaign.folder} {campaign.route}".lower()
         return all(chosen[key] in ("", fact) for key, fact in facts.items()) and chosen["search"].lower() in text
 
     def _rows(self) -> None:
         """Lay out the failures that the filters leave."""
         self.rows.clear()
-        found = [each for each in self.failures if self._is_shown(each)]
+        rows = [failure for failure in self.failures if self._is_shown(failure)]
         with self.rows:
-            if not found:
+            if not rows:
                 none = "No failure is confirmed." if not self.failures else "No failure has all of this."
                 tag("p", none, cls="soft", role="status")
             else:
                 with table(FAILURES, cls="st-table st-failures"):
-                    for each in found[:SHOWN]:
-                        self._row(each)
-            if len(found) > SHOWN:
-                tag("p", f"and {len(found) - SHOWN} more: filter or search.", cls="soft")
+                    for failure in rows[:SHOWN]:
+                        self._row(failure)
+            if len(rows) > SHOWN:
+                tag("p", f"and {len(rows) - SHOWN} more: filter or search.", cls="soft")
         self._bar()
 
-    def _row(self, each: Failure) -> None:
-        campaign, failure = each
-        row, key = failure.row, _key(each)
+    def _row(self, pair: Failure) -> None:
+        campaign, failure = pair
+        row, key = failure.row, _key(pair)
         query: dict[str, Any] = {"campaign": campaign.folder, "name": campaign.name, "attempt": row.confirmation}
 
         def select_it(on: bool) -> None:
@@ -233,21 +234,21 @@ class Home:
             tag("td", touch, data_label="Contact", cls="st-wrong" if row.contacts else "")
             with tag("td", data_label="Cause"), tag("div", row.cause):
                 tag("div", row.caused, cls="soft small")
-            tag("td", self._status(each), data_label="Status")
+            tag("td", self._status(pair), data_label="Status")
             tag("td", ago(campaign.changed_s, since=True), data_label="Age")
 
     def _bar(self) -> None:
         """Lay out what can be done with the selection."""
         self.bar.clear()
-        chosen = [each for each in self.failures if _key(each) in self.selected]
+        chosen = [failure for failure in self.failures if _key(failure) in self.selected]
         if not chosen:
             return
         suite = {"folder": "suite"}
 
         def mark(status: str) -> None:
             for campaign, failure in chosen:
-                kept = next(state for state in STATES if state == status)
-                note(self.workspace.path(campaign.folder), failure.scenario_id, status=kept)
+                chosen_state = next(state for state in STATES if state == status)
+                note(self.workspace.path(campaign.folder), failure.scenario_id, status=chosen_state)
                 self.notes[campaign.folder] = notes_of(self.workspace.path(campaign.folder))
             self._rows()
 
@@ -270,22 +271,23 @@ class Home:
             self.page.button("Compare", compare)
 
 
-def _key(each: Failure) -> tuple[str, str, int]:
-    return each[0].folder, each[0].name, each[1].row.confirmation or 0
+def _key(failure: Failure) -> tuple[str, str, int]:
+    return failure[0].folder, failure[0].name, failure[1].row.confirmation or 0
 
 
 def add_to_suite(workspace: Workspace, chosen: Iterable[Failure], name: str) -> str:
     """Add failures as cases; return what the suite holds then."""
     suite = rvsg.Suite.create(workspace.path(name))
-    for found, failure in chosen:
-        suite = add_failures(suite, rvsg.Campaign.open(workspace.existing(found.folder), found.name), [failure.row])
+    for campaign, failure in chosen:
+        opened = rvsg.Campaign.open(workspace.existing(campaign.folder), campaign.name)
+        suite = add_failures(suite, opened, [failure.row])
     return f"{name} holds {counted(len(suite.cases), 'case')}."
 
 
 def _followed(listing: Listing, jobs: list[Job]) -> tuple[object, ...]:
     """Return what the page is laid out anew for; the counts of a campaign that runs are not among it."""
-    found = tuple((each.folder, each.name, each.status, len(each.failures)) for each in listing.campaigns)
-    return listing.unread, tuple(job.id for job in jobs if job.running), found, listing.worlds, listing.suites
+    shown = tuple((c.folder, c.name, c.status, len(c.failures)) for c in listing.campaigns)
+    return listing.unread, tuple(job.id for job in jobs if job.running), shown, listing.worlds, listing.suites
 
 
 def _starts(folder: Path, listing: Listing) -> None:
@@ -333,15 +335,15 @@ def _campaigns(listing: Listing) -> None:
         above = campaign.folder.rpartition("/")[0]
         together.setdefault(above if above in listing.matrices else campaign.folder, []).append(campaign)
     with section(counted(len(listing.campaigns), "campaign"), "campaigns"):
-        if new := sum(not (each.name or each.problem) for each in listing.campaigns):
+        if new := sum(not (campaign.name or campaign.problem) for campaign in listing.campaigns):
             tag("p", f"Reading {counted(new, 'campaign')}…", cls="soft", role="status")
         with table(CAMPAIGNS, cls="st-table"):
-            for folder, found in list(together.items())[:SHOWN]:
+            for folder, alike in list(together.items())[:SHOWN]:
                 with tag("tr"):
                     if folder in listing.matrices:
-                        _matrix(folder, found)
+                        _matrix(folder, alike)
                     else:
-                        _campaign(found[0])
+                        _campaign(alike[0])
 
 
 def _campaign(campaign: FoundCampaign) -> None:
@@ -365,22 +367,23 @@ def _campaign(campaign: FoundCampaign) -> None:
     _amounts([campaign], campaign.tried)
 
 
-def _matrix(folder: str, found: list[FoundCampaign]) -> None:
+def _matrix(folder: str, campaigns: list[FoundCampaign]) -> None:
     """Lay out campaigns of several routes and requirements as one row with a chip for each."""
     with tag("td", data_label="Campaign"), tag("div"):
         link(folder, "/matrix", folder=folder)
-        tag("div", f"{counted(len(found), 'campaign')}, {found[0].world}", cls="soft small")
+        tag("div", f"{counted(len(campaigns), 'campaign')}, {campaigns[0].world}", cls="soft small")
     with tag("td", data_label="Answer"), tag("div"):
-        for each in sorted(found, key=lambda each: (each.route, each.requirement)):
-            made = link(f"{each.route} {each.requirement}: {each.status or 'is being read'}", "/campaign",
-                        folder=each.folder, name=each.name or None, cls=f"chip {each.tone}")  # fmt: skip
-            made._props["title"] = each.headline
-    _amounts(found, str(sum(each.attempts for each in found)))
+        for campaign in sorted(campaigns, key=lambda campaign: (campaign.route, campaign.requirement)):
+            text = f"{campaign.route} {campaign.requirement}: {campaign.status or 'is being read'}"
+            where = {"folder": campaign.folder, "name": campaign.name or None}
+            element = link(text, "/campaign", **where, cls=f"chip {campaign.tone}")
+            element._props["title"] = campaign.headline
+    _amounts(campaigns, str(sum(campaign.attempts for campaign in campaigns)))
 
 
-def _amounts(found: list[FoundCampaign], tried: str) -> None:
-    changed = ago(max(each.changed_s for each in found))
-    for name, text in (("Tried", tried), ("Runs", str(sum(each.runs for each in found))), ("Changed", changed)):
+def _amounts(campaigns: list[FoundCampaign], tried: str) -> None:
+    changed = ago(max(campaign.changed_s for campaign in campaigns))
+    for name, text in (("Tried", tried), ("Runs", str(sum(c.runs for c in campaigns))), ("Changed", changed)):
         tag("td", text, data_label=name, cls="whole")
 
 

@@ -34,7 +34,7 @@ SHOWN = 100
 
 
 @dataclass(frozen=True)
-class Found:
+class InboxEntry:
     """A proposal in the inbox. `wrong` says why it cannot be read, or what the checker finds in it now."""
 
     path: Path
@@ -52,53 +52,53 @@ def add(workspace: Workspace) -> None:
 
     @route(workspace, "/inbox", "Proposals", menu=3)
     async def inbox() -> None:
-        found = await load(proposals, workspace)
+        entries = await load(proposals, workspace)
         listing = await load(workspace.listing)
-        with page(workspace, "Proposals", here="/inbox") as made:
-            Inbox(made, found, (*shipped_worlds(), *listing.worlds))
+        with page(workspace, "Proposals", here="/inbox") as view:
+            Inbox(view, entries, (*shipped_worlds(), *listing.worlds))
 
 
-def proposals(workspace: Workspace) -> list[Found]:
+def proposals(workspace: Workspace) -> list[InboxEntry]:
     """Return the proposals of the folder, the newest first, each with what the checker says of it."""
     folder = workspace.path(FOLDER)
     paths = sorted(folder.glob("*.json"), key=lambda path: -path.stat().st_mtime_ns) if folder.is_dir() else []
-    return [workspace.kept(("proposal", str(path)), path, partial(read, path)) for path in paths[:SHOWN]]
+    return [workspace.cached(("proposal", str(path)), path, partial(read, path)) for path in paths[:SHOWN]]
 
 
-def read(path: Path) -> Found:
+def read(path: Path) -> InboxEntry:
     """Read a proposal and check its scenario."""
     try:
         proposal = read_proposal(path)
         if proposal.scenario is None:
-            return Found(path, proposal, ())
+            return InboxEntry(path, proposal, ())
         scenario, world = load_scenario_in(path)
-        return Found(path, proposal, tuple(str(finding) for finding in rvsg.check(scenario, world)))
+        return InboxEntry(path, proposal, tuple(str(finding) for finding in rvsg.check(scenario, world)))
     except RvsgError as error:
-        return Found(path, None, (str(error),))
+        return InboxEntry(path, None, (str(error),))
 
 
 class Inbox:
     """The list, and the form that asks for more."""
 
-    def __init__(self, made: Page, found: list[Found], worlds: tuple[str, ...]) -> None:
-        self.page, self.workspace, self.found = made, made.workspace, found
-        self.kept = Typed(self.workspace, "inbox")
-        self.asked: dict[str, Any] = {**ASKED, **self.kept.fields}
+    def __init__(self, view: Page, entries: list[InboxEntry], worlds: tuple[str, ...]) -> None:
+        self.page, self.workspace, self.entries = view, view.workspace, entries
+        self.typed = Typed(self.workspace, "inbox")
+        self.asked: dict[str, Any] = {**ASKED, **self.typed.fields}
         tag("p", "A generator writes scenarios; you open, accept or drop each. They lie in proposals/ as files.")
-        with tag("details", cls="st-ask", open=not found):
+        with tag("details", cls="st-ask", open=not entries):
             tag("summary", "Ask for proposals")
             self.fields = tag("div", cls="st-form")
             self._fields(worlds)
             tag("p", "For a vision language model:", cls="soft small")
-            model_form(made.workspace)
+            model_form(view.workspace)
             with actions():
-                made.button("Ask", self._ask, cls="st-primary")
+                view.button("Ask", self._ask, cls="st-primary")
         self.news = tag("p", "", cls="st-news soft small", role="status")
         self.list = tag("div")
-        made.command("Ask for a proposal", f"rvsg scenario propose --seed 0 --out {FOLDER}/NAME.json")
-        made.command("Try it", f"rvsg simulate {FOLDER}/NAME.json")
+        view.command("Ask for a proposal", f"rvsg scenario propose --seed 0 --out {FOLDER}/NAME.json")
+        view.command("Try it", f"rvsg simulate {FOLDER}/NAME.json")
         self._show()
-        self.timer = ui.timer(1.0, made.guarded(self._follow))
+        self.timer = ui.timer(1.0, view.guarded(self._follow))
 
     def _fields(self, worlds: tuple[str, ...]) -> None:
         self.fields.clear()
@@ -109,7 +109,7 @@ class Inbox:
             with field("Route"):
                 select(routes_of(asked["world"]), asked["route"], partial(self._set, "route"))
             with field("Requirement"):
-                options = {name: f"{name}: {each.title}" for name, each in shipped_requirements().items()}
+                options = {name: f"{name}: {requirement.title}" for name, requirement in shipped_requirements().items()}
                 select(options, asked["requirement"], partial(self._set, "requirement"))
             with field("Who writes it"):
                 select(generators(), asked["generator"], partial(self._set, "generator"))
@@ -120,7 +120,7 @@ class Inbox:
     def _set(self, key: str, value: Any) -> None:
         value = 0 if value is None else value  # an empty number
         self.asked[key] = value
-        self.kept.keep({key: value})
+        self.typed.keep({key: value})
 
     def _choose_world(self, name: str, worlds: tuple[str, ...]) -> None:
         self._set("world", name)
@@ -134,9 +134,9 @@ class Inbox:
             raise InputError(f"Ask for 1 to {MOST} proposals at a time.")
         options = " ".join(f"--{key} {shlex.quote(str(value))}" for key, value in asked.items())
         if asked["generator"] == "vlm":
-            known = asked_model(self.workspace)
-            asked |= known.arguments
-            options += f" {known.options}"
+            model = asked_model(self.workspace)
+            asked |= model.arguments
+            options += f" {model.options}"
         command = f"rvsg scenario propose {options} --out {FOLDER}/NAME.json"
         self.workspace.jobs.start("propose", title="Proposals", command=command, target=TARGET, folder=FOLDER,
                                   settings=asked, count=count)  # fmt: skip
@@ -147,66 +147,66 @@ class Inbox:
         if job is not None:
             said = job.result.get("reason", "")
             self.news.set_text("Proposals are being written…" if job.running else said)
-        found = await load(proposals, self.workspace)
-        if found != self.found:
-            self.found = found
+        entries = await load(proposals, self.workspace)
+        if entries != self.entries:
+            self.entries = entries
             self._show()
 
     def _show(self) -> None:
         self.list.clear()
         with self.list:
-            if not self.found:
+            if not self.entries:
                 tag("p", "No proposal is in the inbox.", cls="soft")
-            for each in self.found:
-                self._one(each)
+            for entry in self.entries:
+                self._one(entry)
 
-    def _one(self, each: Found) -> None:
-        name, proposal = each.path.stem, each.proposal
-        file = self.workspace.relative(each.path)
+    def _one(self, entry: InboxEntry) -> None:
+        name, proposal = entry.path.stem, entry.proposal
+        file = self.workspace.relative(entry.path)
         with tag("section", cls="st-card st-proposal", aria_label=name):
             with tag("p", cls="st-card-head"):
-                chip("valid", "good") if each.valid else chip("invalid", "bad")
+                chip("valid", "good") if entry.valid else chip("invalid", "bad")
                 tag("strong", name)
                 if proposal is not None:
                     spent = f", {counted(len(proposal.calls), 'call')}" if proposal.calls else ""
                     tag("span", f"{proposal.generator}{spent}", cls="soft small")
             if proposal is not None and proposal.scenario is not None:
                 tag("p", proposal.scenario.description or "Without a description", cls="st-clip")
-            _verdict(each)
+            _verdict(entry)
             with actions():
-                if each.valid:
+                if entry.valid:
                     link("Open in the editor", "/scenario", cls="st-button", file=file)
-                    self.page.button("Accept", lambda: self._accept(each), aria_label=f"Accept {name}")
-                self.page.button("Drop", lambda: self._drop(each), cls="st-danger", aria_label=f"Drop {name}")
+                    self.page.button("Accept", lambda: self._accept(entry), aria_label=f"Accept {name}")
+                self.page.button("Drop", lambda: self._drop(entry), cls="st-danger", aria_label=f"Drop {name}")
 
-    def _accept(self, each: Found) -> None:
+    def _accept(self, entry: InboxEntry) -> None:
         """Save the scenario of a proposal with the others, and take it out of the inbox."""
-        target = self.workspace.path(f"scenarios/{each.path.name}")
+        target = self.workspace.path(f"scenarios/{entry.path.name}")
         if target.exists():
             where = self.workspace.relative(target)
             raise InputError(f"{where} exists already. Open the proposal to save it under another name.")
-        scenario, _ = load_scenario_in(each.path)
+        scenario, _ = load_scenario_in(entry.path)
         save_scenario(scenario, target)
-        self._take_out(each)
+        self._take_out(entry)
         self.page.say(f"Kept as {self.workspace.relative(target)}.")
 
-    def _drop(self, each: Found) -> None:
-        self._take_out(each)
+    def _drop(self, entry: InboxEntry) -> None:
+        self._take_out(entry)
         self.page.say(f"Dropped. It still lies in {FOLDER}/dropped.")
 
-    def _take_out(self, each: Found) -> None:
-        out = each.path.parent / "dropped"
+    def _take_out(self, entry: InboxEntry) -> None:
+        out = entry.path.parent / "dropped"
         out.mkdir(exist_ok=True)
-        each.path.replace(out / each.path.name)
-        self.found = [other for other in self.found if other.path != each.path]
+        entry.path.replace(out / entry.path.name)
+        self.entries = [other for other in self.entries if other.path != entry.path]
         self._show()
 
 
-def _verdict(each: Found) -> None:
+def _verdict(entry: InboxEntry) -> None:
     """Lay out what the checker says: of the first answer, what was repaired, and what is left."""
-    said: dict[str, tuple[object, ...]] = {"Left": each.wrong}
-    if (proposal := each.proposal) is not None:
-        said["Left"] = (*proposal.problems, *each.wrong)
+    said: dict[str, tuple[object, ...]] = {"Left": entry.wrong}
+    if (proposal := entry.proposal) is not None:
+        said["Left"] = (*proposal.problems, *entry.wrong)
         said["In the first answer"] = proposal.first_findings
         said["Repaired"] = tuple(f"{r.human}, {r.task}: {r.what}" for r in proposal.repairs)
     if not any(said.values()):

@@ -84,7 +84,7 @@ class Estimate(Record):
 
 def paces(jobs: Iterable[Job], campaigns: Iterable[FoundCampaign], world: str) -> list[float]:
     """Return the seconds for each run of the last campaigns in a world that the studio ran here from begin to end."""
-    runs = {each.folder: each.runs for each in campaigns if each.complete and each.runs and each.world == world}
+    runs = {c.folder: c.runs for c in campaigns if c.complete and c.runs and c.world == world}
     first = {job.target: job for job in jobs if job.kind == "campaign"}  # the newest first: the oldest of each stays
     done = [job for job in first.values() if job.state == "finished" and job.target in runs]
     return [job.took_s / runs[job.target] for job in done[:LAST]]
@@ -102,11 +102,11 @@ def estimate(
     """
     if isinstance(asked, Matrix):
         pairs = [asked.settings | dict(zip(LISTED, pair, strict=True)) for pair in asked.pairs]
-        return _together([estimate(effective(None, {}, each), earlier, jobs) for each in pairs])
+        return _together([estimate(effective(None, {}, pair), earlier, jobs) for pair in pairs])
     wired = wire(asked)
     plan, cores = wired.plan, jobs_of(asked)
-    known = paces(jobs, earlier, plan.mission.world)
-    run_s = cores * sum(known) / len(known) if known else _run_s(wired)
+    paced = paces(jobs, earlier, plan.mission.world)
+    run_s = cores * sum(paced) / len(paced) if paced else _run_s(wired)
     least, runs_s = plan.search_runs * run_s / cores, (plan.runs + asked.shrink_runs) * run_s / cores
     if asked.generator_name != "vlm" or asked.replay is not None:
         return Estimate(
@@ -117,14 +117,14 @@ def estimate(
             usd=0.0,
             run_s=run_s,
             jobs=cores,
-            campaigns=len(known),
+            campaigns=len(paced),
         )
     model = asked.model or ""
-    alike = [each for each in earlier if each.calls and each.model == model]
-    calls, priced = sum(each.calls for each in alike), [each for each in alike if each.cost_usd is not None]
-    call_s = sum(each.calls_s for each in alike) / calls if calls else 0.0
-    paid = sum(each.calls for each in priced)
-    each_usd = sum(each.cost_usd or 0.0 for each in priced) / paid if paid else None
+    alike = [campaign for campaign in earlier if campaign.calls and campaign.model == model]
+    calls, priced = sum(c.calls for c in alike), [c for c in alike if c.cost_usd is not None]
+    call_s = sum(campaign.calls_s for campaign in alike) / calls if calls else 0.0
+    paid = sum(campaign.calls for campaign in priced)
+    each_usd = sum(campaign.cost_usd or 0.0 for campaign in priced) / paid if paid else None
     return Estimate(
         runs=plan.runs,
         proposals=plan.attempts,
@@ -133,21 +133,21 @@ def estimate(
         usd=None if each_usd is None else each_usd * plan.attempts,
         run_s=run_s,
         jobs=cores,
-        campaigns=len(known),
+        campaigns=len(paced),
         calls_of=model,
         known_calls=calls,
     )
 
 
-def _together(found: Sequence[Estimate]) -> Estimate:
+def _together(estimates: Sequence[Estimate]) -> Estimate:
     """Return the sum of estimates; a run takes their mean."""
-    runs, costs = sum(each.runs for each in found), [each.usd for each in found]
-    return found[0].replace(
+    runs, costs = sum(part.runs for part in estimates), [part.usd for part in estimates]
+    return estimates[0].replace(
         runs=runs,
-        proposals=sum(each.proposals for each in found),
-        least=sum(each.least for each in found),
-        minutes=sum(each.minutes for each in found),
-        run_s=sum(each.run_s * each.runs for each in found) / max(1, runs),
+        proposals=sum(part.proposals for part in estimates),
+        least=sum(part.least for part in estimates),
+        minutes=sum(part.minutes for part in estimates),
+        run_s=sum(part.run_s * part.runs for part in estimates) / max(1, runs),
         usd=None if None in costs else sum(cost for cost in costs if cost is not None),
     )
 
@@ -211,7 +211,7 @@ def generators() -> dict[str, str]:
     return {name: GENERATOR_TITLES.get(name, name) for name in plugins.names("generator")}
 
 
-class Draft:
+class CampaignDraft:
     """The settings of a campaign that is being written; what is typed is on the disk at once."""
 
     def __init__(self, workspace: Workspace) -> None:
@@ -231,23 +231,23 @@ class Draft:
     def read(self) -> None:
         """Read the text; where it is wrong the settings stay as they were, and `problem` says why."""
         try:
-            found = parse_campaign_file(self.text, Path("campaign.yaml"))
-            effective(None, {}, _first_of_each(found))
+            values = parse_campaign_file(self.text, Path("campaign.yaml"))
+            effective(None, {}, _first_of_each(values))
         except RvsgError as error:
             self.problem = str(error)
             return
-        self.settings, self.problem = found, ""
+        self.settings, self.problem = values, ""
 
     def set(self, key: str, value: Any) -> None:
         """Change one setting in the text; None or the default takes it out."""
-        kept = dict(self.settings)
-        kept.pop(key, None)
+        values = dict(self.settings)
+        values.pop(key, None)
         if value is not None and value != default_of(key):
-            kept[key] = value
+            values[key] = value
         if key == "world":
-            kept = {"world": value, **kept}
-            kept.pop("route", None)
-        self.write(HEAD + (yaml.safe_dump(kept, sort_keys=False, allow_unicode=True) if kept else ""))
+            values = {"world": value, **values}
+            values.pop("route", None)
+        self.write(HEAD + (yaml.safe_dump(values, sort_keys=False, allow_unicode=True) if values else ""))
 
     @property
     def asked(self) -> CampaignConfig | Matrix:
@@ -272,18 +272,18 @@ def add(workspace: Workspace) -> None:
     @route(workspace, "/campaign/new", "New campaign", menu=2, patience_s=PATIENT_S)
     async def new_campaign(world: str = "") -> None:
         listing = await load(workspace.listing)
-        draft = Draft(workspace)
+        draft = CampaignDraft(workspace)
         if world not in ("", draft.settings.get("world")):
             draft.set("world", world)
-        with page(workspace, "New campaign", here="/campaign/new") as made:
-            Form(made, draft, (*shipped_worlds(), *listing.worlds))
+        with page(workspace, "New campaign", here="/campaign/new") as view:
+            CampaignForm(view, draft, (*shipped_worlds(), *listing.worlds))
 
 
-class Form:
+class CampaignForm:
     """The form beside the file. Each writes the other."""
 
-    def __init__(self, made: Page, draft: Draft, worlds: tuple[str, ...]) -> None:
-        self.page, self.draft, self.worlds = made, draft, worlds
+    def __init__(self, view: Page, draft: CampaignDraft, worlds: tuple[str, ...]) -> None:
+        self.page, self.draft, self.worlds = view, draft, worlds
         with tag("div", cls="st-two"):
             with tag("section", aria_label="Settings"):
                 self.fields = tag("div")
@@ -293,10 +293,10 @@ class Form:
                 self.problem = tag("p", draft.problem, cls="st-message st-wrong", role="alert")
                 self.estimate = tag("p", "", cls="soft", role="status")
                 with actions():
-                    made.button("Start", self._start, cls="st-primary")
-                    made.button("Estimate time and cost", self._estimate)
+                    view.button("Start", self._start, cls="st-primary")
+                    view.button("Estimate time and cost", self._estimate)
                 self.command = tag("p", cls="small")
-        made.command("Start", "rvsg run campaign.yaml --out runs/NAME")
+        view.command("Start", "rvsg run campaign.yaml --out runs/NAME")
         self._show()
 
     def _typed(self, text: str) -> None:
@@ -341,7 +341,7 @@ class Form:
             "strategy": plugins.names("strategy"),
         }
         choices = {key: {name: name for name in names} for key, names in named.items()}
-        choices["requirement"] = {name: f"{name}: {each.title}" for name, each in REQUIREMENTS.items()}
+        choices["requirement"] = {name: f"{name}: {requirement.title}" for name, requirement in REQUIREMENTS.items()}
         choices["generator"] = generators()
         shown = {
             key: setting
@@ -364,8 +364,8 @@ class Form:
                 value, changed = values[key], partial(self._set, key)
                 with field(setting.label, help="" if key in choices else setting.help):
                     if key in choices:
-                        known = choices[key]
-                        select(known if str(value) in known else {str(value): str(value)} | known, str(value), changed)
+                        options = ({} if str(value) in choices[key] else {str(value): str(value)}) | choices[key]
+                        select(options, str(value), changed)
                     elif (kind := value_type(key)) in (int, float):
                         attributes = {"inputmode": "numeric"} if kind is int else {"step": "any"}
                         number_input(value, changed, kind, **attributes)
@@ -374,12 +374,12 @@ class Form:
 
     def _several(self, key: str, label: str, options: dict[str, str], values: dict[str, Any]) -> None:
         """Boxes to tick; more than one route or requirement makes a campaign for each pair."""
-        given = values[key] if isinstance(values[key], list) else [values[key]]
-        chosen = list(options) if given == ["all"] else [str(each) for each in given]
-        options = {each: each for each in chosen if each not in options} | options
+        asked = values[key] if isinstance(values[key], list) else [values[key]]
+        chosen = list(options) if asked == ["all"] else [str(option) for option in asked]
+        options = {option: option for option in chosen if option not in options} | options
 
         def ticked(name: str, on: bool) -> None:
-            chosen[:] = [each for each in options if (on if each == name else each in chosen)]
+            chosen[:] = [option for option in options if (on if option == name else option in chosen)]
             if chosen:
                 self._set(key, chosen[0] if len(chosen) == 1 else list(chosen))
             else:
@@ -423,33 +423,35 @@ class Form:
         }
         campaign = await load(rvsg.Campaign.create, name, file=changed, begun_in=str(workspace.folder))
         machine = {key: getattr(config, key) for key in NOT_STORED if getattr(config, key) is not None}
-        told = {"folder": name, "name": campaign.name, "machine": machine}
+        arguments = {"folder": name, "name": campaign.name, "machine": machine}
         command = command_for(config, out=Path(name))
-        workspace.jobs.start("campaign", title="Campaign", command=command, target=name, **told)
+        workspace.jobs.start("campaign", title="Campaign", command=command, target=name, **arguments)
         ui.navigate.to(address("/campaign", folder=name, name=campaign.name))
 
 
-def in_words(found: Estimate) -> str:
+def in_words(estimated: Estimate) -> str:
     """Return an estimate as a sentence or two."""
-    low, high = max(1, round(found.least)), max(1, round(found.minutes))
+    low, high = max(1, round(estimated.least)), max(1, round(estimated.minutes))
     minutes = f"{low} to {counted(high, 'minute')}" if low < high else f"About {counted(high, 'minute')}"
-    known = f"as the last {counted(found.campaigns, 'campaign')} here took" if found.campaigns else "tried just now"
+    earlier = estimated.campaigns
+    basis = f"as the last {counted(earlier, 'campaign')} here took" if earlier else "tried just now"
     said = (
-        f"{minutes}: at most {counted(found.runs, 'run')} to search and confirm, then causes and shrinking; "
-        f"{found.run_s:.2f} s for a run on each of {counted(found.jobs, 'core')}, {known}. "
-        f"{counted(found.proposals, 'proposal')}."
+        f"{minutes}: at most {counted(estimated.runs, 'run')} to search and confirm, then causes and shrinking; "
+        f"{estimated.run_s:.2f} s for a run on each of {counted(estimated.jobs, 'core')}, {basis}. "
+        f"{counted(estimated.proposals, 'proposal')}."
     )
-    if not found.calls_of:
+    if not estimated.calls_of:
         return f"{said} No model is called: it costs nothing."
-    if found.known_calls == 0:
-        return f"{said} No earlier campaign of this folder called {found.calls_of}: its time and cost are not known."
-    cost = "at an unknown price" if found.usd is None else f"about {found.usd:.2f} USD"
-    return f"{said} The calls of {found.calls_of}: {cost}, by {found.known_calls} earlier calls."
+    if estimated.known_calls == 0:
+        unknown = f"No earlier campaign of this folder called {estimated.calls_of}: its time and cost are not known."
+        return f"{said} {unknown}"
+    cost = "at an unknown price" if estimated.usd is None else f"about {estimated.usd:.2f} USD"
+    return f"{said} The calls of {estimated.calls_of}: {cost}, by {estimated.known_calls} earlier calls."
 
 
 def routes_of(world: str) -> list[str]:
     """Return the names of the routes of a world; none of one that cannot be read: using it says why."""
     try:
-        return [each.name for each in rvsg.load_world(world).routes]
+        return [way.name for way in rvsg.load_world(world).routes]
     except RvsgError:
         return []

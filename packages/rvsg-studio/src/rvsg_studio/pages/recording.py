@@ -51,20 +51,20 @@ def add(workspace: Workspace) -> None:
     async def recording(file: str = "", world: str = "", people_topic: str = "") -> None:
         asked = {"file": file, "world": world, "people_topic": people_topic}
         listing, here = await load(workspace.listing), await load(recordings_in, workspace)
-        found, wrong = None, ""
+        inspection, wrong = None, ""
         try:
-            found = await load(inspected, workspace, asked) if file else None
+            inspection = await load(inspected, workspace, asked) if file else None
         except RvsgError as error:
             wrong = str(error)
         job = await load(workspace.jobs.of, _scenario_of(file))
-        with page(workspace, f"Recording {file}".strip(), wide=True) as made:
-            made.say(wrong, wrong=True)
-            _choose(made, asked, here, (*shipped_worlds(), *listing.worlds))
-            if found is not None:
-                _show(found)
-                _ask(made, asked, bare=found.recording.occupancy is None and not world)
+        with page(workspace, f"Recording {file}".strip(), wide=True) as view:
+            view.say(wrong, wrong=True)
+            _choose(view, asked, here, (*shipped_worlds(), *listing.worlds))
+            if inspection is not None:
+                _show(inspection)
+                _ask(view, asked, bare=inspection.recording.occupancy is None and not world)
                 if job is not None:
-                    _result(made, job)
+                    _result(view, job)
 
 
 def recordings_in(workspace: Workspace) -> list[str]:
@@ -79,18 +79,18 @@ def inspected(workspace: Workspace, asked: dict[str, str]) -> Inspection:
     """Return what a recording of the folder holds."""
     path = workspace.existing(asked["file"])
 
-    def made() -> Inspection:
+    def compute() -> Inspection:
         world = as_world(world_place(workspace, Question(world=asked["world"]))) if asked["world"] else None
         return inspect(load_recording(path, world=world, people_topic=asked["people_topic"] or None), world)
 
-    return workspace.kept(("recording", *asked.values()), path, made)
+    return workspace.cached(("recording", *asked.values()), path, compute)
 
 
 def _scenario_of(file: str) -> str:
     return f"scenarios/{safe_name(Path(file).stem)}.json"
 
 
-def _choose(made: Page, asked: dict[str, str], here: list[str], worlds: tuple[str, ...]) -> None:
+def _choose(view: Page, asked: dict[str, str], here: list[str], worlds: tuple[str, ...]) -> None:
     """Lay out the choice of a recording, its world, and its people where several topics hold some."""
     chosen = dict(asked)
     most = str(LARGEST_FILE)
@@ -107,8 +107,8 @@ def _choose(made: Page, asked: dict[str, str], here: list[str], worlds: tuple[st
         with field("Topic of the people", help="Where several hold people; one of laser scans finds them in all"):
             text_input(asked["people_topic"], partial(chosen.__setitem__, "people_topic"), autocomplete="off")
     with actions():
-        made.button("Inspect", lambda: ui.navigate.to(address("/recording", **chosen)))
-    made.command("Inspect", f"rvsg recording inspect {_options(asked)}")
+        view.button("Inspect", lambda: ui.navigate.to(address("/recording", **chosen)))
+    view.command("Inspect", f"rvsg recording inspect {_options(asked)}")
 
 
 def _options(asked: dict[str, Any]) -> str:
@@ -120,13 +120,13 @@ def _options(asked: dict[str, Any]) -> str:
     return " ".join([shlex.quote(asked["file"] or "FILE"), *named])
 
 
-def _show(found: Inspection) -> None:
+def _show(inspection: Inspection) -> None:
     with section("What it holds", "holds"), tag("ul", cls="small"):
-        for line in (*found.lines, *found.notes):
+        for line in (*inspection.lines, *inspection.notes):
             tag("li", str(line))
 
 
-def _ask(made: Page, asked: dict[str, str], *, bare: bool) -> None:
+def _ask(view: Page, asked: dict[str, str], *, bare: bool) -> None:
     """Lay out how the scenario is made, and the button that begins it; a `bare` recording has no map and no world."""
     chosen: dict[str, Any] = {"robot": ROBOT, "people": People.BLENDED.value, "requirement": "R1", "open_floor": False}
     choices = {
@@ -136,14 +136,14 @@ def _ask(made: Page, asked: dict[str, str], *, bare: bool) -> None:
             "intent": "with their intent: they react",
             "blended": "blended: recorded until the robot differs, then with intent",
         },
-        "requirement": {name: f"{name}: {each.title}" for name, each in REQUIREMENTS.items()},
+        "requirement": {name: f"{name}: {requirement.title}" for name, requirement in REQUIREMENTS.items()},
     }
     out = _scenario_of(asked["file"])
 
     def start() -> None:
         options = _options(asked | chosen)
         command = f"rvsg recording scenario {options} --out {out} --html {Path(out).with_suffix('.html')}"
-        made.workspace.jobs.start(
+        view.workspace.jobs.start(
             "recording", title="Scenario of a recording", command=command, target=out, **asked, **chosen
         )
         ui.navigate.reload()
@@ -158,19 +158,19 @@ def _ask(made: Page, asked: dict[str, str], *, bare: bool) -> None:
                     floors = {"": "not known", "open": "open: no obstacle was near"}
                     select(floors, "", lambda value: chosen.update(open_floor=bool(value)))
         with actions():
-            made.button("Make the scenario", start, cls="st-primary")
-    made.command("Make the scenario", f"rvsg recording scenario {_options(asked | chosen)} --out {out}")
+            view.button("Make the scenario", start, cls="st-primary")
+    view.command("Make the scenario", f"rvsg recording scenario {_options(asked | chosen)} --out {out}")
 
 
-def _result(made: Page, job: Job) -> None:
+def _result(view: Page, job: Job) -> None:
     """Lay out the newest job on this recording, and once it has ended, the verdict and both drives."""
-    made.command(job.title, job.command)
+    view.command(job.title, job.command)
     with section("Does it repeat what happened?", "verdict"):
         if job.state != "finished":
             with tag("ul", cls="st-list"):
-                JobLine(made, job)
+                JobLine(view, job)
             if job.running:
-                ui.timer(1.0, made.guarded(partial(_follow, made.workspace, job)))
+                ui.timer(1.0, view.guarded(partial(_follow, view.workspace, job)))
             return
         tag("p", job.result["reason"])
         with tag("ul", cls="small"):

@@ -51,7 +51,7 @@ WHAT = (
     "Searches parameters of the stack that fail less on the suite, and checks them on held-out cases, other traffic, "
     "empty routes and new attacks."
 )
-Given = Mapping[str, Any]
+Values = Mapping[str, Any]
 FRONT = ("Setting", "What it trades", "Violations", "Contact", "Time", "")
 
 
@@ -61,34 +61,34 @@ def add(workspace: Workspace) -> None:
     @route(workspace, "/tune", "Tune a stack")
     async def tune(suite: str = "", campaign: str = "", attempt: int = -1) -> None:
         listing = await load(workspace.whole_listing if campaign else workspace.listing)
-        failure = next((each for each in listing.failures if _is(each, campaign, attempt)), None)
+        failure = next((entry for entry in listing.failures if _is(entry, campaign, attempt)), None)
         if campaign and failure is None:
             raise InputError(f"Attempt {attempt} of {campaign} is no confirmed failure. Confirm it first.")
-        with page(workspace, "Tune a stack") as made:
-            Form(made, listing, suite, failure)
+        with page(workspace, "Tune a stack") as view:
+            TuningForm(view, listing, suite, failure)
 
     @route(workspace, "/tuning", "Tuning")
     async def tuning(folder: str = "") -> None:
         folder = workspace.relative(workspace.path(folder))
-        job, found = await load(workspace.jobs.of, folder), await load(tuning_in, workspace, folder)
-        if job is None and found is None:
+        job, result = await load(workspace.jobs.of, folder), await load(tuning_in, workspace, folder)
+        if job is None and result is None:
             raise InputError(f"{folder}: there is no tuning here.")
-        with page(workspace, f"Tuning in {folder}", wide=True) as made:
+        with page(workspace, f"Tuning in {folder}", wide=True) as view:
             if job is not None:
-                _follow(made, job)
-            if found is not None and not (job is not None and job.running):
-                _result(made, folder, found, job)
+                _follow(view, job)
+            if result is not None and not (job is not None and job.running):
+                _result(view, folder, result, job)
 
 
-def _is(each: Failure, campaign: str, attempt: int) -> bool:
-    return each[0].folder == campaign and attempt in (each[1].row.attempt, each[1].row.confirmation)
+def _is(failure: Failure, campaign: str, attempt: int) -> bool:
+    return failure[0].folder == campaign and attempt in (failure[1].row.attempt, failure[1].row.confirmation)
 
 
-class Form:
+class TuningForm:
     """What a tuning is started with. What is typed is kept."""
 
-    def __init__(self, made: Page, listing: Listing, suite: str, failure: Failure | None) -> None:
-        self.page, self.failure, self.typed = made, failure, Typed(made.workspace, "tune")
+    def __init__(self, view: Page, listing: Listing, suite: str, failure: Failure | None) -> None:
+        self.page, self.failure, self.typed = view, failure, Typed(view.workspace, "tune")
         self.asked = {key: default for key, (_, _, default) in FIELDS.items()} | self.typed.fields
         self.asked |= {"suite": suite} if suite else {}
         self.wrong: dict[str, Any] = {}
@@ -107,8 +107,8 @@ class Form:
                                    list=f"known-{key}", aria_describedby=f"wrong-{key}")  # fmt: skip
                     self.wrong[key] = tag("p", "", cls="st-wrong small", role="alert", id=f"wrong-{key}")
         with actions():
-            made.button("Tune", self._start, cls="st-primary")
-        made.command("Tune", "rvsg tune suite --stack nav2_params.yaml --out runs/tuned --budget-runs 3000")
+            view.button("Tune", self._start, cls="st-primary")
+        view.command("Tune", "rvsg tune suite --stack nav2_params.yaml --out runs/tuned --budget-runs 3000")
 
     def _set(self, key: str, text: str) -> None:
         self.asked[key] = text
@@ -117,23 +117,23 @@ class Form:
 
     async def _start(self) -> None:
         """Start the tuning, or say beside the first field that cannot be used what is wrong."""
-        workspace, given = self.page.workspace, dict[str, Any]()
+        workspace, values = self.page.workspace, dict[str, Any]()
         for key, read in READ.items():
             try:
-                given[key] = await load(read, workspace, self.asked[key].strip(), given, self.failure)
+                values[key] = await load(read, workspace, self.asked[key].strip(), values, self.failure)
             except RvsgError as error:
                 self.wrong[key].set_text(str(error))
                 return
-        _begin(workspace, given.pop("out"), given)
+        _begin(workspace, values.pop("out"), values)
 
 
-def _stack(workspace: Workspace, text: str, given: Given, failure: Failure | None) -> str:
+def _stack(workspace: Workspace, text: str, earlier: Values, failure: Failure | None) -> str:
     if ":" not in text:  # code that a form names is run by the process of its job alone
         StackChoice.of(text).close()
     return text
 
 
-def _suite(workspace: Workspace, text: str, given: Given, failure: Failure | None) -> str:
+def _suite(workspace: Workspace, text: str, earlier: Values, failure: Failure | None) -> str:
     name = workspace.relative(workspace.path(text))
     if failure is not None:
         add_to_suite(workspace, [failure], name)
@@ -141,25 +141,25 @@ def _suite(workspace: Workspace, text: str, given: Given, failure: Failure | Non
     return name
 
 
-def _runs(workspace: Workspace, text: str, given: Given, failure: Failure | None) -> int:
+def _runs(workspace: Workspace, text: str, earlier: Values, failure: Failure | None) -> int:
     runs: int = _number(int, 1, text)
-    check_budget(runs, len(rvsg.Suite.open(workspace.path(given["suite"])).cases))
+    check_budget(runs, len(rvsg.Suite.open(workspace.path(earlier["suite"])).cases))
     return runs
 
 
 def _number(kind: type, least: float, text: str) -> Any:
     with contextlib.suppress(ValueError):
-        if least <= (found := kind(text)) < 1e9:
-            return found
+        if least <= (number := kind(text)) < 1e9:
+            return number
     raise InputError(f"{text or 'Nothing'}: expected a {'whole ' if kind is int else ''}number from {least:g} on.")
 
 
-def _out(workspace: Workspace, text: str, given: Given, failure: Failure | None) -> str:
-    name = "-".join(Path(given[key]).stem for key in ("suite", "stack"))
+def _out(workspace: Workspace, text: str, earlier: Values, failure: Failure | None) -> str:
+    name = "-".join(Path(earlier[key]).stem for key in ("suite", "stack"))
     return workspace.relative(workspace.path(text or f"runs/tune-{safe_name(name)}"))
 
 
-READ: dict[str, Callable[[Workspace, str, Given, Failure | None], Any]] = {
+READ: dict[str, Callable[[Workspace, str, Values, Failure | None], Any]] = {
     "stack": _stack,
     "budget_minutes": lambda _, text, *__: _number(float, 0.1, text) if text else None,
     "attack_runs": lambda _, text, *__: _number(int, 0, text),
@@ -170,26 +170,26 @@ READ: dict[str, Callable[[Workspace, str, Given, Failure | None], Any]] = {
 """What each field says, in the order of asking: what is kept in a suite comes after what may be wrong alone."""
 
 
-def _begin(workspace: Workspace, folder: str, given: Mapping[str, Any]) -> None:
+def _begin(workspace: Workspace, folder: str, arguments: Mapping[str, Any]) -> None:
     """Start the job, also one that resumes or that takes another setting, and show it."""
-    options = {f"--{key.replace('_', '-')}": str(value) for key, value in given.items() if value not in (None, "")}
+    options = {f"--{key.replace('_', '-')}": str(value) for key, value in arguments.items() if value not in (None, "")}
     suite = options.pop("--suite")
     words = [word for pair in options.items() for word in pair]
     command = shlex.join(["rvsg", "tune", suite, *words, "--out", folder])
-    workspace.jobs.start("tuning", title="Tuning", command=command, target=folder, **given)
+    workspace.jobs.start("tuning", title="Tuning", command=command, target=folder, **arguments)
     ui.navigate.to(address("/tuning", folder=folder))
 
 
-def _follow(made: Page, job: Job) -> None:
+def _follow(view: Page, job: Job) -> None:
     """Lay out the job, and the front so far while it is searched."""
-    made.command(job.title, job.command)
+    view.command(job.title, job.command)
     with tag("ul", cls="st-list"):
-        JobLine(made, job)
+        JobLine(view, job)
     with actions():
         if job.running:
-            job_buttons(made, job, made.say)
+            job_buttons(view, job, view.say)
         elif job.state != "finished":
-            made.button("Resume", partial(_begin, made.workspace, job.target, job.arguments), cls="st-primary")
+            view.button("Resume", partial(_begin, view.workspace, job.target, job.arguments), cls="st-primary")
             link("Change the settings", "/tune", cls="st-button", suite=job.arguments["suite"])
     if not job.running:
         return
@@ -198,17 +198,17 @@ def _follow(made: Page, job: Job) -> None:
     at = [0]
 
     async def follow() -> None:
-        events, at[0] = await load(made.workspace.jobs.events, job.id, at[0])
+        events, at[0] = await load(view.workspace.jobs.events, job.id, at[0])
         fronts = [event["rows"] for event in events if event["kind"] == "front"]
         if fronts:
             rows.clear()
             with rows:
                 _front(fronts[-1])
-        if not (await load(made.workspace.jobs.get, job.id)).running:
+        if not (await load(view.workspace.jobs.get, job.id)).running:
             timer.deactivate()
             ui.navigate.reload()
 
-    timer = ui.timer(1.0, made.guarded(follow))
+    timer = ui.timer(1.0, view.guarded(follow))
 
 
 def _front(rows: Iterable[Mapping[str, Any]], lay: Callable[[int], None] = lambda number: None) -> None:
@@ -222,27 +222,27 @@ def _front(rows: Iterable[Mapping[str, Any]], lay: Callable[[int], None] = lambd
                     lay(row["number"])
 
 
-def _result(made: Page, folder: str, found: Tuning, job: Job | None) -> None:
+def _result(view: Page, folder: str, result: Tuning, job: Job | None) -> None:
     """Lay out what came of it, in the words of its page."""
     with tag("p"):
-        tag("strong", headline(found))
+        tag("strong", headline(result))
     with actions():
-        if found.file:
+        if result.file:
             saved = address("/data/tuned", folder=folder)
-            tag("a", f"Save {found.file}", cls="st-button st-primary", href=saved, download=found.file)
+            tag("a", f"Save {result.file}", cls="st-button st-primary", href=saved, download=result.file)
         tag("a", f"Open {PAGE}", cls="st-button", href=address("/data/tuning", folder=folder), target="_blank")
     with tag("ul", cls="small"):
-        for line in result_lines(found):
+        for line in result_lines(result):
             tag("li", line)
 
     def choose(number: int) -> None:
-        if number == found.proposal:
+        if number == result.proposal:
             chip("proposed", "good")
         elif number and job is not None:
-            again = partial(_begin, made.workspace, folder, {**job.arguments, "choose": number})
-            made.button("Propose this", again, aria_label=f"Propose setting {number}")
+            again = partial(_begin, view.workspace, folder, {**job.arguments, "choose": number})
+            view.button("Propose this", again, aria_label=f"Propose setting {number}")
 
     with section("Settings to choose from", "front"):
-        _front([front_row(each.number, each.score, found.before) for each in found.front], choose)
-    for command in found.commands:
-        made.command("Next", command)
+        _front([front_row(setting.number, setting.score, result.before) for setting in result.front], choose)
+    for command in result.commands:
+        view.command("Next", command)

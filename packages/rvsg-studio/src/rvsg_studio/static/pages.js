@@ -57,14 +57,14 @@
 
   /* A search in the page: of the elements data-of those stay that hold the words, and what they lie in (data-within). */
   parts.filter = function (element) {
-    const field = labelled(element, "Search", html(null, "input", { type: "search", autocomplete: "off" })), told = html(element, "p", { class: "soft", role: "status" });
+    const field = labelled(element, "Search", html(null, "input", { type: "search", autocomplete: "off" })), count = html(element, "p", { class: "soft", role: "status" });
     function all(what, from) { return Array.from((from || document).querySelectorAll(what)); }
     function show() {
-      const each = all(element.dataset.of), words = field.value.trim().toLowerCase();
-      each.forEach(function (node) { node.style.display = node.textContent.toLowerCase().includes(words) ? "" : "none"; });
-      const seen = each.filter(function (node) { return !node.style.display; });
+      const nodes = all(element.dataset.of), words = field.value.trim().toLowerCase();
+      nodes.forEach(function (node) { node.style.display = node.textContent.toLowerCase().includes(words) ? "" : "none"; });
+      const seen = nodes.filter(function (node) { return !node.style.display; });
       all(element.dataset.within).forEach(function (box) { box.style.display = seen.some(function (node) { return box.contains(node); }) ? "" : "none"; });
-      told.textContent = seen.length + " of " + each.length + " " + element.dataset.counted;
+      count.textContent = seen.length + " of " + nodes.length + " " + element.dataset.counted;
     }
     field.addEventListener("input", show);
     show();
