@@ -24,7 +24,6 @@ from rvsg.evaluation.statistics import wilson
 from rvsg.evaluation.verdict import percent
 from rvsg.report.charts import COLOURS
 from rvsg.report.comparison_page import ranking_markdown, shares_figure
-from rvsg.report.stills import PlanTransform
 from rvsg.suites.suite import CaseResult, Comparison, SuiteResult, compare
 from rvsg.world.drawing.sheet import palette
 from rvsg.world.drawing.svg import floor_plan, style
@@ -104,7 +103,6 @@ def places(found: Comparison) -> str:
     """Return an SVG with a floor plan for each stack and the robot's place in every violating run."""
     world = load_world("warehouse")
     plan = floor_plan(world, areas=False, tooltips=False)
-    turn = PlanTransform.of(plan.matrix)
     x0, y0, width, height = map(float, plan.view_box.split())
     colours = dict(zip(ROBOTS, COLOURS, strict=False))
     rows = (len(found.variants) + 1) // 2
@@ -122,7 +120,7 @@ def places(found: Comparison) -> str:
         for case in score.cases:
             colour = colours[case.case.rpartition(" on ")[2]]
             for at in case.places:
-                x, y = turn.point(*at)
+                x, y = plan.transform.point(*at)
                 parts.append(f'<circle cx="{x:.2f}" cy="{y:.2f}" r="0.2" fill="{colour}" fill-opacity="0.6"/>')
         parts.append("</g>")
     for k, (robot, colour) in enumerate(colours.items()):

@@ -71,7 +71,6 @@ def payload(run: Run) -> dict[str, object]:
         mission=default_campaign()[0].mission,
         requirement=REQUIREMENT,
         world=warehouse(),
-        matrix="matrix(1 0 0 1 0 0)",
     )
 
 

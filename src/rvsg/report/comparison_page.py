@@ -24,7 +24,7 @@ from rvsg.report.page_contents import manner
 from rvsg.report.renderer import component, render, script_safe
 from rvsg.report.replay_data import ReplayGroup, replay_payload
 from rvsg.report.run_facts import RunFacts
-from rvsg.report.stills import PlanTransform, floor_svg, plan_markup
+from rvsg.report.stills import floor_svg, plan_markup
 from rvsg.report.words import dependence, limit_in_words, trend
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
@@ -280,11 +280,10 @@ def _short(label: str) -> str:
 
 def _map(world: World, comparison: Comparison, cases: set[str]) -> dict[str, object]:
     plan = floor_plan(world, tooltips=False)
-    turn = PlanTransform.of(plan.matrix)
     dots = []
     for k, variant in enumerate(comparison.variants):
         for place in (place for case in variant.cases if case.case in cases for place in case.places):
-            x, y = turn.point(*place)
+            x, y = plan.transform.point(*place)
             dots.append({"x": f"{x:.2f}", "y": f"{y:.2f}", "colour": COLOURS[k % len(COLOURS)]})
     labels = [{"label": _short(v.version), "colour": css} for v, css in zip(comparison.variants, cycle(COLOURS))]
     return {"title": world.title, **plan_markup(world, plan), "dots": dots, "legend": labels}
@@ -307,8 +306,7 @@ def pair_replay(
         runs=runs,
         notes=tuple(names),
     )
-    matrix = floor_plan(world, tooltips=False).matrix
-    replay = replay_payload([group], mission=scenario.mission, requirement=requirement, world=world, matrix=matrix)
+    replay = replay_payload([group], mission=scenario.mission, requirement=requirement, world=world)
     return replay | {"floor": floor_svg(world)}
 
 

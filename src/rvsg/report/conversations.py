@@ -13,7 +13,7 @@ from rvsg.generation.generator import Call
 from rvsg.generation.vlm.call_log import CallLog
 from rvsg.report.renderer import render
 from rvsg.report.replay_data import distinct_colours
-from rvsg.report.stills import PlanTransform, plan_markup
+from rvsg.report.stills import plan_markup
 from rvsg.report.terminal import describe_calls
 from rvsg.runs.attempt import Attempt
 from rvsg.scenario.brief import Feedback
@@ -161,7 +161,7 @@ def _paths(
 ) -> list[dict[str, Any]]:
     """Return the planned paths on the floor plan, and those of the configuration before that differ."""
     at = {w.name: (w.x, w.y) for w in world.grid.waypoints}
-    turn = PlanTransform.of(floor_plan(world, tooltips=False).matrix)
+    transform = floor_plan(world, tooltips=False).transform
 
     def names(human: Human) -> list[str]:
         return [name for task in human.tasks for name in task.path]
@@ -178,7 +178,7 @@ def _paths(
     ]
     paths = []
     for kind, place, width, human in drawn:
-        points = [turn.point(*at[name]) for name in names(human) if name in at]
+        points = [transform.point(*at[name]) for name in names(human) if name in at]
         if points:
             paths.append({"kind": kind, "colour": colours[place % len(colours)], "width": width, "points": points})
     return paths

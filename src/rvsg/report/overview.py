@@ -27,7 +27,7 @@ from rvsg.report.answer_row import AnswerRow
 from rvsg.report.renderer import render
 from rvsg.report.result import Result
 from rvsg.report.run_facts import row_at
-from rvsg.report.stills import PlanTransform, pin_radius, plan_markup, spread
+from rvsg.report.stills import pin_radius, plan_markup, spread
 from rvsg.report.words import limit_in_words, robot_words, shown_at
 from rvsg.search.exploration import Coverage
 from rvsg.world.drawing import png_bytes
@@ -140,9 +140,8 @@ def _maps(pins: Sequence[Pin]) -> list[dict[str, Any]]:
 
 def _map(id_: str, world: World, pins: Sequence[tuple[int, Pin]]) -> dict[str, Any]:
     plan = floor_plan(world, tooltips=False)
-    turn = PlanTransform.of(plan.matrix)
     left, top, width, height = (float(v) for v in plan.view_box.split())
-    points = [turn.point(pin.x, pin.y) for _, pin in pins]
+    points = [plan.transform.point(pin.x, pin.y) for _, pin in pins]
     radius = pin_radius(plan.view_box)
     places = spread(points, radius, (left, top, left + width, top + height))
     marks = [

@@ -28,7 +28,6 @@ from rvsg.report.page_contents import (
     at,
     group_label,
     in_order,
-    look_of,
     manner,
     run_rows,
     run_rows_of,
@@ -39,7 +38,7 @@ from rvsg.report.renderer import component, render, script_safe
 from rvsg.report.replay_data import ReplayGroup, replay_payload
 from rvsg.report.result import Result, answer_of_runs
 from rvsg.report.run_facts import AttemptFacts, RunFacts
-from rvsg.report.stills import frame, plan_markup
+from rvsg.report.stills import frame, look_of, plan_markup
 from rvsg.report.words import direction, limit_in_words, quantity, robot_words, shown_at, tried_of, under_test, untimed
 from rvsg.runs.attempt import BY_HAND, Attempt, Plan
 from rvsg.runs.observation import met
@@ -48,7 +47,6 @@ from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.scenario.world_lookup import as_world, world_of
 from rvsg.search.run_set import Judgement, RunSet
 from rvsg.simulation.run import Run
-from rvsg.world.drawing.svg import FloorPlan
 from rvsg.world.world import Route, World
 
 
@@ -58,7 +56,6 @@ def data_of(
     mission: Mission,
     requirement: Requirement,
     world: World,
-    floor: FloorPlan,
     by_hand: bool = False,
 ) -> dict[str, Any]:
     """Return the data of the replay component for the runs of these configurations, in this order.
@@ -86,7 +83,7 @@ def data_of(
                 moved=tuple(thing.footprint for thing in added(mission, scenario.mission)) if scenario else (),
             )
         )
-    return replay_payload(groups, mission=mission, requirement=requirement, world=world, matrix=floor.matrix)
+    return replay_payload(groups, mission=mission, requirement=requirement, world=world)
 
 
 MOST_CARDS = 6
@@ -99,7 +96,9 @@ def failure_cards(shown: PageContents) -> list[dict[str, Any]]:
     cards = []
     for row in shown.answer.failures or shown.answer.rows[:1]:
         run, facts = runs[row.run]
-        svg = frame(run.run, row.moment_s, look_of(shown, facts), row.name)
+        runs_of = [sibling.run for sibling in facts.runs]
+        look = look_of(runs_of, shown.floor, shown.result.plan.mission.robot_record)
+        svg = frame(run.run, row.moment_s, look, row.name)
         story = [
             {"t": moment.time_s, "text": untimed(moment), "address": at(run.id, moment.time_s)} for moment in run.story
         ]
@@ -178,7 +177,7 @@ def _shared(shown: PageContents, replayed: Sequence[AttemptFacts], *, by_hand: b
     """Return what the pages of campaigns and of runs both show; runs `by_hand` belong to no campaign."""
     plan, world, floor, answer = shown.result.plan, shown.result.world, shown.floor, shown.answer
     mission, requirement = plan.mission, plan.requirement
-    data = data_of(replayed, mission=mission, requirement=requirement, world=world, floor=floor, by_hand=by_hand)
+    data = data_of(replayed, mission=mission, requirement=requirement, world=world, by_hand=by_hand)
     if answer.rows:
         data["opens"] = {"run": answer.rows[0].run, "t": float(shown_at(answer.rows[0].moment_s))}
     return {

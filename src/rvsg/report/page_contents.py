@@ -10,10 +10,8 @@ from typing import Any
 from rvsg.evaluation.verdict import metres, number, outcome_in_words
 from rvsg.findings.ranking import best_attempt, confirmed_candidate
 from rvsg.report.answer_row import status_of
-from rvsg.report.replay_data import people_colours
 from rvsg.report.result import CampaignAnswer, Result
-from rvsg.report.run_facts import AttemptFacts, facts_of, footprint_of
-from rvsg.report.stills import Look, PlanTransform
+from rvsg.report.run_facts import AttemptFacts, facts_of
 from rvsg.report.words import in_short, shown_at
 from rvsg.runs.attempt import Attempt
 from rvsg.scenario.scenario import Attention, Behaviour, Human
@@ -55,17 +53,6 @@ class PageContents:
         """What the page tells of: the confirmed finding, else the worst candidate."""
         best = best_attempt(self.result.attempts, self.result.requirement)
         return self.confirmed or next((f for f in self.facts if best and f.attempt.index == best.index), None)
-
-
-def look_of(shown: PageContents, facts: AttemptFacts) -> Look:
-    """Return how still pictures of these runs are drawn."""
-    runs = [facts_of_run.run for facts_of_run in facts.runs]
-    return Look(
-        turn=PlanTransform.of(shown.floor.matrix),
-        view_box=shown.floor.view_box,
-        outline=footprint_of(runs[0], shown.result.plan.mission.robot_record),
-        colours=people_colours(runs),
-    )
 
 
 def in_order(shown: PageContents) -> list[AttemptFacts]:

@@ -32,6 +32,7 @@ from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.events import DoorMoved
 from rvsg.simulation.run import Run
+from rvsg.world.drawing.svg import floor_plan
 from rvsg.world.world import World
 
 if TYPE_CHECKING:
@@ -85,13 +86,9 @@ class ReplayGroup:
 
 
 def replay_payload(
-    groups: Sequence[ReplayGroup], *, mission: Mission, requirement: Requirement, world: World, matrix: str
+    groups: Sequence[ReplayGroup], *, mission: Mission, requirement: Requirement, world: World
 ) -> dict[str, Any]:
-    """Return the JSON data of the component.
-
-    Args:
-        matrix: From world metres to the units of the floor plan (`FloorPlan.matrix`).
-    """
+    """Return the JSON data of the component."""
     route, robot = mission.route, mission.robot_record
     doors = [
         {
@@ -106,7 +103,7 @@ def replay_payload(
     return ({"doors": doors} if doors else {}) | {
         "version": 1,
         "period": PERIOD_S,
-        "matrix": [float(v) for v in matrix[7:-1].replace(",", " ").split()],
+        "matrix": [*floor_plan(world, tooltips=False).transform],
         "route": {
             "start": [route.start.x, route.start.y],
             "goal": [route.goal.x, route.goal.y],

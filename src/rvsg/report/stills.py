@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from rvsg.evaluation.sampled import sampled
 from rvsg.evaluation.verdict import metres
-from rvsg.report.replay_data import PERIOD_S
-from rvsg.report.run_facts import row_at
+from rvsg.report.replay_data import PERIOD_S, people_colours
+from rvsg.report.run_facts import footprint_of, row_at
+from rvsg.robots.robot import Robot
 from rvsg.simulation.run import Run
 from rvsg.world.drawing.sheet import DARK, LIGHT
 from rvsg.world.drawing.svg import FloorPlan, floor_plan
@@ -173,52 +174,26 @@ SHOWN_PEOPLE = 4
 """In a crowd, names and trails of more people cover each other."""
 
 
-@dataclass(frozen=True)
-class PlanTransform:
-    """World coordinates (m) to those of the floor plan, by its `matrix(a b c d e f)`."""
-
-    a: float
-    b: float
-    c: float
-    d: float
-    e: float
-    f: float
-
-    @classmethod
-    def of(cls, matrix: str) -> PlanTransform:
-        """Read a matrix as SVG writes it."""
-        return cls(*(float(v) for v in matrix[7:-1].replace(",", " ").split()))
-
-    def points(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        """Return the plan's coordinates of world points."""
-        return self.a * x + self.c * y + self.e, self.b * x + self.d * y + self.f
-
-    def point(self, x: float, y: float) -> tuple[float, float]:
-        """Return the plan's coordinates of one world point."""
-        return self.a * x + self.c * y + self.e, self.b * x + self.d * y + self.f
-
-    def placed(self, x: float, y: float, yaw: float) -> str:
-        """Return the `transform` that puts a shape in its own frame (x ahead) at a world pose."""
-        px, py = self.point(x, y)
-        return f"matrix({self.a:g} {self.b:g} {self.c:g} {self.d:g} {px:.3f} {py:.3f}) rotate({math.degrees(yaw):.1f})"
-
-
 @dataclass(frozen=True, kw_only=True)
 class Look:
-    """What a still picture draws with: the plan's turn and box, the robot's outline, people's colours by name."""
+    """What a still picture draws with: the floor plan, the robot's outline, people's colours by name."""
 
-    turn: PlanTransform
-    view_box: str
+    plan: FloorPlan
     outline: Outline
     colours: Mapping[str, str | None]
+
+
+def look_of(runs: Sequence[Run], plan: FloorPlan, robot: Robot | None) -> Look:
+    """Return how still pictures of these runs are drawn."""
+    return Look(plan=plan, outline=footprint_of(runs[0], robot), colours=people_colours(runs))
 
 
 def frame(run: Run, t_s: float, look: Look, label: str) -> str:
     """Draw the surroundings of the robot at one moment, with the trails up to it."""
     path = run.trajectory
     row = row_at(run, t_s)
-    x, y = look.turn.point(float(path.x[row]), float(path.y[row]))
-    left, top, width, height = (float(v) for v in look.view_box.split())
+    x, y = look.plan.transform.point(float(path.x[row]), float(path.y[row]))
+    left, top, width, height = (float(v) for v in look.plan.view_box.split())
     x0 = _kept(x - ACROSS_M / 2, left, left + width - ACROSS_M)
     y0 = _kept(y - HIGH_M / 2, top, top + height - HIGH_M)
     parts = [
@@ -273,11 +248,11 @@ def _samples(run: Run, seconds: float) -> int:
 def _trails(run: Run, begin: int, end: int, look: Look, people: Sequence[int]) -> list[str]:
     path = run.trajectory
     rows = np.unique(np.append(np.arange(begin, end, _samples(run, 0.25)), end - 1))
-    lines = [f'<polyline class="way of-robot" points="{_line(path.x[rows], path.y[rows], look.turn)}"/>']
+    lines = [f'<polyline class="way of-robot" points="{_line(path.x[rows], path.y[rows], look.plan)}"/>']
     for h in people:
         colour = look.colours.get(run.human_names[h])
         if colour:
-            points = _line(path.human_x[rows, h], path.human_y[rows, h], look.turn)
+            points = _line(path.human_x[rows, h], path.human_y[rows, h], look.plan)
             lines.append(f'<polyline class="way" stroke="{colour}" points="{points}"/>')
     return lines
 
@@ -285,13 +260,15 @@ def _trails(run: Run, begin: int, end: int, look: Look, people: Sequence[int]) -
 def _bodies(run: Run, row: int, look: Look, people: Sequence[int], inside: Box) -> list[str]:
     path = run.trajectory
     bodies, names = [], []
-    robot = look.turn.point(float(path.x[row]), float(path.y[row]))
+    robot = look.plan.transform.point(float(path.x[row]), float(path.y[row]))
     across = max(math.hypot(*corner) for corner in look.outline)
     taken = [box_around(*robot, across, across)]
     for h in people:
         radius = run.human_radius_m[h]
         taken.append(
-            box_around(*look.turn.point(float(path.human_x[row, h]), float(path.human_y[row, h])), radius, radius)
+            box_around(
+                *look.plan.transform.point(float(path.human_x[row, h]), float(path.human_y[row, h])), radius, radius
+            )
         )
     for h, name in enumerate(run.human_names):
         colour = look.colours.get(name)
@@ -301,10 +278,10 @@ def _bodies(run: Run, row: int, look: Look, people: Sequence[int], inside: Box) 
         outline = " ".join(f"{px:g},{py:g}" for px, py in pushed)
         body = f'<polygon fill="{colour or GREY}" fill-opacity=".55" points="{outline}"/>' if pushed else ""
         bodies.append(
-            f'<g transform="{look.turn.placed(x, y, float(path.human_yaw[row, h]))}">{body}'
+            f'<g transform="{look.plan.transform.placed(x, y, float(path.human_yaw[row, h]))}">{body}'
             f'<circle r="{radius:g}" fill="{colour or GREY}"/><path class="nose" d="{nose}"/></g>'
         )
-        px, py = look.turn.point(x, y)
+        px, py = look.plan.transform.point(x, y)
         if colour and h in people and inside[0] <= px <= inside[2] and inside[1] <= py <= inside[3]:
             half = (len(name) * LETTER_M * LETTER / 2, LETTER_M * 0.6)
             at = free_place(beside(px, py, radius + 0.04, half), half, taken, inside)
@@ -320,15 +297,15 @@ def _bodies(run: Run, row: int, look: Look, people: Sequence[int], inside: Box) 
     front = max(x for x, _ in look.outline)
     nose = f"M{front * 0.9:.2f} 0L{front * 0.1:.2f} {front * 0.5:.2f}L{front * 0.1:.2f} {-front * 0.5:.2f}Z"
     corners = " ".join(f"{x:.3f},{y:.3f}" for x, y in look.outline)
-    pose = look.turn.placed(float(path.x[row]), float(path.y[row]), float(path.yaw[row]))
+    pose = look.plan.transform.placed(float(path.x[row]), float(path.y[row]), float(path.yaw[row]))
     bodies.append(
         f'<g transform="{pose}"><polygon class="robot" points="{corners}"/><path class="nose" d="{nose}"/></g>'
     )
     return bodies + names
 
 
-def _line(x: Floats, y: Floats, turn: PlanTransform) -> str:
-    return " ".join(f"{a:.2f},{b:.2f}" for a, b in zip(*turn.points(x, y), strict=True))
+def _line(x: Floats, y: Floats, plan: FloorPlan) -> str:
+    return " ".join(f"{a:.2f},{b:.2f}" for a, b in zip(*plan.transform.point(x, y), strict=True))
 
 
 def _e(text: str) -> str:

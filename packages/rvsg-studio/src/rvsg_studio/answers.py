@@ -31,9 +31,8 @@ from rvsg.core.files import write_whole
 from rvsg.evaluation.verdict import counted, load_requirement
 from rvsg.generation.environment import ProposedDoor, ProposedLabel
 from rvsg.report.renderer import component, look
-from rvsg.report.replay_data import distinct_colours, people_colours
-from rvsg.report.run_facts import footprint_of
-from rvsg.report.stills import Look, PlanTransform, area_colours, frame
+from rvsg.report.replay_data import distinct_colours
+from rvsg.report.stills import area_colours, frame, look_of
 from rvsg.robots.robot import shipped_robots
 from rvsg.scenario.builder import check_valid, load_scenario_in, save_scenario
 from rvsg.scenario.requirement import Requirement, shipped_requirements
@@ -359,9 +358,7 @@ def still(workspace: Workspace, question: Question) -> Response:
         runs = {key: ledger.run(key) for key in ids}
     world, robot = campaign.shown_world, campaign.plan.mission.robot_record
     plan = floor_plan(world, tooltips=False)
-    outline, colours = footprint_of(runs[run_id], robot), people_colours([*runs.values()])
-    drawn = Look(turn=PlanTransform.of(plan.matrix), view_box=plan.view_box, outline=outline, colours=colours)
-    head, rest = frame(runs[run_id], moment_s, drawn, "").split(">", 1)
+    head, rest = frame(runs[run_id], moment_s, look_of([*runs.values()], plan, robot), "").split(">", 1)
     floor = f'<style>{look()}{area_colours(world, plan)}</style><defs><g id="rvsg-floor">{plan.shapes}</g></defs>'
     picture = f'{head} xmlns="http://www.w3.org/2000/svg" font-family="sans-serif">{floor}{rest}'
     return Response(picture, media_type="image/svg+xml", headers={"cache-control": "private, max-age=86400"})

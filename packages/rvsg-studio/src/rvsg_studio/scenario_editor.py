@@ -158,7 +158,7 @@ def floor_of(world: World, *, areas: bool = True) -> dict[str, Any]:
     plan = floor_plan(world, areas=areas, tooltips=False)
     return {
         "view_box": plan.view_box,
-        "matrix": [float(v) for v in plan.matrix[7:-1].replace(",", " ").split()],
+        "matrix": [*plan.transform],
         "shapes": plan.shapes,
         "names": plan.names,
         "style": area_colours(world, plan if areas else floor_plan(world, tooltips=False)),
@@ -220,6 +220,5 @@ def _data(
     facts: Iterable[AttemptFacts], mission: Mission, requirement: Requirement, world: World, *, by_hand: bool
 ) -> dict[str, Any]:
     """Return the data of the replay component, with the floor plan as SVG that `mount` reads."""
-    floor = floor_plan(world, tooltips=False)
-    data = data_of(facts, mission=mission, requirement=requirement, world=world, floor=floor, by_hand=by_hand)
+    data = data_of(facts, mission=mission, requirement=requirement, world=world, by_hand=by_hand)
     return data | {"floor": floor_svg(world)}

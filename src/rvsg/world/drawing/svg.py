@@ -11,9 +11,11 @@ that a page gives them its own; `floor_plan_svg` adds the colours of a palette a
 from __future__ import annotations
 
 import html
+import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,20 +29,48 @@ Floats = NDArray[np.float64]
 SHOWN_PX = 800
 
 
+T = TypeVar("T", float, Floats)
+
+
+class PlanTransform(NamedTuple):
+    """World coordinates (m) to those of the floor plan, in the order of SVG's `matrix(a b c d e f)`."""
+
+    a: float
+    b: float
+    c: float
+    d: float
+    e: float
+    f: float
+
+    def point(self, x: T, y: T) -> tuple[T, T]:
+        """Return the plan's coordinates of one world point, or of arrays of them."""
+        return self.a * x + self.c * y + self.e, self.b * x + self.d * y + self.f
+
+    def placed(self, x: float, y: float, yaw: float) -> str:
+        """Return the `transform` that puts a shape in its own frame (x ahead) at a world pose."""
+        px, py = self.point(x, y)
+        return f"matrix({self.a:g} {self.b:g} {self.c:g} {self.d:g} {px:.3f} {py:.3f}) rotate({math.degrees(yaw):.1f})"
+
+
 @dataclass(frozen=True)
 class FloorPlan:
     """The parts of an SVG floor plan.
 
-    `view_box` (left, top, width, height in metres) and `matrix` (world to user units) are as SVG's attributes are
-    written. `shapes` and `names` stand inside the `svg` element, apart so that a page can draw the shapes several
-    times. `words` are the names as placed on a page with this `view`.
+    `view_box` (left, top, width, height in metres) and `matrix` (`transform`, from world to user units) are as SVG's
+    attributes are written. `shapes` and `names` stand inside the `svg` element, apart so that a page can draw the
+    shapes several times. `words` are the names as placed on a page with this `view`.
     """
 
     view_box: str
-    matrix: str
+    transform: PlanTransform
     shapes: str
     view: PageView
     words: tuple[Word, ...] = ()
+
+    @property
+    def matrix(self) -> str:
+        """The transform as SVG writes it."""
+        return f"matrix({' '.join(f'{value:g}' for value in self.transform)})"
 
     @property
     def names(self) -> str:
@@ -82,10 +112,10 @@ def floor_plan(
     view = view_of(world, width_px=shown_px, window=None, margins=(0, 0, 0, 0))
     x0, y0, x1, y1 = view.window
     if view.up == "y":
-        matrix, box = "matrix(1 0 0 -1 0 0)", (x0, -y1, x1 - x0, y1 - y0)
+        transform, box = PlanTransform(1.0, 0.0, 0.0, -1.0, 0.0, 0.0), (x0, -y1, x1 - x0, y1 - y0)
     else:
-        matrix, box = "matrix(0 -1 -1 0 0 0)", (-y1, -x1, y1 - y0, x1 - x0)
-    parts = [f'<g class="plan" transform="{matrix}">', *_cells(world), *_objects(world, tooltips)]
+        transform, box = PlanTransform(0.0, -1.0, -1.0, 0.0, 0.0, 0.0), (-y1, -x1, y1 - y0, x1 - x0)
+    parts = [*_cells(world), *_objects(world, tooltips)]
     if areas:
         kinds = list(dict.fromkeys(area.kind for area in world.areas))
         parts += [
@@ -100,9 +130,9 @@ def floor_plan(
             for w in world.grid.waypoints
             if w.human
         ]
-    parts.append("</g>")
     words = area_words(world, view) if areas else ()
-    return FloorPlan(" ".join(_number(v) for v in box), matrix, "\n".join(parts), view, words)
+    plan = FloorPlan(" ".join(_number(v) for v in box), transform, "\n".join([*parts, "</g>"]), view, words)
+    return replace(plan, shapes=f'<g class="plan" transform="{plan.matrix}">\n{plan.shapes}')
 
 
 def floor_plan_svg(world: World, *, waypoints: bool = False, colours: str | Palette = "light") -> str:
