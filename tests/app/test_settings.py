@@ -14,7 +14,6 @@ import yaml
 from rvsg.app.campaign import Campaign
 from rvsg.app.commands import command_for, resume_command
 from rvsg.app.settings import (
-    GROUPS,
     MACHINE,
     OF_THE_CALL,
     CampaignConfig,
@@ -27,6 +26,7 @@ from rvsg.app.settings import (
     value_type,
 )
 from rvsg.cli.options import pairs, setting_options
+from rvsg.core.settings import GROUPS
 from rvsg.world.world_folder import SHIPPED
 
 VALUES: dict[type, tuple[Any, list[str]]] = {

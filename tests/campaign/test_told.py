@@ -179,7 +179,7 @@ def test_a_rehearsal_is_a_run_of_its_configuration_and_is_told_of_the_one_before
     moved = now.replace(mission=now.mission.replace(moved=(pallet,)))
     values = ((before, 65.0), (now, 60.0), (moved, 40.0))
     made = configured(0, [53.9], 57.0, operator="new", requirement=TIME, rehearsals=values)
-    proposal = made.attempt.record.proposal
+    proposal = made.attempt.proposal
     attempt = Attempt.model_construct(proposal=proposal, measurements=(measurement(0, 53.9),))
     made.badness = badness_of(attempt, TIME)
     assert made.badness == {REHEARSAL: 60.0, 0: 53.9} and made.runs == 1
@@ -431,7 +431,7 @@ def test_objects_are_told_with_a_configuration_and_with_a_change() -> None:
     for k, cart in enumerate(carts, start=1):
         made = configured(k, [1.0 + 0.1 * k], 1.0 + 0.1 * k, own[-1], operator="refine")
         moved = made.scenario.replace(mission=made.scenario.mission.replace(moved=(cart,)))
-        record = made.attempt.record.model_copy(update={"proposal": Proposal(generator="x", scenario=moved)})
+        record = made.attempt.model_copy(update={"proposal": Proposal(generator="x", scenario=moved)})
         own.append(Candidate(record, made.parent, made.operator, made.badness, made.estimate, made.deviation))
     assert tried(own[1], own, REQUIREMENT).change.startswith("cart stands at (3, 2), 1 x 0.5 m")
     assert tried(own[2], own, REQUIREMENT).change.startswith("cart stands at (3.4, 2)")

@@ -1,8 +1,9 @@
 """The settings of a campaign: the one list of them, and how a campaign file and options make a configuration.
 
-`CampaignConfig` declares every setting once, with its type, default, help and group. The options of the command line,
-the campaign file, its reference page and the studio's form are made from it (`listed_settings`). A configuration is
-made of the defaults, then the campaign file, then the command line. Paths in the file are relative to the file.
+`CampaignConfig` and its bases declare every setting once, with its type, bounds, default, help and group. The options
+of the command line, the campaign file, its reference page and the studio's form are made from it (`settings`). A
+configuration is made of the defaults, then the campaign file, then the command line. Paths in the file are relative to
+the file.
 """
 
 from __future__ import annotations
@@ -10,10 +11,9 @@ from __future__ import annotations
 import re
 import types
 from collections.abc import Mapping
-from dataclasses import KW_ONLY, dataclass
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import pydantic
 import yaml
@@ -24,59 +24,21 @@ from rvsg.core.documents import Document, keys_of, mistakes_of, parse_yaml, read
 from rvsg.core.errors import InvalidOptions
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
-from rvsg.evaluation.verdict import DEFAULT, Procedure
+from rvsg.core.settings import MODEL, OUTPUT, RUNS, SEARCH, TEST, Setting
+from rvsg.evaluation.verdict import Procedure, Rates
 from rvsg.generation.vlm.model import NO_CALL
 from rvsg.robots.robot import DEFAULT_ROBOT, shipped_robots
+from rvsg.runs.attempt import SearchSettings
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.simulation.stacks.stack_choice import DEFAULT_STACK, default_stack
 from rvsg.world.world import State
 from rvsg.world.world_folder import as_named, shipped_worlds
 
-TEST = "What to test"
-SEARCH = "How to find scenarios"
-RUNS = "How it is simulated"
-MODEL = "A vision language model"
-OUTPUT = "What comes out"
 NEAR = 0.5
-GROUPS = (TEST, SEARCH, RUNS, MODEL, OUTPUT)
 
 
-@dataclass(frozen=True)
-class Setting:
-    """What the declaration of a setting says besides its type and its default."""
-
-    help: str
-    group: str
-    _: KW_ONLY
-    more: str = ""
-    """What the reference page says in addition."""
-    default: str = ""
-    """The default in words, where it depends on other settings."""
-    option: str = ""
-    """The option of the command line, if its name is not that of the key."""
-    metavar: str | None = None
-    label: str = ""
-    """The label in the studio's form; a setting without one is not in the form."""
-    common: bool = False
-    """Whether `rvsg run --help` shows the option; `--help-all` shows all."""
-    file: Literal["", "path", "or name"] = ""
-    """Whether the value is the path of a file or folder, or may be one instead of a name."""
-    decides: bool = True
-    """Whether records depend on it; another value is refused when a campaign is resumed."""
-    machine: bool = False
-    """Whether it says where and by how many workers runs are made."""
-    several: bool = False
-    """Whether a list of values asks for several campaigns."""
-    of_model: bool = False
-    """Whether only a vision language model needs it."""
-
-
-Positive = Annotated[int, Field(ge=1, le=100_000, strict=True)]
-NotNegative = Annotated[int, Field(ge=0, strict=True)]
-
-
-class CampaignConfig(Record):
-    """Every setting of `rvsg run`. To add one, declare it here and use it."""
+class WhatIsTested(Record):
+    """The settings that come first: world, route, requirement, robot."""
 
     world: Annotated[
         str,
@@ -124,6 +86,14 @@ class CampaignConfig(Record):
             metavar="NAME=STATE",
         ),
     ] = Field(default_factory=dict)
+
+
+class CampaignConfig(Rates, SearchSettings, WhatIsTested):
+    """Every setting of `rvsg run`; those of a base come first, the last base before the others.
+
+    To add one, declare it and use it: here, or in `SearchSettings` where the plan of a campaign needs it.
+    """
+
     knowledge: Annotated[
         str | None,
         Field(min_length=1),
@@ -202,22 +172,6 @@ class CampaignConfig(Record):
         ),
     ] = None
     stack_options: Annotated[dict[str, Any], Setting("An option of the stack.", TEST)] = Field(default_factory=dict)
-    humans: Annotated[int, Field(ge=1, le=100), Setting("People in a scenario.", TEST, label="People")] = 2
-    scenarios: Annotated[Positive, Setting("Scenarios to find.", SEARCH, label="Scenarios", common=True)] = 10
-    refinements: Annotated[
-        int, Field(ge=0, le=1000), Setting("Refinements of each scenario.", SEARCH, label="Refinements")
-    ] = 4
-    repeats: Annotated[Positive, Setting("Runs of each configuration.", SEARCH, label="Runs")] = 5
-    confirmations: Annotated[
-        int,
-        Field(ge=0, le=100_000),
-        Setting(
-            "Confirmation runs in all, at most.",
-            SEARCH,
-            more="0 confirms nothing. See [What is confirmed](#what-is-confirmed).",
-            label="Confirmation runs",
-        ),
-    ] = 250
     shrink_runs: Annotated[
         int,
         Field(ge=0, le=1_000_000),
@@ -226,43 +180,6 @@ class CampaignConfig(Record):
     search_anyway: Annotated[
         bool, Setting("Search even where the robot never arrives without people.", SEARCH, decides=False)
     ] = False
-    budget_runs: Annotated[
-        int | None,
-        Field(ge=1, le=10_000_000),
-        Setting("Runs of the search.", SEARCH, default="scenarios x (1 + refinements) x repeats"),
-    ] = None
-    memory: Annotated[
-        int, Field(ge=0, le=1000), Setting("Earlier scenarios that a new one must differ from.", SEARCH)
-    ] = 10
-    max_in_flight: Annotated[
-        int,
-        Field(ge=1, le=1000),
-        Setting("Attempts in progress at a time; more keep more cores busy.", SEARCH, label="Attempts at a time"),
-    ] = 1
-    error_rate: Annotated[
-        float, Field(gt=0, lt=0.5), Setting("Probability that a verdict is wrong, at most.", SEARCH)
-    ] = DEFAULT.error_rate
-    rare: Annotated[
-        float, Field(gt=0, lt=0.5), Setting("Violation rate up to which violations count as rare.", SEARCH)
-    ] = DEFAULT.rare
-    often: Annotated[
-        float,
-        Field(gt=0, lt=0.5),
-        Setting("Violation rate that a PASS excludes.", SEARCH, more="A FAIL excludes those up to 1 minus this."),
-    ] = DEFAULT.often
-    confidence: Annotated[float, Field(gt=0.5, lt=1), Setting("Confidence level of intervals.", SEARCH)] = (
-        DEFAULT.confidence
-    )
-    realism: Annotated[
-        float | None,
-        Field(ge=0, le=50),
-        Setting(
-            "Judge only runs whose people move as at least this percentage of recorded people.",
-            SEARCH,
-            more="For example 1. Speed, acceleration, distance from others and standing count.",
-        ),
-    ] = None
-    seed: Annotated[NotNegative, Setting("Seed of everything random.", SEARCH, label="Seed", common=True)] = 0
     jobs: Annotated[
         int | None,
         Field(ge=1, le=1024),
@@ -366,16 +283,10 @@ class CampaignConfig(Record):
             return {**values, "strategy": "study"} if asked else values
         return values
 
-    @model_validator(mode="after")
-    def _rates_apart(self) -> Self:
-        if self.rare >= self.often:
-            raise ValueError(f"rare ({self.rare:g}) must be smaller than often ({self.often:g})")
-        return self
-
     @property
     def judging(self) -> Procedure:
         """The error rates of every verdict."""
-        return Procedure(error_rate=self.error_rate, rare=self.rare, often=self.often, confidence=self.confidence)
+        return Procedure(**{key: getattr(self, key) for key in Rates.model_fields})
 
     @property
     def generator_spec(self) -> Spec:

@@ -19,7 +19,7 @@ from rvsg.evaluation.verdict import Procedure, load_requirement
 from rvsg.findings.feedback import StoredFeedback, rehearsing
 from rvsg.generation.generator import Abilities, Generator, InformedGenerator
 from rvsg.robots.robot import Robot
-from rvsg.runs.attempt import Plan
+from rvsg.runs.attempt import Plan, SearchSettings
 from rvsg.runs.ledger import CachedLedger
 from rvsg.runs.runner import Evaluator, Executor, Runner
 from rvsg.scenario.builder import check_mission, check_route, mission_of, read_scenario
@@ -156,7 +156,6 @@ def wire(
         generator = _near(config, start)
     generator = _generator_of(config, generator, simulator, world, requirement)
     plugins.check_options("store", config.store, config.store_options, given=1)
-    shared = Plan.model_fields.keys() & CampaignConfig.model_fields.keys()
     made = {
         "name": f"{world.name}-{route.name}-{requirement.name}-{config.generator_name}-{config.strategy}-{config.seed}",
         "mission": mission,
@@ -167,7 +166,7 @@ def wire(
     }
     return Wired(
         config=config,
-        plan=Plan(**{key: getattr(config, key) for key in shared} | made),
+        plan=Plan(**{key: getattr(config, key) for key in SearchSettings.model_fields} | made),
         world=world,
         generator=generator,
         simulator=simulator,

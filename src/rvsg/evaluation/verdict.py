@@ -39,6 +39,7 @@ from pydantic import Field, model_validator
 
 from rvsg.core.errors import InputError, Unfit
 from rvsg.core.records import Record
+from rvsg.core.settings import SEARCH, Setting
 from rvsg.evaluation.metrics import find_metric, measure, metric
 from rvsg.evaluation.signals import formula, robustness
 from rvsg.evaluation.statistics import censored_median, clopper_pearson, mean_interval
@@ -58,28 +59,37 @@ class Status(str, Enum):
     UNJUDGED = "no limit is set"
 
 
-class Procedure(Record):
+class Rates(Record):
+    """The probabilities that a verdict tells apart, and how sure it is."""
+
+    error_rate: Annotated[
+        float, Field(gt=0, lt=0.5), Setting("Probability that a verdict is wrong, at most.", SEARCH)
+    ] = 0.05
+    rare: Annotated[
+        float, Field(gt=0, lt=0.5), Setting("Violation rate up to which violations count as rare.", SEARCH)
+    ] = 0.02
+    often: Annotated[
+        float,
+        Field(gt=0, lt=0.5),
+        Setting("Violation rate that a PASS excludes.", SEARCH, more="A FAIL excludes those up to 1 minus this."),
+    ] = 0.20
+    confidence: Annotated[float, Field(gt=0.5, lt=1), Setting("Confidence level of intervals.", SEARCH)] = 0.95
+
+    @model_validator(mode="after")
+    def _apart(self) -> Rates:
+        if self.rare >= self.often:
+            raise ValueError(f"rare ({self.rare:g}) must be smaller than often ({self.often:g})")
+        return self
+
+
+class Procedure(Rates):
     """How runs are judged: the violation probabilities to tell apart, the error rate, the budget of runs.
 
     `rvsg.evaluation.verdict` explains how they decide.
     """
 
-    rare: Annotated[float, Field(gt=0, lt=0.5)] = 0.02
-    """A requirement that is violated with this probability, or less, is violated rarely."""
-    often: Annotated[float, Field(gt=0, lt=0.5)] = 0.20
-    """A requirement that is violated with this probability, or more, is violated often."""
-    error_rate: Annotated[float, Field(gt=0, lt=0.5)] = 0.05
-    """How often a status may be wrong at most."""
-    confidence: Annotated[float, Field(gt=0.5, lt=1)] = 0.95
-    """Confidence of the intervals that are reported."""
     max_runs: Annotated[int, Field(ge=1, le=100_000)] = 30
     """The budget: the most runs a verdict may take."""
-
-    @model_validator(mode="after")
-    def _apart(self) -> Procedure:
-        if self.rare >= self.often:
-            raise ValueError(f"rare ({self.rare}) must be smaller than often ({self.often})")
-        return self
 
     def log_ratios(self, violations: int, runs: int) -> tuple[float, float]:
         """Return the natural logarithms of the two likelihood ratios `low` and `high`."""

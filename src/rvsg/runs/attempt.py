@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from rvsg.core.records import Record
+from rvsg.core.settings import SEARCH, TEST, NotNegative, Positive, Setting
 from rvsg.evaluation.realism import is_left_out
 from rvsg.evaluation.verdict import Verdict
 from rvsg.generation.generator import Proposal
@@ -173,10 +174,51 @@ class Attempt(Record):
         return self.proposal.lesson
 
 
-Count = Annotated[int, Field(ge=1, le=100_000)]
+class SearchSettings(Record):
+    """The settings of a search that its plan holds."""
+
+    humans: Annotated[int, Field(ge=1, le=100), Setting("People in a scenario.", TEST, label="People")] = 2
+    scenarios: Annotated[Positive, Setting("Scenarios to find.", SEARCH, label="Scenarios", common=True)] = 10
+    refinements: Annotated[
+        int, Field(ge=0, le=1000), Setting("Refinements of each scenario.", SEARCH, label="Refinements")
+    ] = 4
+    repeats: Annotated[Positive, Setting("Runs of each configuration.", SEARCH, label="Runs")] = 5
+    confirmations: Annotated[
+        int,
+        Field(ge=0, le=100_000),
+        Setting(
+            "Confirmation runs in all, at most.",
+            SEARCH,
+            more="0 confirms nothing. See [What is confirmed](#what-is-confirmed).",
+            label="Confirmation runs",
+        ),
+    ] = 250
+    budget_runs: Annotated[
+        int | None,
+        Field(ge=1, le=10_000_000),
+        Setting("Runs of the search.", SEARCH, default="scenarios x (1 + refinements) x repeats"),
+    ] = None
+    memory: Annotated[
+        int, Field(ge=0, le=1000), Setting("Earlier scenarios that a new one must differ from.", SEARCH)
+    ] = 10
+    max_in_flight: Annotated[
+        int,
+        Field(ge=1, le=1000),
+        Setting("Attempts in progress at a time; more keep more cores busy.", SEARCH, label="Attempts at a time"),
+    ] = 1
+    realism: Annotated[
+        float | None,
+        Field(ge=0, le=50),
+        Setting(
+            "Judge only runs whose people move as at least this percentage of recorded people.",
+            SEARCH,
+            more="For example 1. Speed, acceleration, distance from others and standing count.",
+        ),
+    ] = None
+    seed: Annotated[NotNegative, Setting("Seed of everything random.", SEARCH, label="Seed", common=True)] = 0
 
 
-class Plan(Record):
+class Plan(SearchSettings):
     """What a campaign does.
 
     The search tries `scenarios` x (1 + `refinements`) configurations, each in `repeats` runs, or spends `budget_runs`
@@ -190,28 +232,9 @@ class Plan(Record):
     requirement: Requirement
     also: tuple[Requirement, ...] = ()
     """Further requirements that the strategy `multi` looks at; nothing is confirmed by them."""
-    humans: Annotated[int, Field(ge=1, le=100)] = 2
-    """People in a scenario."""
-    scenarios: Count = 10
-    refinements: Annotated[int, Field(ge=0, le=1000)] = 4
-    """Refinements of each scenario."""
-    repeats: Count = 5
-    """Runs of each configuration of the search."""
-    realism: Annotated[float | None, Field(ge=0, le=50, exclude_if=lambda percent: percent is None)] = None
-    """Runs in which somebody does what fewer recorded people do (percent) are not judged; None: all are."""
-    confirmations: Annotated[int, Field(ge=0, le=100_000)] = 250
-    """Confirmation runs of all candidates together; 0: no confirmation."""
-    budget_runs: Annotated[int | None, Field(ge=1, le=10_000_000)] = None
-    """Runs of the search; None: `scenarios` x (1 + `refinements`) x `repeats`."""
-    proposals: Count | None = None
+    proposals: Positive | None = None
     """How often a strategy that plans in runs asks the generator; None: as often as it likes. Other strategies ask for
     every configuration."""
-    memory: Annotated[int, Field(ge=0, le=1000)] = 10
-    """Earlier scenarios that a new one must differ from."""
-    max_in_flight: Annotated[int, Field(ge=1, le=1000)] = 1
-    """Attempts that may be in progress at a time. More of them keep more workers busy, and the strategy learns the
-    result of each later. That changes what it tries, so it belongs to the plan; the number of workers does not."""
-    seed: Annotated[int, Field(ge=0)] = 0
 
     @property
     def configurations(self) -> int:
