@@ -17,6 +17,7 @@ from rvsg.runs.observation import FailureMode, encounter_of, met, mode_of, obser
 from rvsg.runs.runner import Evaluator, FinishedRun, Runner
 from rvsg.search.confirmation import Confirmations
 from rvsg.search.strategies import StudyStrategy
+from rvsg.simulation.events import Side
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Outcome, Run
 
@@ -73,17 +74,17 @@ def test_a_run_is_told_by_its_closest_approach(run: Run, person: str, robot: str
 
 
 @pytest.mark.parametrize(
-    ("moved_by", "said"),
+    ("responsible", "said"),
     [
         ("robot", "it stops and drives into the person"),
         ("person", "it stops and is walked into"),
-        ("both", "it stops and collides with the person"),
-        ("neither", "it stops and touches the person"),
+        ("shared", "it stops and collides with the person"),
+        (None, "it stops and touches the person"),
     ],
 )
-def test_the_name_of_a_contact_says_who_moves_into_whom(moved_by: str, said: str) -> None:
+def test_the_name_of_a_contact_says_who_is_responsible(responsible: Side | None, said: str) -> None:
     mode = mode_of(run_of((0.0, 0.7), (0.0, 0.0), stops=True), warehouse())
-    assert mode is not None and mode.name(moved_by).endswith(said)
+    assert mode is not None and mode.name(responsible).endswith(said)
 
 
 def test_the_usual_mode_is_that_of_most_runs() -> None:

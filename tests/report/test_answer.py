@@ -8,11 +8,11 @@ from tests.report.test_page import _with_objectives, answer, campaign, default_c
 
 from rvsg.evaluation.detection import contacts
 from rvsg.evaluation.sampled import sampled
-from rvsg.report.answer_row import MOVED
 from rvsg.report.result import _headline
 from rvsg.runs.attempt import Attempt
 from rvsg.runs.observation import INTO
 from rvsg.runs.runner import Evaluator
+from rvsg.simulation.events import responsible_in_words
 
 
 def attempts_with(objective: float) -> list[Attempt]:
@@ -28,7 +28,7 @@ def test_a_measured_mean_is_named_as_such_beside_the_limit_of_each_run(objective
     assert (measured.value, measured.note) == (said, "limit: at least 1 m in each run")
 
 
-def test_a_failure_with_contact_is_named_by_who_moves_into_whom() -> None:
+def test_a_failure_with_contact_is_named_by_who_is_responsible() -> None:
     ledger = MemoryLedger()
     the_plan, attempts = campaign(ledger, confirmations=15)
     judge = Evaluator(the_plan.requirement, warehouse())
@@ -38,9 +38,9 @@ def test_a_failure_with_contact_is_named_by_who_moves_into_whom() -> None:
     touched = [row for row in answer(the_plan, measured, ledger).rows if row.contacts]
     assert touched
     for row in touched:
-        (mover,) = [key for key, words in MOVED.items() if words in row.touch]
         first = next(iter(contacts(sampled(ledger.run(row.run), warehouse()))))
-        assert INTO[mover] in row.name and (first.moved_by, first.person) == (mover, row.who)
+        assert INTO[first.responsible] in row.name and first.person == row.who
+        assert first.responsible is not None and responsible_in_words(first.responsible) in row.touch
 
 
 def test_the_headline_of_a_rarer_failure_tells_the_one_that_makes_its_status() -> None:

@@ -119,7 +119,7 @@ class Suite(SuiteFolder):
 
 
 def add_failures(suite: Suite, campaign: Campaign, rows: Sequence[AnswerRow]) -> Suite:
-    """Add failures of a campaign as cases, those that only touch a person under `no_contact`; return the new suite.
+    """Add failures of a campaign as cases, those that only touch a person under `any_contact`; return the new suite.
 
     Args:
         rows: failures of its answer.
@@ -128,7 +128,7 @@ def add_failures(suite: Suite, campaign: Campaign, rows: Sequence[AnswerRow]) ->
     for row in rows:
         scenario = scenarios[row.attempt]
         assert scenario is not None, "a confirmed scenario is valid"
-        judged = None if row.violated == "yes" else "no_contact"
+        judged = None if row.violated == "yes" else "any_contact"
         suite = suite.add(scenario, judged, title=row.name, world=campaign.world, found=campaign.found_with)
     return suite
 

@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 import shapely
 
+from rvsg.evaluation.responsibility import responsible
 from rvsg.evaluation.sampled import Flags, Floats, Sampled, joined, sampled, stretches, wrap
 from rvsg.scenario.scenario import Behaviour, Human, HumanAgent, HumanConfiguration, Scenario, decode, task_ends
 from rvsg.simulation.events import (
@@ -251,12 +252,13 @@ def contacts(s: Sampled) -> Iterator[Contact]:
     for touch in s.contacts:
         first, last, person = touch.first, touch.last, touch.person
         rows = slice(max(0, first - 1), last + 1)
-        fastest = {
+        whole = {
+            "responsible": responsible(s, max(0, first - 1), person),
             "robot_speed_m_s": round(float(s.series.speed[rows].max()), 3),
             "person_speed_m_s": round(float(s.series.human_speed[rows, person].max()), 3),
         }
         if touch.recorded is not None:
-            yield _named(touch.recorded, s, **fastest)
+            yield _named(touch.recorded, s, **whole)
             continue
         at = max((max(0, first - 1), first), key=lambda row: s.closing_speed[row, person])
         distance = max(float(s.distance[at, person]), 1e-9)
@@ -269,7 +271,7 @@ def contacts(s: Sampled) -> Iterator[Contact]:
             closing_speed_m_s=round(max(0.0, float(s.closing_speed[at, person])), 3),
             robot_part_m_s=round(robot, 3),
             person_part_m_s=round(other, 3),
-            **fastest,
+            **whole,
             bearing_rad=_bearing(s, first, person),
             overlap_m=round(float(-s.gap[first : last + 1, person].min()), 3),
         )
@@ -289,6 +291,7 @@ def near_misses(s: Sampled) -> Iterator[NearMiss]:
                     gap_m=round(float(gap[closest]), 3),
                     relative_speed_m_s=round(float(s.relative_speed[closest, person]), 3),
                     bearing_rad=_bearing(s, closest, person),
+                    responsible=responsible(s, closest, person),
                 )
 
 
@@ -344,7 +347,9 @@ def standstills(s: Sampled) -> Iterator[StandStill]:
         for taken in goals:
             if taken.time_s < _time(s, last) and _time(s, first) < taken.until_s:
                 reason, person = "goal_taken", taken.person
-        yield StandStill(**_span(s, first, last), reason=reason, person=person)
+        side = responsible(s, first - 1, s.run.human_names.index(person)) if person else "robot"
+        side = "person" if reason == "goal_taken" else side  # there is no way round
+        yield StandStill(**_span(s, first, last), reason=reason, person=person, responsible=side)
 
 
 def _main_reason(s: Sampled, first: int, last: int) -> tuple[Reason, str]:

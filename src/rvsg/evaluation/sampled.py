@@ -203,31 +203,30 @@ class Sampled:
         The robot's body is its outline where the run knows it, else a disc; a human's is a disc, with what the human
         sits in or pushes.
         """
-        if not any(self.run.human_outlines):
-            return self._disc_or_outline_gap
-        return np.minimum(self._disc_or_outline_gap, self._pushed_gap)
-
-    @cached_property
-    def _pushed_gap(self) -> Floats:
-        """(N, H) metres between the robot's body and what each human sits in or pushes; inf where that is nothing."""
         s, (dx, dy) = self.series, self.offset
-        gap: Floats = np.full(dx.shape, np.inf)
-        for h, outline in enumerate(self.run.human_outlines):
-            if outline and len(self):
-                pose = (dx[:, h], dy[:, h], s.human_yaw[:, h])
-                gap[:, h] = outline_gap(self.run.robot_outline, self.run.robot_radius_m, s.yaw, outline, *pose)
-        return gap
-
-    @cached_property
-    def _disc_or_outline_gap(self) -> Floats:
-        """(N, H) metres between the robot's body and each human's disc."""
-        if not self.run.robot_outline or not self.people:
+        if not self.people or not (self.run.robot_outline or any(self.run.human_outlines)):
             return self.disc_gap
-        cos, sin = np.cos(self.series.yaw)[:, None], np.sin(self.series.yaw)[:, None]
-        dx, dy = self.offset
-        away = _outline_distance(self.run.robot_outline, dx * cos + dy * sin, dy * cos - dx * sin)
-        gap: Floats = away - np.asarray(self.run.human_radius_m)[None, :]
-        return gap
+        of = (self.gap_of(h, s.yaw, dx[:, h], dy[:, h], s.human_yaw[:, h]) for h in range(self.people))
+        return np.stack([*of], axis=1)
+
+    def gap_of(self, person: int, yaw: Floats, dx: Floats, dy: Floats, turn: Floats) -> Floats:
+        """Return the gap between the robot's body and a human's at N poses, metres.
+
+        Args:
+            person: Index of the human.
+            yaw: The robot's yaw (N,).
+            dx, dy, turn: Offset of the human from the robot, and the human's yaw (N,).
+        """
+        run = self.run
+        away = np.hypot(dx, dy) - run.robot_radius_m
+        if run.robot_outline:
+            cos, sin = np.cos(yaw), np.sin(yaw)
+            away = _outline_distance(run.robot_outline, dx * cos + dy * sin, dy * cos - dx * sin)
+        gap: Floats = away - run.human_radius_m[person]
+        pushed = run.human_outlines[person] if any(run.human_outlines) else ()
+        if not pushed:
+            return gap
+        return np.minimum(gap, outline_gap(run.robot_outline, run.robot_radius_m, yaw, pushed, dx, dy, turn))
 
     @cached_property
     def contacts(self) -> list[Touch]:

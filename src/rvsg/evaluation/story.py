@@ -30,6 +30,7 @@ from rvsg.simulation.events import (
     RunEvent,
     StandStill,
     TimeOut,
+    responsible_in_words,
 )
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
@@ -114,7 +115,10 @@ WEIGHTS: dict[type, Callable[[Any], float]] = {
 
 def in_words(event: RunEvent) -> str:
     """Return one sentence that says when, who, where and what."""
-    return f"At {event.time_s:.1f} s {_what(event)}."
+    whose = ""
+    if isinstance(event, Contact | NearMiss) and event.responsible is not None:
+        whose = f"; {responsible_in_words(event.responsible, event.person)}"
+    return f"At {event.time_s:.1f} s {_what(event)}{whose}."
 
 
 def _what(event: RunEvent) -> str:

@@ -477,7 +477,7 @@ def load_requirement(
     return requirement if limit is None else requirement.for_time_limit(limit)
 
 
-MEASURED = ("contacts", "contact_longest", "contact_speed", "min_distance", "completed")
+MEASURED = ("contacts", "robot_contacts", "contact_longest", "contact_speed", "min_distance", "completed")
 """The metrics from which the summary is made."""
 
 
@@ -494,6 +494,16 @@ class Contacts(Record):
     """Largest relative speed in contact; None if there is none."""
     which: tuple[int, ...] = ()
     """Indices of the runs with contact, in the order given."""
+    responsible: Annotated[int | None, Field(exclude_if=lambda runs: runs is None)] = None
+    """Number of runs with contact for which the robot or both are responsible; None where an older version measured."""
+
+    @property
+    def in_words(self) -> str:
+        """How many runs have contact, and in how many the robot is responsible."""
+        runs = f"{self.runs} of {counted(self.of, 'run')}"
+        if not self.runs or self.responsible is None:
+            return runs
+        return f"{runs} (the robot is responsible in {self.responsible})"
 
 
 class Arrivals(Record):
@@ -523,6 +533,7 @@ def summarise_safety(measured: Sequence[Mapping[str, float | None]]) -> SafetySu
         measured: The metrics of each run by id; at least `MEASURED`, as `measure` returns them.
     """
     touched = [k for k, values in enumerate(measured) if (values.get("contacts") or 0.0) > 0.0]
+    own = [measured[k].get("robot_contacts") for k in touched]
     arrived = [values["completed"] for values in measured if values.get("completed") is not None]
     gaps = {k: gap for k, values in enumerate(measured) if (gap := values.get("min_distance")) is not None}
     closest = min(gaps, key=lambda k: gaps[k], default=None)
@@ -533,6 +544,7 @@ def summarise_safety(measured: Sequence[Mapping[str, float | None]]) -> SafetySu
             longest_s=_largest(measured, touched, "contact_longest"),
             worst_speed_m_s=_largest(measured, touched, "contact_speed"),
             which=tuple(touched),
+            responsible=None if None in own else sum(value > 0.0 for value in own if value is not None),
         ),
         arrived=Arrivals(
             runs=sum(value == 1.0 for value in arrived),

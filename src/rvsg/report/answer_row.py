@@ -30,20 +30,13 @@ from rvsg.report.words import in_short
 from rvsg.runs.attempt import Attempt, Measurement, Plan
 from rvsg.runs.observation import FailureMode, usual
 from rvsg.scenario.requirement import Requirement
-from rvsg.simulation.events import in_order
+from rvsg.simulation.events import in_order, responsible_in_words
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
 Violated = Literal["yes", "no", "open", "no limit"]
 Often = Literal["always", "sometimes", "rarely", "not settled"]
 Tone = Literal["bad", "warn", "good", "quiet"]
-MOVED = {
-    "robot": "the robot drives into the person",
-    "person": "the person walks into the robot",
-    "both": "both move",
-    "neither": "neither approaches",
-}
-"""Who moves where robot and person first touch."""
 LISTED = 3
 """People that are named as a cause; of more, their number."""
 MANY = 4
@@ -250,10 +243,10 @@ class _ShownRun:
         met = {
             m.run_id: touching[0] for m in touched if (touching := in_order(contacts(sampled(run_of(m.run_id), world))))
         }
-        movers = Counter(met[m.run_id].moved_by for m in usual_ones if m.run_id in met)
-        movers = movers or Counter(contact.moved_by for contact in met.values())
-        self.mover = max(movers, key=movers.__getitem__, default="neither")
-        usual_ones = [m for m in usual_ones if m.run_id in met and met[m.run_id].moved_by == self.mover] or usual_ones
+        sides = Counter(met[m.run_id].responsible for m in usual_ones if m.run_id in met)
+        sides = sides or Counter(contact.responsible for contact in met.values())
+        self.side = max(sides, key=sides.__getitem__, default=None)
+        usual_ones = [m for m in usual_ones if m.run_id in met and met[m.run_id].responsible == self.side] or usual_ones
 
         def worst(m: Measurement) -> tuple[float, float]:
             badness = float("-inf") if m.objective is None else requirement.badness(m.objective)
@@ -264,14 +257,16 @@ class _ShownRun:
         self.touch = ""
         if touched:
             speed = max((m.values.get("contact_speed") or 0.0) for m in touched)
-            self.touch = ", ".join([f"up to {number(speed, 'm/s')}", *([MOVED[self.mover]] if met else [])])
+            self.touch = ", ".join(
+                [f"up to {number(speed, 'm/s')}", *([responsible_in_words(self.side)] if self.side else [])]
+            )
         if self.run.id in met:
             self.who, self.moment_s = met[self.run.id].person, met[self.run.id].time_s
 
     def name(self, world: World) -> str:
         """Return what happens, where and to whom."""
         if self.mode is not None:
-            return f"{self.mode.name(self.mover)}: {self.who}"
+            return f"{self.mode.name(self.side)}: {self.who}"
         path = self.run.trajectory
         at = world.place_name(float(path.x[-1]), float(path.y[-1])) if len(path) else "the start"
         return f"Ends at {at}, {self.run.outcome.value}"

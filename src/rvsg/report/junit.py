@@ -49,7 +49,7 @@ def _properties(entry: Ranked) -> dict[str, str]:
     properties = {"state": entry.state, "attempt": str(entry.attempt)}
     properties["violated"] = f"{entry.verdict.violations}/{entry.verdict.runs}"
     if seen.contacts.of:
-        properties["contacts"] = f"{seen.contacts.runs} of {counted(seen.contacts.of, 'run')}"
+        properties["contacts"] = seen.contacts.in_words
     if seen.arrived.of:
         properties["arrived"] = f"{seen.arrived.runs} of {counted(seen.arrived.of, 'run')}"
     if seen.least_clearance_m is not None:

@@ -448,7 +448,7 @@ def _elsewhere(rows: Sequence[AnswerRow], attempts: Sequence[Attempt], requireme
         return None
     most, met = max(touches.items(), key=lambda pair: (sum(pair[1].values()), pair[0]))
     which = "other runs" if rows else "runs"
-    judged = requirement.metric in ("contacts", "contact_speed", "contact_longest")
+    judged = requirement.metric in ("contacts", "robot_contacts", "contact_speed", "contact_longest")
     text = f"Contact in {touched} of {total} {which}; most: {most}, {share_of(sum(met.values()), len(met))}"
     text += "." if judged else f"; {requirement.name} does not judge contact."
     return Elsewhere(
@@ -472,7 +472,7 @@ def _next_steps(
     shown = any(row.counts for row in rows)
     touched = elsewhere is not None or any(row.contacts for row in rows)
     steps = [("resume", "Finish the campaign", "")] if not result.complete else []
-    if touched and result.requirement.metric != "contacts":
+    if touched and result.requirement.metric not in ("contacts", "robot_contacts"):
         steps.append(("contact", "Judge contact itself", ""))
     if elsewhere is not None and elsewhere.attempt >= 0:
         steps.append(("confirm", f"Confirm the contact in {elsewhere.number}", f" {elsewhere.attempt}"))

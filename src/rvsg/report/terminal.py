@@ -48,7 +48,7 @@ def describe_finding(finding: Finding, requirement: Requirement) -> Iterator[str
     contacts = finding.contacts
     if contacts.runs:
         longest, speed = number(contacts.longest_s, "s"), number(contacts.worst_speed_m_s, "m/s")
-        touched = f"{contacts.runs} of {counted(contacts.of, 'run')} touch a person (longest {longest}, up to {speed})"
+        touched = f"{contacts.in_words} touch a person (longest {longest}, up to {speed})"
         yield f"  Contact: {touched}{'' if finding.violated else f', which {requirement.name} does not judge'}."
     elif finding.least_clearance_m is not None:
         yield f"  No run touches a person; the smallest gap is {metres(finding.least_clearance_m)}."

@@ -21,7 +21,7 @@ from rvsg.evaluation.sampled import sampled, stretches
 from rvsg.evaluation.story import standing_because
 from rvsg.scenario.brief import Arrival, Encounter, Passing, Stop, Touched
 from rvsg.scenario.scenario import Human, HumanAgent, HumanConfiguration, decode, goal_names
-from rvsg.simulation.events import PersonPaused, PersonReached, PersonReacted, in_order
+from rvsg.simulation.events import PersonPaused, PersonReached, PersonReacted, Side, in_order, responsible_in_words
 from rvsg.simulation.run import Outcome, Run
 from rvsg.world.grid import Grid
 from rvsg.world.world import World
@@ -51,13 +51,13 @@ SHORT = {
 }
 """The same as the beginning of a name."""
 TOUCHES = "touches the person"
-INTO = {
+INTO: dict[Side | None, str] = {
     "robot": "drives into the person",
     "person": "is walked into",
-    "both": "collides with the person",
-    "neither": TOUCHES,
+    "shared": "collides with the person",
+    None: TOUCHES,
 }
-"""How the name of a failure with contact says who moves into whom."""
+"""How the name of a failure with contact says who is responsible."""
 
 
 class FailureMode(Record):
@@ -75,13 +75,13 @@ class FailureMode(Record):
         """The failure in one sentence."""
         return f"At the closest approach, near {self.place}, a person {met(self.person)}; the robot {self.robot}."
 
-    def name(self, moved_by: str = "neither") -> str:
+    def name(self, responsible: Side | None = None) -> str:
         """Return a name, e.g. "Standing beside the robot at Shelf 5, it stops".
 
         Args:
-            moved_by: Who moves where robot and person touch; two runs in which that differs show the same failure.
+            responsible: Who is where robot and person touch; two runs in which that differs show the same failure.
         """
-        return f"{met(self.person, SHORT)} at {self.place}, it {self.robot.replace(TOUCHES, INTO[moved_by])}"
+        return f"{met(self.person, SHORT)} at {self.place}, it {self.robot.replace(TOUCHES, INTO[responsible])}"
 
 
 def met(kind: str, words: Mapping[str, str] = MOVES) -> str:
@@ -467,6 +467,7 @@ def touches_of(run: Run, world: World) -> tuple[Touched, ...]:
             time_s=round(contact.time_s, 1),
             until_s=round(contact.until_s, 1),
             moved_by=contact.moved_by,
+            responsible="" if contact.responsible is None else responsible_in_words(contact.responsible),
         )
         for contact in in_order(contacts(sampled(run, world)))
     )

@@ -92,6 +92,8 @@ class Touched(Record):
     until_s: float
     moved_by: Literal["robot", "person", "both", "neither"]
     """Who moved into whom."""
+    responsible: Annotated[str, Field(exclude_if=lambda words: not words)] = ""
+    """Who is responsible, in words; empty in old recordings."""
 
 
 class Stop(Record):

@@ -20,6 +20,16 @@ ABSENT: Any = Field(exclude_if=lambda value: value is None or value == "")
 """A field that only the full list has."""
 
 
+Side = Literal["robot", "person", "shared"]
+Responsible = Annotated[Side | None, ABSENT]
+"""Who is responsible, by the rule of `rvsg.evaluation.responsibility`."""
+
+
+def responsible_in_words(side: Side, person: str = "the person") -> str:
+    """Return who is responsible, in the words of stories, titles, prompts and test reports."""
+    return {"robot": "the robot is", "person": f"{person} is", "shared": "both are"}[side] + " responsible"
+
+
 class Outcome(str, Enum):
     """How a run ended, in the words a person reads."""
 
@@ -91,6 +101,7 @@ class Contact(Spell):
     """Direction of the person off the robot's heading at first touch; 0 ahead, positive to the left."""
     overlap_m: float
     """How far the bodies overlap at most, the smallest gap negated; 0 if the simulator keeps them apart."""
+    responsible: Responsible = None
 
     @property
     def moved_by(self) -> Literal["robot", "person", "both", "neither"]:
@@ -124,6 +135,7 @@ class NearMiss(TimedEvent):
     """Speed of the robot relative to the person at that time."""
     bearing_rad: float
     """Direction of the person off the robot's heading; 0 ahead, positive to the left."""
+    responsible: Responsible = None
 
 
 class HardBrake(Spell):
@@ -151,6 +163,7 @@ class StandStill(Spell):
     """What holds it up for most of the standstill; `goal_taken`: a person stands on its goal."""
     person: str = ""
     """The person of the reason; else empty."""
+    responsible: Responsible = None
 
 
 class Replan(TimedEvent):

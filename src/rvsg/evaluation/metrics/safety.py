@@ -6,14 +6,15 @@ from functools import partial
 
 import numpy as np
 
+from rvsg.evaluation.detection import contacts
 from rvsg.evaluation.metrics.metric import Metric, measures
 from rvsg.evaluation.realism import PEOPLE_REALISM, motions, rarest
+from rvsg.evaluation.responsibility import REACTION_S, responsible
 from rvsg.evaluation.sampled import STILL_SPEED_M_S, Flags, Sampled, stretches
 from rvsg.scenario.requirement import Aim
 
 SAFETY = "common practice in robot safety"
 HUNAV = "HuNavSim evaluator, corrected"
-REACTION_S = 0.3
 INTIMATE_M, PERSONAL_M, SOCIAL_M = 0.45, 1.2, 3.6
 EMERGENCY_DECELERATION_M_S2 = 2.0
 ADVANCING_M = 0.05
@@ -27,6 +28,27 @@ _of_people = partial(_metric, of_people=True)
 def contact_events(s: Sampled) -> float | None:
     """Contacts of the robot with each person; those less than 0.5 s apart count as one."""
     return float(len(s.contacts))
+
+
+@_of_people("robot_contacts", "Contacts the robot is responsible for", "events", "larger", Aim.MEET)
+def robot_contacts(s: Sampled) -> float | None:
+    """Contacts, counted as for `contacts`, for which the robot or both are responsible."""
+    return float(sum(contact.responsible != "person" for contact in contacts(s)))
+
+
+@_of_people("robot_clearance", "Smallest gap the robot is responsible for", "m", "smaller", Aim.MEET, least=None)
+def robot_clearance(s: Sampled) -> float | None:
+    """Smallest gap to a person among the moments at which it is least and the robot or both are responsible.
+
+    The largest gap to the nearest person over the run where there is no such moment.
+    """
+    beyond = np.full((1, s.people), np.inf)
+    before, after = np.concatenate([beyond, s.gap[:-1]]), np.concatenate([s.gap[1:], beyond])
+    moments = np.argwhere((s.gap <= before) & (s.gap < after))
+    for row, person in moments[np.argsort(s.gap[tuple(moments.T)])]:
+        if responsible(s, int(row), int(person)) != "person":
+            return float(s.gap[row, person])
+    return float(s.closest_gap.max())
 
 
 @_of_people("contact_time", "Time in contact", "s", "larger", Aim.MEET, most="time_limit")

@@ -182,7 +182,7 @@ GROUPED = {
         "slow_near_people",
         "recovers_distance",
     ),
-    "Contact": ("no_contact", "contact_speed"),
+    "Contact": ("no_contact", "any_contact", "contact_speed"),
     "The drive": (
         "R2",
         "R3",
