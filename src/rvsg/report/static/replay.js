@@ -868,5 +868,5 @@
     if (!(options.address && fromAddress())) select(options.run && byRun.has(options.run) ? options.run : first.runs[0].id, options.t);
     return api;
   }
-  root.rvsgReplay = { mount: mount, channels: channels };
+  root.rvsgReplay = { mount: mount, channels: channels, html: html, svg: svg };
 })(window);

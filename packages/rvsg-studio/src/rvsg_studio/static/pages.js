@@ -70,6 +70,16 @@
     show();
   };
 
+  function sent(file) { return studio.request("/data/file?name=" + encodeURIComponent(file.name), { method: "POST", headers: { "content-type": "application/octet-stream" }, body: file }); }
+  /** Take the files that are chosen, or dropped on the page. */
+  function receive(element, chosen, take) {
+    function some(files) { if (files.length) take(files); }
+    chosen.addEventListener("change", function () { some(chosen.files); });
+    document.addEventListener("dragover", function (event) { event.preventDefault(); element.classList.add("st-over"); });
+    document.addEventListener("dragleave", function (event) { if (!event.relatedTarget) element.classList.remove("st-over"); });
+    document.addEventListener("drop", function (event) { event.preventDefault(); element.classList.remove("st-over"); some(event.dataTransfer.files); });
+  }
+
   /* Files that are dropped on the page, or chosen; data-accept says what they end in. They wait in the studio. */
   parts.drop = function (element) {
     const chosen = labelled(element, "Files", html(null, "input", { type: "file", multiple: "", accept: element.dataset.accept }));
@@ -86,15 +96,10 @@
     function take(files) {
       told.textContent = "Receiving\u2026";
       Array.from(files).reduce(function (before, file) {
-        return before.then(function () {
-          return studio.request("/data/file?name=" + encodeURIComponent(file.name), { method: "POST", headers: { "content-type": "application/octet-stream" }, body: file }).then(show);
-        });
+        return before.then(function () { return sent(file).then(show); });
       }, Promise.resolve()).catch(fail);
     }
-    chosen.addEventListener("change", function () { if (chosen.files.length) take(chosen.files); });
-    document.addEventListener("dragover", function (event) { event.preventDefault(); element.classList.add("st-over"); });
-    document.addEventListener("dragleave", function (event) { if (!event.relatedTarget) element.classList.remove("st-over"); });
-    document.addEventListener("drop", function (event) { event.preventDefault(); element.classList.remove("st-over"); if (event.dataTransfer.files.length) take(event.dataTransfer.files); });
+    receive(element, chosen, take);
     ask("/data/files").then(show).catch(fail);
     element.dataset.ready = "true";
   };
@@ -104,16 +109,14 @@
   parts.view = function (element) {
     const chosen = labelled(element, element.dataset.label, html(null, "input", { type: "file", accept: element.dataset.accept }));
     const told = html(element, "p", { class: "st-wrong small", role: "status" });
-    function take(file) {
+    function take(files) {
+      const file = files[0];
       told.textContent = "";
       if (file.size > +element.dataset.most) { told.textContent = file.name + " is too large to be sent. Copy it into the folder of the studio, and name it here."; return; }
-      studio.request("/data/file?name=" + encodeURIComponent(file.name), { method: "POST", headers: { "content-type": "application/octet-stream" }, body: file })
-        .then(function (found) { location.href = found.address; }, function (error) { told.textContent = error.message; });
+      sent(file).then(function (found) { location.href = found.address; }, function (error) { told.textContent = error.message; });
       chosen.value = "";
     }
-    chosen.addEventListener("change", function () { if (chosen.files.length) take(chosen.files[0]); });
-    document.addEventListener("dragover", function (event) { event.preventDefault(); });
-    document.addEventListener("drop", function (event) { event.preventDefault(); if (event.dataTransfer.files.length) take(event.dataTransfer.files[0]); });
+    receive(element, chosen, take);
     element.dataset.ready = "true";
   };
 

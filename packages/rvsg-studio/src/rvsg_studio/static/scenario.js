@@ -98,10 +98,7 @@
         human.tasks.forEach(function (task) { svg(drawing.metres, "polyline", { class: "st-ghost", points: text(task.path.map(function (name) { return position(human, name); }).filter(Boolean)) }); });
       });
       if (tried && tried.robot.length) svg(drawing.metres, "polyline", { class: "st-robot", points: text(tried.robot) });
-      [["start", "S"], ["goal", "G"]].forEach(function (end) {
-        const p = drawing.place(route[end[0]].x, route[end[0]].y), g = svg(drawing.words, "g", { class: "st-end" });
-        svg(g, "circle", { cx: p[0], cy: p[1], r: 0.3 }); svg(g, "text", { x: p[0], y: p[1], "font-size": 0.36 }, end[1]);
-      });
+      [["start", "S"], ["goal", "G"]].forEach(function (end) { drawing.mark(route[end[0]].x, route[end[0]].y, end[1], "st-end"); });
       people().forEach(function (human, k) {
         const on = k === chosen;
         if (tried && tried.people[human.name]) svg(drawing.metres, "polyline", { class: "st-walked", stroke: colour(k), points: text(tried.people[human.name]) });

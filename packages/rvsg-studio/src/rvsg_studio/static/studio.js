@@ -6,15 +6,8 @@
  */
 (function (root) {
   "use strict";
-  const parts = {};
+  const parts = {}, html = root.rvsgReplay.html;
 
-  function html(parent, tag, attributes, text) {
-    const node = document.createElement(tag);
-    for (const key in attributes || {}) node.setAttribute(key, attributes[key]);
-    if (text !== undefined) node.textContent = text;
-    if (parent) parent.appendChild(node);
-    return node;
-  }
   async function answer(response) {
     if (response.status === 403) throw new Error("The studio does not know this page. Open the address that it printed; what you typed is kept.");
     const value = await response.json();

@@ -6,16 +6,9 @@
  */
 (function (root) {
   "use strict";
-  const parts = root.studio.parts, ask = root.studio.ask, send = root.studio.send, html = root.studio.html;
+  const parts = root.studio.parts, ask = root.studio.ask, send = root.studio.send, html = root.studio.html, svg = root.rvsgReplay.svg;
   const SNAP_M = 0.25, NUDGE_M = 0.1;
   const SVG = "http://www.w3.org/2000/svg";
-  function svg(parent, tag, attributes, text) {
-    const node = document.createElementNS(SVG, tag);
-    for (const key in attributes || {}) node.setAttribute(key, attributes[key]);
-    if (text !== undefined) node.textContent = text;
-    if (parent) parent.appendChild(node);
-    return node;
-  }
   function button(parent, text, act, attributes) {
     const made = html(parent, "button", Object.assign({ type: "button", class: "st-button" }, attributes || {}), text);
     made.addEventListener("click", act);
@@ -48,9 +41,15 @@
       event.preventDefault();
       zoom(event.deltaY > 0 ? 0.8 : 1.25, (event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height);
     }, { passive: false });
+    function place(x, y) { return [m[0] * x + m[2] * y + m[4], m[1] * x + m[3] * y + m[5]]; }
     return {
-      map: map, metres: metres, words: words,
-      place: function (x, y) { return [m[0] * x + m[2] * y + m[4], m[1] * x + m[3] * y + m[5]]; },
+      map: map, metres: metres, words: words, place: place,
+      /** Mark a world point by a disc with a letter or a number in it. */
+      mark: function (x, y, text, style) {
+        const p = place(x, y), g = svg(words, "g", { class: style });
+        svg(g, "circle", { cx: p[0], cy: p[1], r: 0.3 }); svg(g, "text", { x: p[0], y: p[1], "font-size": 0.36 }, text);
+        return g;
+      },
       /** World coordinates of a pointer. */
       at: function (event) { const p = new DOMPoint(event.clientX, event.clientY).matrixTransform(metres.getScreenCTM().inverse()); return [p.x, p.y]; },
       /** Metres that a pixel is now. */
@@ -188,10 +187,7 @@
         const on = chosen && chosen.kind === "routes" && chosen.name === route.name;
         const node = svg(drawing.metres, "polyline", { class: "st-route" + (on ? " st-chosen" : ""), points: points_(route.line) });
         node.addEventListener("pointerdown", function (event) { if (tool === "select") { event.stopPropagation(); choose("routes", route.name); } });
-        if (on) [["start", "S"], ["goal", "G"]].forEach(function (end) {
-          const p = drawing.place(route[end[0]][0], route[end[0]][1]), g = svg(drawing.words, "g", { class: "st-end" });
-          svg(g, "circle", { cx: p[0], cy: p[1], r: 0.28 }); svg(g, "text", { x: p[0], y: p[1], "font-size": 0.36 }, end[1]);
-        });
+        if (on) [["start", "S"], ["goal", "G"]].forEach(function (end) { drawing.mark(route[end[0]][0], route[end[0]][1], end[1], "st-end"); });
       });
       const area = chosen && chosen.kind === "areas" && find();
       if (area && data.editable) area.outline.forEach(function (p, k) {
@@ -201,9 +197,7 @@
       remarks.forEach(function (remark, k) {
         const where = placeOf(remark);
         if (!where) return;
-        const p = drawing.place(where[0], where[1]), pin = svg(drawing.words, "g", { class: "st-pin" + (remark.serious ? " st-bad" : "") });
-        svg(pin, "circle", { cx: p[0], cy: p[1], r: 0.3 }); svg(pin, "text", { x: p[0], y: p[1], "font-size": 0.36 }, String(k + 1));
-        svg(pin, "title", {}, remark.message);
+        svg(drawing.mark(where[0], where[1], String(k + 1), "st-pin" + (remark.serious ? " st-bad" : "")), "title", {}, remark.message);
       });
       drawDraft();
     }
