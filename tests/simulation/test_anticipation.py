@@ -14,7 +14,7 @@ from rvsg.core.references import refer
 from rvsg.scenario.scenario import Attention, Behaviour, HumanAgent, reaction_of
 from rvsg.simulation.embedded.people.anticipation import past_body
 from rvsg.simulation.embedded.people.behaviour import tick
-from rvsg.simulation.embedded.people.crowd import Anticipation, PeopleOptions, initial
+from rvsg.simulation.embedded.people.crowd import TOUCHED, Anticipation, PeopleOptions, initial
 from rvsg.simulation.embedded.people.obstacles import on_outline
 from rvsg.world.world import World
 
@@ -102,7 +102,8 @@ def test_people_differ_from_run_to_run_and_not_within_one() -> None:
     first, again, other = (walk(agent, seed=seed, seconds=3.0)[0] for seed in (1, 1, 2))
     assert np.array_equal(first, again)
     assert abs(first[-1, 0, 0] - other[-1, 0, 0]) > 0.05
-    crowds = [initial([agent] * 40, world_with(), options=OPTIONS, seed=seed) for seed in range(10)]
+    forty = [agent.model_copy(update={"name": f"human {k}"}) for k in range(40)]
+    crowds = [initial(forty, world_with(), options=OPTIONS, seed=seed) for seed in range(10)]
     speeds = np.concatenate([crowd.speed for crowd in crowds])
     assert speeds.mean() == pytest.approx(1.34, abs=0.04)  # Weidmann's free walking
     assert speeds.std() == pytest.approx(0.26, abs=0.03)
@@ -171,3 +172,58 @@ def test_somebody_who_stands_steps_back_before_a_robot_that_turns_to_them_touche
         px, py, _ = on_outline(crowd.outline, crowd.x[0], crowd.y[0], x, y, yaw)
         gaps.append(math.hypot(crowd.x[0] - px, crowd.y[0] - py) - crowd.radius[0])
     assert 0.1 < min(gaps) < 0.3
+
+
+@pytest.mark.parametrize("attention", [Attention.ATTENTIVE, Attention.DISTRACTED])
+@pytest.mark.parametrize("behaviour", list(Behaviour))
+def test_nobody_who_sees_the_robot_walks_into_one_that_stands(behaviour: Behaviour, attention: Attention) -> None:
+    how = {"behaviour": behaviour, "reaction": reaction_of(behaviour, 1.5), "attention": attention, "speed_m_s": 1.8}
+    corridor = world_with((0.0, 1.7, 20.0, 1.0), (0.0, -1.7, 20.0, 1.0))
+    for seed in range(12):
+        y = 0.1 * seed - 0.55
+        starts = (-5.0, -6.2, 6.0) if attention is Attention.ATTENTIVE else (-5.0,)
+        agents = [somebody(x, y, -x, -y, **how, name=f"human {x}") for x in starts]
+        crowd = initial(agents, corridor, options=OPTIONS, seed=seed)
+        reference = refer(crowd)
+        for k in range(250):
+            tick(reference, 0.1 * (k + 1), 0.1, 0.0, 0.1, 0.3 * seed, 0.0, 0.0)
+        assert not (crowd.events[: int(crowd.event_count[0]), 0] == TOUCHED).any(), seed
+
+
+def test_waypoints_on_a_straight_way_change_nothing_of_it_and_are_reached() -> None:
+    places = []
+    for xs in ([-6.0, 6.0], np.arange(-6.0, 6.5)):
+        agents = [somebody(-6.0, 0.0, 6.0, 0.0, name="a").model_copy(
+            update={"goals": tuple((float(x), 0.3 * (k % 2) * (abs(x) < 6)) for k, x in enumerate(xs)),
+                    "pauses_s": (0.0,) * (len(xs) - 1) + (36_000.0,)})]  # fmt: skip
+        agents.append(somebody(6.0, 0.1, -6.0, 0.1, name="b"))
+        places.append(walk(*agents, seconds=14.0)[0])
+    assert np.array_equal(*places)
+    crowd = initial(agents, world_with(), options=OPTIONS, seed=1)
+    reference = refer(crowd)
+    for k in range(140):
+        tick(reference, 0.1 * (k + 1), 0.1, *FAR)
+    assert (np.diff(crowd.reached[0, 1:]) > 0.0).all()
+
+
+def test_a_way_round_a_shelf_is_not_drawn_through_it() -> None:
+    shelf = world_with((0.0, 0.0, 2.0, 2.0))
+    goals = ((-2.0, -1.0), (-2.0, 0.0), (-2.0, 2.0), (0.0, 2.0), (2.0, 2.0), (2.0, 0.0))
+    agent = somebody(-2.0, -1.0, 2.0, 0.0).model_copy(update={"goals": goals, "pauses_s": (0.0,) * 5 + (36_000.0,)})
+    places, _ = walk(agent, world=shelf)
+    assert np.hypot(*(places[-1, 0] - (2.0, 0.0))) < 0.3
+    assert np.maximum(*np.abs(places[:, 0].T)).min() > 1.0 + 0.2  # beside the shelf with room for a body
+
+
+def test_a_person_is_as_they_are_whoever_else_is_there_until_they_can_meet() -> None:
+    """Leaving out, adding and renaming somebody changes nothing of the others before."""
+    near, other = somebody(-8.0, 6.0, 8.0, 6.0, name="near"), somebody(8.0, -9.0, -8.0, -9.0, name="other")
+    comes = somebody(8.0, 6.0, -8.0, 6.0, name="comes", factors="random_normal")
+    for seed in range(4):
+        with_all, without = walk(comes, near, other, seed=seed)[0], walk(near, other, seed=seed)[0]
+        renamed = walk(near, other, comes.model_copy(update={"name": "anna"}), seed=seed)[0]
+        for a, b, c in ((with_all[:, 1], with_all[:, 2], with_all[:, 0]), renamed.swapaxes(0, 1)):
+            first = int((np.hypot(*(a - c).T) < 13.5).argmax())
+            assert first > 5
+            assert np.array_equal(a[:first], without[:first, 0])
+            assert np.array_equal(b, without[:, 1])

@@ -13,6 +13,7 @@ import math
 
 from rvsg.core.kernels import inner
 from rvsg.simulation.embedded.people.crowd import (
+    IMPASSIVE,
     Anticipation,
     Crowd,
     RobotState,
@@ -46,6 +47,10 @@ STOP_HORIZON_S = 2.0
 BACK_M_S = 0.6
 """Within `OFF_ROBOT_M` people close the gap to the robot's body in `STOP_S` at the fastest, who looks less than
 `STOP_HORIZON_S` ahead later; they step back from it at up to `BACK_M_S`."""
+BRAKE_M_S2, LATE_M_S2, SUDDEN_M_S2 = 1.0, 2.0, 2.5
+"""Who needs the first deceleration to stop before the robot's body, or before a trolley, brakes as hard as it takes.
+Who looks less far ahead notices later, up to the second. The third is the most, also where the robot surprises."""
+LEAST_GAP_M, AT_ONCE_S = 0.02, 0.1
 AVOID_S, AVOID_REACH_M = 1.5, 6.0
 AVOID_M = 0.05
 AVOID_SHARE = 0.9
@@ -100,48 +105,50 @@ def acceleration(
         fy += py
     rate = gain(crowd, i)
     vx, vy = off_bodies(crowd, i, vx + fx / rate, vy + fy / rate, robot)
-    vx, vy = off_cart(crowd, i, vx, vy)
-    if robot_in_social:
-        vx, vy = off_robot(crowd, i, vx, vy, robot)
+    vx, vy = at_gap(crowd, i, vx, vy, *gap_to_cart(crowd, i))
+    vx, vy = at_gap(crowd, i, vx, vy, *gap_to_robot(crowd, i, robot))
     vx, vy = off_wall(crowd, i, vx, vy)
-    return towards(crowd, i, vx, vy)
+    return towards(crowd, i, vx, vy, robot)
 
 
 @inner
-def off_robot(crowd: Crowd, i: int, vx: float, vy: float, robot: RobotState) -> tuple[float, float]:
-    """Return a velocity that does not close the gap to the robot's body faster than a person can stop before it.
+def gap_to_robot(crowd: Crowd, i: int, robot: RobotState) -> tuple[float, float, float, float]:
+    """Return the direction away from the robot's body, the gap that a person keeps to it, and its speed towards them.
 
-    Whom the robot comes near steps back, at most at `BACK_M_S`.
+    The gap is infinite for who does not see it, or is far away. To somebody impassive it is as a wall: they do not step
+    back from it.
     """
     x, y = crowd.old_x[i], crowd.old_y[i]
     if crowd.horizon[i] <= 0.0 or (x - robot.x) ** 2 + (y - robot.y) ** 2 > OFF_ROBOT_M * OFF_ROBOT_M:
-        return vx, vy
+        return 0.0, 0.0, math.inf, 0.0
     px, py, inside = on_outline(crowd.outline, x, y, robot.x, robot.y, robot.yaw)
     dx, dy = x - px, y - py
     distance = math.sqrt(dx * dx + dy * dy)
     if inside or distance < 1e-6:
-        return vx, vy
+        return 0.0, 0.0, math.inf, 0.0
     nx, ny = dx / distance, dy / distance
-    approach = robot.vx * nx + robot.vy * ny
-    return at_gap(crowd, i, vx, vy, nx, ny, distance - crowd.radius[i] - TOUCHING_M, approach)
+    approach = 0.0 if crowd.behaviour[i] == IMPASSIVE else robot.vx * nx + robot.vy * ny
+    return nx, ny, distance - crowd.radius[i] - TOUCHING_M, approach
 
 
 @inner
-def off_cart(crowd: Crowd, i: int, vx: float, vy: float) -> tuple[float, float]:
-    """Return a velocity that keeps off the nearest trolley or wheelchair, or a pusher's own off the robot."""
+def gap_to_cart(crowd: Crowd, i: int) -> tuple[float, float, float, float]:
+    """Return the same of the nearest trolley or wheelchair, or of a pusher's own and the robot."""
     gap = math.sqrt(crowd.cart[i, 0] ** 2 + crowd.cart[i, 1] ** 2)
     if crowd.horizon[i] <= 0.0 or gap == 0.0:
-        return vx, vy
+        return 0.0, 0.0, math.inf, 0.0
     nx, ny = crowd.cart[i, 0] / gap, crowd.cart[i, 1] / gap
-    approach = crowd.cart[i, 2] * nx + crowd.cart[i, 3] * ny
-    return at_gap(crowd, i, vx, vy, nx, ny, gap - TOUCHING_M, approach)
+    return nx, ny, gap - TOUCHING_M, crowd.cart[i, 2] * nx + crowd.cart[i, 3] * ny
 
 
 @inner
 def at_gap(
     crowd: Crowd, i: int, vx: float, vy: float, nx: float, ny: float, gap: float, approach: float
 ) -> tuple[float, float]:
-    """Return a velocity that closes a gap no faster than a person can stop; `approach`: of the body, along (nx, ny)."""
+    """Return a velocity that closes a gap no faster than a person can stop, who steps back at `BACK_M_S` at most.
+
+    `approach`: speed of the body along (nx, ny), towards the person.
+    """
     look = STOP_S * min(1.0, crowd.horizon[i] / STOP_HORIZON_S)
     least = approach - gap / look
     least = min(least, BACK_M_S)
@@ -238,10 +245,29 @@ def gain(crowd: Crowd, i: int) -> float:
 
 
 @inner
-def towards(crowd: Crowd, i: int, vx: float, vy: float) -> tuple[float, float]:
-    """Return the acceleration to a velocity within a person's limits."""
+def towards(crowd: Crowd, i: int, vx: float, vy: float, robot: RobotState) -> tuple[float, float]:
+    """Return the acceleration to a velocity within a person's limits; they brake before what they would walk into."""
     rate = gain(crowd, i)
-    return limited(rate * (vx - crowd.old_vx[i]), rate * (vy - crowd.old_vy[i]), crowd.manner.acceleration_m_s2)
+    fx, fy = limited(rate * (vx - crowd.old_vx[i]), rate * (vy - crowd.old_vy[i]), crowd.manner.acceleration_m_s2)
+    fx, fy = braked(crowd, i, fx, fy, *gap_to_cart(crowd, i))
+    return braked(crowd, i, fx, fy, *gap_to_robot(crowd, i, robot))
+
+
+@inner
+def braked(
+    crowd: Crowd, i: int, fx: float, fy: float, nx: float, ny: float, gap: float, approach: float
+) -> tuple[float, float]:
+    """Return the acceleration, with the least change after which a person stops before a body."""
+    own = -(crowd.old_vx[i] * nx + crowd.old_vy[i] * ny)
+    closing = own + max(0.0, approach)
+    if gap == math.inf or own <= 0.0:
+        return fx, fy
+    needed = min(SUDDEN_M_S2, closing * closing / (2.0 * max(gap, LEAST_GAP_M)) if gap > 0.0 else closing / AT_ONCE_S)
+    along = fx * nx + fy * ny
+    noticed = min(LATE_M_S2, BRAKE_M_S2 * STOP_HORIZON_S / min(STOP_HORIZON_S, crowd.horizon[i]))
+    if (needed < noticed and gap > 0.0) or along >= needed:
+        return fx, fy
+    return fx + (needed - along) * nx, fy + (needed - along) * ny
 
 
 @inner

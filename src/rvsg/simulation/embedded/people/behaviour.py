@@ -9,7 +9,7 @@ from itertools import pairwise
 from rvsg.core.kernels import inner, kernel
 from rvsg.core.references import refer
 from rvsg.scenario.scenario import HumanAgent
-from rvsg.simulation.embedded.people.anticipation import acceleration, limited
+from rvsg.simulation.embedded.people.anticipation import SUDDEN_M_S2, acceleration, limited
 from rvsg.simulation.embedded.people.contact import TOUCH_M, may_touch, note_overlap, note_touch, robot_gap, separate
 from rvsg.simulation.embedded.people.crowd import (
     CURIOUS,
@@ -58,8 +58,6 @@ SCARE_SIGMA_M = 0.2
 SCARE_GAP_M = 0.1
 STEP_BACK_M_S = 0.5
 WAITED_S = 15.0
-SUDDEN_M_S2 = 2.5
-"""The most that anticipating people accelerate where the robot surprises or scares them."""
 
 
 @kernel

@@ -19,6 +19,7 @@ from rvsg.robots.polygons import reach, rectangle
 from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
 from rvsg.scenario.scenario import Attention, Behaviour, ForceFactors, HumanAgent, Reaction
 from rvsg.simulation.embedded.people.obstacles import Surfaces, boxes_of
+from rvsg.simulation.embedded.people.ways import SPARE_M, find_ends
 from rvsg.world.world import World
 
 Floats = NDArray[np.float64]
@@ -50,10 +51,11 @@ class Anticipation(Record):
     """How people of the default profile anticipate, fitted to recorded people by `benchmarks/people.py`.
 
     Each person draws a clearance (between centres, log-normal), a horizon (log-normal), a speed (a share of the
-    scenario's, normal) and the period of the sway. `first_s`: time to the closest approach at which a person has turned
-    off in full. Where ways cross at a right angle, the clearance is larger by `crossing` of itself per cubic metre of
-    it, and both times are longer by the share `earlier`. `headway_m`, `headway_s`, `headway_ahead_s`: the gap to who is
-    ahead is `headway_m` and `headway_s` of walking, less `headway_ahead_s` of their walking.
+    scenario's, normal), the period of the sway and a patience (log-normal). `first_s`: time to the closest approach at
+    which a person has turned off in full. Where ways cross at a right angle, the clearance is larger by `crossing` of
+    itself per cubic metre of it, and both times are longer by the share `earlier`. `headway_m`, `headway_s`,
+    `headway_ahead_s`: the gap to who is ahead is `headway_m` and `headway_s` of walking, less `headway_ahead_s` of
+    their walking.
     """
 
     clearance_m: float = 0.76
@@ -78,6 +80,8 @@ class Anticipation(Record):
     headway_ahead_s: float = 0.35
     formation_m: float = 0.7
     ahead_m: float = 3.0
+    patience_s: float = 6.0
+    patience_spread: float = 0.4
 
 
 ATTENTION = {Attention.ATTENTIVE: 1.0, Attention.DISTRACTED: 0.35, Attention.UNSEEING: 0.0}
@@ -143,6 +147,7 @@ class Crowd(NamedTuple):
     pauses: Floats  # (N, G) seconds
     goal_count: Ints
     goal_index: Ints
+    ends: Ints  # (N, G) the goal at which the straight way to each ends
     pause_left: Floats
     start_time: Floats
     speed: Floats
@@ -195,6 +200,8 @@ class Crowd(NamedTuple):
     horizon: Floats  # s, how far ahead the person looks
     sway: Floats  # phase, rad
     sway_rate: Floats  # rad/s
+    patience: Floats  # s, for which a person waits for the robot before turning back
+    back: Ints  # whether a person walks back to the waypoint before
     neglect: float
     robot_box: Floats  # (4,) rear, front, right, left side of the robot's body in its base frame
     robot_height: float
@@ -268,12 +275,19 @@ def initial(
         goals[i, : len(agent.goals)] = agent.goals
         pauses[i, : len(agent.goals)] = agent.pauses_s
     x, y = np.array([agent.start for agent in agents], dtype=np.float64).reshape(-1, 2).T
-    drawn = [_drawn(agent, i, options, seed) for i, agent in enumerate(agents)]
+    drawn = [_drawn(agent, i if options.anticipation is None else agent.name, options, seed)
+             for i, agent in enumerate(agents)]  # fmt: skip
     groups = sorted({agent.group for agent in agents if agent.group is not None})
     begin = beginning(options, seed)
-    phase = stream(seed, "people/gait").uniform(0.0, LEG_PERIOD_M, n) if options.leg_phase_noise else np.zeros(n)
+    phase = _uniform(agents, options, seed, "people/gait", LEG_PERIOD_M) if options.leg_phase_noise else np.zeros(n)
     boxes, origins = boxes_of(world.solids) if published else (np.zeros((0, 6)), np.zeros((0, 3)))
     surfaces = None if published else _surfaces(world)
+    ends = np.tile(np.arange(longest), (n, 1))
+    if surfaces is not None and options.anticipation is not None:
+        for i, agent in enumerate(agents):
+            way = slice(len(agent.goals))
+            find_ends(goals[i, way], pauses[i, way], surfaces.segments, surfaces.nearest, surfaces.inside, surfaces.x,
+                      surfaces.y, agent.radius_m + SPARE_M, ends[i])  # fmt: skip
     yaw = np.array([_first_yaw(agent, published) for agent in agents], dtype=np.float64)
 
     def column(values: Iterable[float]) -> Floats:
@@ -294,6 +308,7 @@ def initial(
         logged_yaw=yaw.copy(),
         goals=goals,
         pauses=pauses,
+        ends=ends,
         goal_count=codes(len(agent.goals) for agent in agents),
         start_time=column(agent.start_delay_s + begin for agent in agents),
         **_individuals(agents, drawn, options, seed),
@@ -350,11 +365,11 @@ def _individuals(
     n = len(agents)
     speed = np.array([agent.speed_m_s for agent in agents], np.float64)
     if manner is None:
-        none = {name: np.zeros(n) for name in ("clearance", "horizon", "sway", "sway_rate")}
+        none = {name: np.zeros(n) for name in ("clearance", "horizon", "sway", "sway_rate", "patience")}
         zeros: dict[str, Any] = dict.fromkeys(Anticipation.model_fields, 0.0)
         unused = Anticipation.model_construct(**zeros)
         return {"speed": speed, "manner": unused, **none}
-    normal = np.array([stream(seed, f"people/individual/{i}").standard_normal(4) for i in range(n)]).reshape(-1, 4)
+    normal = np.array([stream(seed, f"people/individual/{a.name}").standard_normal(5) for a in agents]).reshape(-1, 5)
     normal *= options.factor_noise
     company = np.array([sum(a.group == b.group for b in agents) - 1 if a.group is not None else 0 for a in agents])
     share = np.clip(manner.speed_share + manner.speed_spread * normal[:, 0], *manner.speed_shares)
@@ -362,13 +377,14 @@ def _individuals(
     clearance = manner.clearance_m * np.exp(manner.clearance_spread * normal[:, 1]) * np.sqrt(social / 5.0)
     attention = np.array([ATTENTION[agent.attention] for agent in agents], np.float64)
     swaying = options.leg_phase_noise and options.factor_noise > 0.0
-    phase = stream(seed, "people/sway").uniform(0.0, 2.0 * math.pi, n)
+    phase = _uniform(agents, options, seed, "people/sway", 2.0 * math.pi)
     return {
         "speed": np.maximum(share * speed - manner.company_m_s * company, 0.2 * speed),
         "manner": manner.model_copy(update={"sway_rad": manner.sway_rad * math.sqrt(2.0) * swaying}),
         "clearance": np.maximum(clearance, manner.least_clearance_m),
         "horizon": attention * manner.horizon_s * np.exp(manner.horizon_spread * normal[:, 2]),
         "sway": phase,
+        "patience": manner.patience_s * np.exp(manner.patience_spread * normal[:, 4]),
         "sway_rate": 2.0 * math.pi / (manner.sway_s * np.clip(1.0 + 0.2 * normal[:, 3], 0.5, 1.5)),
     }  # fmt: skip
 
@@ -377,7 +393,7 @@ ZEROS = (
     "vx", "vy", "logged_speed", "pause_left", "old_x", "old_y", "old_vx", "old_vy", "push_x", "push_y", "near_x",
     "near_y", "reach", "paired_x", "paired_y", "obstacle_x", "obstacle_y", "idle", "squeeze", "cap",
 )  # fmt: skip
-INTEGER_ZEROS = ("goal_index", "expired", "slow", "obstacle_near", "reacting")
+INTEGER_ZEROS = ("goal_index", "expired", "slow", "obstacle_near", "reacting", "back")
 """Fields of `Crowd` that are zero for everybody at the start."""
 _HEIGHTS = (0.96, 0.97, 0.93, 0.93, 0.97)
 """Height of the actors of HuNavSim by skin (metres)."""
@@ -402,14 +418,23 @@ def _first_yaw(agent: HumanAgent, published: bool) -> float:
     return math.atan2(dy, dx) if dx or dy else agent.yaw
 
 
-def _drawn(agent: HumanAgent, index: int, options: PeopleOptions, seed: int) -> tuple[ForceFactors, Reaction]:
+def _uniform(agents: Sequence[HumanAgent], options: PeopleOptions, seed: int, source: str, most: float) -> Floats:
+    """Draw a number from 0 to `most` for each person: from a stream of their name's if they anticipate."""
+    if options.anticipation is None:
+        return stream(seed, source).uniform(0.0, most, len(agents))
+    return np.array([stream(seed, f"{source}/{agent.name}").uniform(0.0, most) for agent in agents], np.float64)
+
+
+def _drawn(agent: HumanAgent, key: int | str, options: PeopleOptions, seed: int) -> tuple[ForceFactors, Reaction]:
     """The factors and the reaction of one human: as given, or drawn from HuNavSim's distributions of a launch.
+
+    `key` names the stream of the person's draws: the place in the list, or the name of somebody who anticipates.
 
     `random_normal` and `random_uniform` are its configurations 2 and 3, with its floors, drawn in its order.
     """
     if isinstance(agent.factors, ForceFactors):
         return agent.factors, agent.reaction
-    rng = stream(seed, f"people/factors/{index}")
+    rng = stream(seed, f"people/factors/{key}")
     normal = agent.factors == "random_normal"
     kind = agent.behaviour
 

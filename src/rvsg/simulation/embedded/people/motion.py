@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from rvsg.core.kernels import inner
-from rvsg.simulation.embedded.people.anticipation import acceleration, off_robot, towards, way_given
+from rvsg.simulation.embedded.people.anticipation import acceleration, at_gap, gap_to_robot, towards, way_given
 from rvsg.simulation.embedded.people.crowd import (
     IMPASSIVE,
     PAUSED,
@@ -18,6 +18,7 @@ from rvsg.simulation.embedded.people.crowd import (
 )
 from rvsg.simulation.embedded.people.obstacles import WALL_GAP_M, cell_of, on_outline, on_segment
 from rvsg.simulation.embedded.people.social_force import RELAXATION_S, body_force, social_forces, total_force, wrap
+from rvsg.simulation.embedded.people.ways import is_clear
 
 GOAL_MARGIN_M = 0.1
 YAW_STEP_RAD = math.radians(10.0)
@@ -26,7 +27,12 @@ SUBSTEP_M = 0.05
 AHEAD_M = 1.0
 """People steer for the point this far ahead on the line between two waypoints."""
 PASSED_M = 0.8
-"""A waypoint without a pause also counts as reached when a person passes beside it at this distance."""
+"""A waypoint without a pause also counts as reached when a person passes beside it at this distance, and one on a
+straight way at any."""
+ASIDE_M, CLEAR_M = 0.3, 0.2
+"""Who is farther beside the straight way looks whether the way back to it keeps clear of walls by the second."""
+TURN_YAW_RAD_S = 3.5
+"""Nobody turns faster: an about-turn takes about a second."""
 HURRY = 1.15
 """Anticipating people speed up to this share of their own speed to pass somebody."""
 TURN_SHARE, BRAKE_M_S2 = 0.3, 0.8
@@ -35,6 +41,8 @@ SETTLE_S = 0.6
 STEADY_M_S2 = 1.0
 """Somebody who stands takes a step aside only for a push above this."""
 PROGRESS_M = 0.1
+ROBOT_NEAR_M = 2.0
+"""Whose way the robot blocks from this near waits for their patience, then turns back."""
 PATIENCE_S = 1.0
 TAKEN_M = 1.2
 """After `PATIENCE_S` without progress, a waypoint at which somebody else stands counts as reached from this near."""
@@ -100,8 +108,10 @@ def _turn(crowd: Crowd, i: int, dt: float) -> None:
     # A step aside is made without turning.
     least = 0.3 if crowd.stands[i] and not crowd.reacting[i] else 0.05
     if vx * vx + vy * vy > least**2:
-        share = 1.0 - 0.5 ** (dt / 0.1)
-        crowd.yaw[i] = wrap(crowd.yaw[i] + share * wrap(math.atan2(vy, vx) - crowd.yaw[i]))
+        turn = (1.0 - 0.5 ** (dt / 0.1)) * wrap(math.atan2(vy, vx) - crowd.yaw[i])
+        if crowd.anticipates:
+            turn = max(-TURN_YAW_RAD_S * dt, min(TURN_YAW_RAD_S * dt, turn))
+        crowd.yaw[i] = wrap(crowd.yaw[i] + turn)
 
 
 @inner
@@ -173,10 +183,35 @@ def next_goal(crowd: Crowd, i: int) -> None:
         crowd.pause_left[i] = crowd.start_pause[i]
         crowd.start_pause[i] = -1.0
     crowd.goal_index[i] = (g + 1) % crowd.goal_count[i]
-    crowd.from_x[i] = crowd.place_x[i] = crowd.goals[i, g, 0]
-    crowd.from_y[i] = crowd.place_y[i] = crowd.goals[i, g, 1]
+    crowd.place_x[i] = crowd.goals[i, g, 0]
+    crowd.place_y[i] = crowd.goals[i, g, 1]
+    if crowd.ends[i, g] == g or crowd.back[i]:
+        crowd.from_x[i] = crowd.place_x[i]
+        crowd.from_y[i] = crowd.place_y[i]
+    if crowd.back[i]:
+        crowd.pause_left[i] = crowd.patience[i]
+        crowd.back[i] = 0
     crowd.best[i] = math.inf
     crowd.idle[i] = 0.0
+
+
+@inner
+def end_of_way(crowd: Crowd, i: int) -> int:
+    """Return the goal at which the straight way ends that a person is on."""
+    g = crowd.goal_index[i]
+    return g if crowd.back[i] else crowd.ends[i, g]
+
+
+@inner
+def turn_back(crowd: Crowd, i: int) -> None:
+    """Head for the waypoint before, wait there and try again."""
+    crowd.goal_index[i] = (crowd.goal_index[i] - 1) % crowd.goal_count[i]
+    crowd.back[i] = 1
+    crowd.from_x[i] = crowd.x[i]
+    crowd.from_y[i] = crowd.y[i]
+    crowd.best[i] = math.inf
+    crowd.idle[i] = 0.0
+    crowd.open[i, STUCK] = -1
 
 
 @inner
@@ -203,10 +238,10 @@ def walk(crowd: Crowd, i: int, t: float, dt: float, robot: RobotState) -> None:
 
 @inner
 def before_turn(crowd: Crowd, i: int) -> float:
-    """Return the speed from which a person can still brake for what comes at the next waypoint: a turn or a stop."""
-    g = crowd.goal_index[i]
+    """Return the speed from which a person can still brake for what ends the straight way: a turn or a stop."""
+    g = end_of_way(crowd, i)
     goal_x, goal_y = crowd.goals[i, g, 0], crowd.goals[i, g, 1]
-    following = (g + 1) % crowd.goal_count[i]
+    following = crowd.ends[i, (g + 1) % crowd.goal_count[i]]
     ax, ay = goal_x - crowd.from_x[i], goal_y - crowd.from_y[i]
     bx, by = crowd.goals[i, following, 0] - goal_x, crowd.goals[i, following, 1] - goal_y
     size = math.sqrt((ax * ax + ay * ay) * (bx * bx + by * by))
@@ -220,11 +255,12 @@ def before_turn(crowd: Crowd, i: int) -> float:
 
 @inner
 def aim(crowd: Crowd, i: int) -> tuple[float, float]:
-    """Return the point to steer for: `AHEAD_M` farther on the line from the last waypoint to the next.
+    """Return the point to steer for, farther on the straight way: `AHEAD_M`, or as far as people who anticipate look.
 
-    Somebody pushed aside comes back to the line, which is clear of obstacles; the straight way to the goal may not be.
+    Somebody pushed aside comes back to the line, which is clear of obstacles; soon where a wall is on the straight way
+    to the point.
     """
-    g = crowd.goal_index[i]
+    g = end_of_way(crowd, i)
     goal_x = crowd.goals[i, g, 0]
     goal_y = crowd.goals[i, g, 1]
     dx = goal_x - crowd.from_x[i]
@@ -232,9 +268,16 @@ def aim(crowd: Crowd, i: int) -> tuple[float, float]:
     length = math.sqrt(dx * dx + dy * dy)
     if length < 1e-9:
         return goal_x, goal_y
-    along = ((crowd.x[i] - crowd.from_x[i]) * dx + (crowd.y[i] - crowd.from_y[i]) * dy) / length
-    ahead = crowd.manner.ahead_m if crowd.anticipates else AHEAD_M
-    along = min(length, max(0.0, along) + ahead)
+    here = max(0.0, ((crowd.x[i] - crowd.from_x[i]) * dx + (crowd.y[i] - crowd.from_y[i]) * dy) / length)
+    along = min(length, here + (crowd.manner.ahead_m if crowd.anticipates else AHEAD_M))
+    x, y = crowd.from_x[i] + along * dx / length, crowd.from_y[i] + along * dy / length
+    aside = abs((crowd.y[i] - crowd.from_y[i]) * dx - (crowd.x[i] - crowd.from_x[i]) * dy) / length
+    if not crowd.anticipates or aside < ASIDE_M or is_clear(
+        crowd.segments, crowd.nearest, crowd.inside, crowd.raster_x, crowd.raster_y, crowd.x[i], crowd.y[i], x, y,
+        CLEAR_M,
+    ):  # fmt: skip
+        return x, y
+    along = min(length, here + AHEAD_M)
     return crowd.from_x[i] + along * dx / length, crowd.from_y[i] + along * dy / length
 
 
@@ -297,10 +340,8 @@ def stand_at_place(crowd: Crowd, i: int, dt: float, social: bool, robot: RobotSt
         gx, gy = way_given(crowd, i, robot, social)
         crowd.stands[i] = 1
         pace = min(crowd.speed[i], away / SETTLE_S) / away if away > 0.05 and gx == 0.0 and gy == 0.0 else 0.0
-        vx, vy = pace * dx + gx, pace * dy + gy
-        if social:
-            vx, vy = off_robot(crowd, i, vx, vy, robot)
-        fx, fy = towards(crowd, i, vx, vy)
+        vx, vy = at_gap(crowd, i, pace * dx + gx, pace * dy + gy, *gap_to_robot(crowd, i, robot))
+        fx, fy = towards(crowd, i, vx, vy, robot)
         step(crowd, i, dt, fx, fy, crowd.speed[i])
         return
     push_x, push_y, _, _ = social_forces(crowd, i, False, social, robot)
@@ -335,9 +376,12 @@ def arrive(crowd: Crowd, i: int, t: float, dt: float, robot: RobotState) -> None
             next_goal(crowd, i)
         return
     taken = crowd.idle[i] > PATIENCE_S and away <= TAKEN_M and _is_taken(crowd, i, goal_x, goal_y, robot)
-    # Beyond the waypoint, which ends the present line.
-    past = (crowd.x[i] - goal_x) * (goal_x - crowd.from_x[i]) + (crowd.y[i] - goal_y) * (goal_y - crowd.from_y[i]) > 0.0
-    if away <= crowd.goal_radius[i] or taken or (away <= PASSED_M and crowd.pauses[i, g] == 0.0 and past):
+    # Beyond the waypoint, on the present line.
+    end = end_of_way(crowd, i)
+    dx, dy = crowd.goals[i, end, 0] - crowd.from_x[i], crowd.goals[i, end, 1] - crowd.from_y[i]
+    past = (crowd.x[i] - goal_x) * dx + (crowd.y[i] - goal_y) * dy > 0.0
+    past = past and (g != end or (away <= PASSED_M and crowd.pauses[i, g] == 0.0))
+    if away <= crowd.goal_radius[i] or taken or past:
         x = crowd.x[i]
         y = crowd.y[i]
         if crowd.start_pause[i] < 0.0 and math.isnan(crowd.reached[i, g]):
@@ -356,6 +400,11 @@ def arrive(crowd: Crowd, i: int, t: float, dt: float, robot: RobotState) -> None
         crowd.open[i, STUCK] = -1
     else:
         crowd.idle[i] += dt
+    came = crowd.back[i] == 0 and (g > 0 or not math.isnan(crowd.reached[i, crowd.goal_count[i] - 1]))
+    blocked = crowd.idle[i] > crowd.patience[i] and distance_to(crowd, i, robot.x, robot.y) < ROBOT_NEAR_M
+    if crowd.anticipates and came and blocked:
+        turn_back(crowd, i)
+        return
     if crowd.idle[i] >= STUCK_S:
         note_until(crowd, STUCK, i, t - crowd.idle[i], t, crowd.x[i], crowd.y[i], float(g))
     change = dt if crowd.idle[i] > STUCK_S else -dt / SQUEEZE_S

@@ -101,6 +101,7 @@ class RecordedPeople:
         crowd.goal_index[i], crowd.start_time[i], crowd.speed[i] = goal, t, follower.speed
         crowd.start_pause[i] = -1.0
         crowd.from_x[i], crowd.from_y[i] = crowd.x[i], crowd.y[i]
+        crowd.ends[i, goal] = goal
         if goal > 0:
             rest = follower.passed_s[goal - 1] + follower.pauses_s[goal - 1] - t
             crowd.pause_left[i] = max(0.0, float(rest))
