@@ -14,7 +14,7 @@ from rvsg.core.records import Pose
 from rvsg.evaluation.detection import events_of
 from rvsg.evaluation.sampled import Sampled
 from rvsg.evaluation.story import what_is_hit
-from rvsg.scenario.scenario import Behaviour, PersonKind, Trolley
+from rvsg.scenario.scenario import Attention, PersonKind, Trolley
 from rvsg.simulation.archive import PackedRun
 from rvsg.simulation.embedded.episode import Outside
 from rvsg.simulation.embedded.profiles import profile
@@ -123,6 +123,14 @@ def test_a_trolley_is_a_body_that_does_not_enter_the_robot(pushed: Run) -> None:
     assert pushed.human_outlines[0][1][0] == pytest.approx(1.5)
 
 
+def test_a_trolley_is_pushed_within_its_acceleration(pushed: Run) -> None:
+    path, times = pushed.trajectory, np.arange(0.5, pushed.trajectory.t[-1], 0.1)
+    places = [np.interp(times, path.t, way[:, 0]) for way in (path.human_x, path.human_y)]
+    acceleration = np.hypot(*np.diff(places, n=2)) / 0.1**2
+    assert np.percentile(acceleration, 95) <= 2.0
+    assert acceleration.max() <= 2.6
+
+
 def test_the_robot_makes_way_for_a_trolley_that_its_lidar_sees_and_that_turns_slowly(pushed: Run) -> None:
     without = run_along(hall(gap=False), person((13, 2), (2, 2)))
     first = [float(np.abs(r.trajectory.y - 2.0)[r.trajectory.x < 6.5].max()) for r in (pushed, without)]
@@ -132,9 +140,9 @@ def test_the_robot_makes_way_for_a_trolley_that_its_lidar_sees_and_that_turns_sl
 
 
 def test_contact_with_a_trolley_is_contact_with_the_person() -> None:
-    """Somebody heedless comes through the gap that the robot is in."""
+    """Somebody who does not see the robot comes through the gap that it is in."""
     pusher = person((14, 2), (2, 2), trolley=Trolley(), speed_m_s=1.2).model_copy(
-        update={"behaviour": Behaviour.IMPASSIVE}
+        update={"attention": Attention.UNSEEING}
     )
     found = run_along(hall(), pusher)
     touched = [event for event in found.events if isinstance(event, Contact) and event.part == "trolley"]

@@ -260,11 +260,18 @@ PUSH_REACH_M = 1.0
 MOST_PUSH_M_S = 0.4
 """Bodies keep apart by HuNavSim's force of obstacles: factor times exp(-gap / 0.2 m), up to this change in a tick.
 
-People who anticipate only learn where the nearest one is: see `off_cart`."""
+People who anticipate only learn where the nearest one is: see `gap_to_cart`."""
 PATIENCE_S = 1.5
 """A pusher who is blocked by walls or people for so long gets past them, as people lift and squeeze; never the robot.
 A person who turns sideways does so after 5 s."""
 DEEPER_M2 = 1e-4
+PUSHED_M_S2, BRAKED_M_S2, HARD_M_S2 = 1.6, 1.0, 2.5
+"""What people who anticipate push and sit in accelerates by no more than the first, but before what it would run into,
+and brakes for that by the second, by the third for what comes suddenly, and at once where nothing else helps."""
+PROBES_M = np.array([0.05, 0.1, 0.2, 0.35, 0.55, 0.8, 1.0])
+"""How far ahead they look whether the way is free."""
+KEPT_M = 0.05
+"""They keep this far from the robot and from bodies."""
 
 
 class MovingBodies:
@@ -283,6 +290,7 @@ class MovingBodies:
         self._reach = {i: float(np.hypot(*outline.T).max()) for i, outline in self._outlines.items()}
         self._blocked_s = dict.fromkeys(self._outlines, 0.0)
         self._by_robot_s = dict.fromkeys(self._outlines, 0.0)
+        self._went = dict.fromkeys(self._outlines, (0.0, 0.0))
         names = [(agent.name, "wheelchair" if agent.outline == WHEELCHAIR else "trolley") for agent in agents]
         self._tree: Any = None
         self._first = len(scene.edges)
@@ -344,6 +352,9 @@ class MovingBodies:
         aside = float(wrap(wanted - yaw))
         turn = max(-most, min(most, aside))
         others = self._others(i)
+        if crowd.anticipates:
+            self._go(i, t, (dx, dy), wanted, robot, body, others)
+            return
         past = self._blocked_s[i] > PATIENCE_S
         blockers = [robot] if past else [robot, *others]
         # Nobody pushes a trolley sideways: who turns walks on as it comes round.
@@ -363,16 +374,64 @@ class MovingBodies:
             self._blocked_s[i] += PERIOD_S
         elif not past or not any(shape.intersects(other) for other in others):
             self._blocked_s[i] = 0.0
+        self._place(i, t, pose, shape, robot, body, velocity, (go * velocity[0], go * velocity[1]))
+
+    def _go(
+        self, i: int, t: float, step: tuple[float, float], wanted: float, robot: Any, body: Floats, others: list[Any]
+    ) -> None:
+        """Take a person's step with what they push within its acceleration, and brake before what is in the way."""
+        crowd = self.crowd
+        x, y, yaw = self._pose[i]
+        here, outline = self.placed[i], self._outlines[i]
+        aside, most = float(wrap(wanted - yaw)), TURN_RAD_S * PERIOD_S
+        turn = max(-most, min(most, aside))
+        blockers = [robot.buffer(KEPT_M) if crowd.horizon[i] > 0.0 else robot, *others]
+        go = np.array(step) * max(LEAST_AHEAD, math.cos(aside))
+        if self._retreats(i, robot):
+            go = np.array([-BACK_M * math.cos(yaw), -BACK_M * math.sin(yaw)])
+        length = float(np.hypot(*go))
+        if length > 0.0:
+            probes = np.array([placed(outline, x + p * go[0] / length, y + p * go[1] / length, yaw) for p in PROBES_M])
+            new = [each for each in blockers if not each.intersects(here)]
+            hits = shapely.intersects(probes[:, None], np.array(new, object)).any(axis=1) if new else np.zeros(1, bool)
+            if hits.any():
+                free = float(np.append(0.0, PROBES_M)[int(hits.argmax())])
+                go *= min(1.0, math.sqrt(2.0 * BRAKED_M_S2 * free) * PERIOD_S / length)
+        change = go - self._went[i]
+        least = PUSHED_M_S2 * PERIOD_S**2 / max(float(np.hypot(*change)), 1e-9)
+        smooth = self._went[i] + change * min(1.0, least)
+        hard = np.array(self._went[i]) * max(0.0, 1.0 - HARD_M_S2 * PERIOD_S**2 / max(math.hypot(*self._went[i]), 1e-9))
+        for way, swing in ((smooth, 1.0), (smooth, 0.5), (smooth, 0.0), (hard, 0.0), (0.0 * go, 1.0), (0.0 * go, 0.0)):
+            pose = (float(x + way[0]), float(y + way[1]), float(wrap(yaw + swing * turn)))
+            shape = placed(outline, *pose)
+            if not any(_deeper(shape, here, other) for other in blockers):
+                break
+        else:
+            pose, shape, way = self._pose[i], here, 0.0 * go
+        moved = float(np.hypot(*way)) > MOVES_M / 2 or pose[2] != yaw
+        self._blocked_s[i] = 0.0 if moved or math.hypot(*step) < MOVES_M else self._blocked_s[i] + PERIOD_S
+        if self._blocked_s[i] > PATIENCE_S:
+            self._by_robot_s[i], self._blocked_s[i] = -RETREAT_S, 0.0
+        self._went[i] = (float(way[0]), float(way[1]))
+        pace = (self._went[i][0] / PERIOD_S, self._went[i][1] / PERIOD_S)
+        self._place(i, t, pose, shape, robot, body, (step[0] / PERIOD_S, step[1] / PERIOD_S), pace)
+
+    def _place(
+        self, i: int, t: float, pose: tuple[float, float, float], shape: Any, robot: Any, body: Floats,
+        velocity: tuple[float, float], pace: tuple[float, float],
+    ) -> None:  # fmt: skip
+        """Put a person and what they push at a pose; tell others and the person what is near."""
+        crowd = self.crowd
         self.touches.look(i, t, shape, robot, body, velocity)
         self._pose[i], self.placed[i] = pose, shape
         crowd.x[i], crowd.y[i], crowd.yaw[i] = pose
-        crowd.vx[i], crowd.vy[i] = go * velocity[0], go * velocity[1]
+        crowd.vx[i], crowd.vy[i] = pace
         # The pusher keeps away from the robot, and others from what is pushed.
-        if i not in self._heedless:
+        if crowd.anticipates or i not in self._heedless:
             v, side, heading = (float(body[part]) for part in (base.V, base.SIDE, base.YAW))
             cos, sin = math.cos(heading), math.sin(heading)
-            self._keep_apart(i, shape, robot, 0.0, (v * cos - side * sin, v * sin + side * cos))
-        pace = float(crowd.vx[i]), float(crowd.vy[i])
+            shown = 0.0 if i in self._heedless else 1.0  # to somebody impassive the robot is as a wall
+            self._keep_apart(i, shape, robot, 0.0, (shown * (v * cos - side * sin), shown * (v * sin + side * cos)))
         for j in range(crowd.x.size):
             if j != i and self._apart(i, j) < self._reach[i] + PUSH_REACH_M:
                 self._keep_apart(j, shapely.Point(crowd.x[j], crowd.y[j]), shape, float(crowd.radius[j]), pace)
@@ -401,7 +460,8 @@ class MovingBodies:
         found += [other for j, other in self.placed.items() if j != i and other.intersects(here)]
         for j in range(crowd.x.size):
             if j != i and self._apart(i, j) < self._reach[i] + SPARE_M:
-                found.append(shapely.Point(crowd.x[j], crowd.y[j]).buffer(BODY_SHARE * float(crowd.radius[j]), 4))
+                share = 1.0 if crowd.anticipates else BODY_SHARE
+                found.append(shapely.Point(crowd.x[j], crowd.y[j]).buffer(share * float(crowd.radius[j]), 4))
         return found
 
     def _apart(self, i: int, j: int) -> float:
