@@ -17,7 +17,7 @@ import json
 import math
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
@@ -27,9 +27,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import rvsg
 from rvsg.core.records import Pose
 from rvsg.core.references import refer
-from rvsg.scenario.scenario import Attention, HumanAgent
+from rvsg.scenario.scenario import Attention, HumanAgent, HumanConfiguration, decode
 from rvsg.simulation.embedded.people.behaviour import tick
 from rvsg.simulation.embedded.people.crowd import Anticipation, PeopleOptions, initial
 from rvsg.simulation.embedded.profiles import body_radius_m, people_options, profile
@@ -40,12 +41,16 @@ from rvsg.world.lattice import build_world
 from rvsg.world.occupancy import occupancy_from_objects
 from rvsg.world.schema import ObjectEntry
 from rvsg.world.world import Route, World
+from rvsg.world.world_folder import load_world
 
 Floats = NDArray[np.float64]
 RECORDED = Path(__file__).parent / "results" / "people_recorded.json"
 TICK_S, SAMPLE = 0.1, 4
 BEFORE_S = (3.2, 2.4, 2.0, 1.6, 1.2, 0.8)
 QUARTILES = ("p25", "p50", "p75")
+KINDS = ("head_on", "crossing")
+GRIDS_M, SHIPPED = (0.5, 1.0, 2.0), "warehouse"
+"""Where meetings are measured as users make scenarios: halls with waypoints so far apart, and a shipped world."""
 DENSITIES = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5)
 SHOULDER_M = 0.25
 APART_M = np.array([100.0, 0.0])
@@ -74,9 +79,9 @@ class People:
 
     def walk(self, agents: Sequence[HumanAgent], world: World, seed: int, seconds: float) -> tuple[Floats, Floats]:
         """Return positions and velocities (T, N, 2) of people without a robot, one row per tick."""
+        agents = [agent.model_copy(update={"name": f"person {k}"}) for k, agent in enumerate(agents)]
         crowd = initial(agents, world, options=self.options, seed=seed, time_limit_s=seconds)
-        crowd.vx[:] = [math.cos(a.yaw) * s for a, s in zip(agents, crowd.speed, strict=True)]
-        crowd.vy[:] = [math.sin(a.yaw) * s for a, s in zip(agents, crowd.speed, strict=True)]
+        crowd.vx[:], crowd.vy[:] = np.cos(crowd.yaw) * crowd.speed, np.sin(crowd.yaw) * crowd.speed
         reference = refer(crowd)
         places, speeds = [], []
         for k in range(round(seconds / TICK_S)):
@@ -87,7 +92,7 @@ class People:
 
 
 @cache
-def room(width: float, height: float, *blocks: tuple[float, float, float, float]) -> World:
+def room(width: float, height: float, *blocks: tuple[float, float, float, float], spacing_m: float = 2.0) -> World:
     """Return an empty room around the origin, with blocks (left, low, right, high)."""
     a, b = width / 2, height / 2
     outer = [(-a - 1, -b - 1), (a + 1, -b - 1), (a + 1, b + 1), (-a - 1, b + 1)]
@@ -105,7 +110,7 @@ def room(width: float, height: float, *blocks: tuple[float, float, float, float]
         occupancy=occupancy_from_objects(tuple(objects), resolution_m=0.05, seeds=[(1 - a, 0.0)]),
         objects=objects,
         routes=[route],
-        grid_spec=GridSpec(spacing_m=2.0, origin=(0.0, 0.0)),
+        grid_spec=GridSpec(spacing_m=spacing_m, origin=(0.0, 0.0)),
     )
 
 
@@ -133,7 +138,7 @@ def predicted(places: Floats, speeds: Floats) -> Floats:
     return np.asarray(np.hypot(*(r + time[:, None] * w).T))
 
 
-def selected(places: Floats) -> tuple[Floats, float] | None:
+def selected(places: Floats, kind: str) -> tuple[Floats, float] | None:
     """Return the predicted distances at `BEFORE_S` and the closest distance of a pair (T, 2, 2) sampled every 0.4 s.
 
     None where the pair is no meeting by the definition.
@@ -143,6 +148,10 @@ def selected(places: Floats) -> tuple[Floats, float] | None:
     distance = np.hypot(*(places[:, 1] - places[:, 0]).T)
     nearest, first = int(distance.argmin()), round(BEFORE_S[0] / step)
     if nearest <= first or nearest == len(distance) - 1 or np.hypot(*speeds[nearest - first].T).min() < 0.5:
+        return None
+    a, b = speeds[nearest - first]
+    turn = abs(math.degrees(math.atan2(a[0] * b[1] - a[1] * b[0], a @ b)))
+    if not (turn > 135.0 if kind == "head_on" else 45.0 <= turn <= 135.0):
         return None
     rows = [nearest - round(before / step) for before in BEFORE_S]
     distances = predicted(places[rows], speeds[rows])
@@ -159,28 +168,49 @@ def summary(found: Sequence[tuple[Floats, float]]) -> dict[str, Any]:
     }
 
 
-def meetings(kind: str, people: People, number: int, seed: int = 1) -> dict[str, Any]:
-    """Simulate pairs far from others and walls until `number` of them are meetings; return their statistics."""
+def pairs_apart(kind: str, people: People, rng: np.random.Generator, seed: int) -> Iterator[tuple[Floats, Floats]]:
+    """Yield how pairs walk to one goal each, far from others and walls."""
+    for k in range(40):
+        agents = [people.person(a + n * APART_M, b + n * APART_M, yaw=yaw) for n in range(1, 101)
+                  for a, b, yaw in zip(*pair_of_ways(kind, rng), strict=True)]  # fmt: skip
+        walked = people.walk(agents, room(4.0, 4.0), 1000 * seed + k, 12.0)
+        yield from ((walked[0][:, n : n + 2], walked[1][:, n : n + 2]) for n in range(0, len(agents), 2))
+
+
+def pairs_in(
+    world: World, kind: str, people: People, rng: np.random.Generator, seed: int
+) -> Iterator[tuple[Floats, Floats]]:
+    """Yield how pairs walk by `rvsg.walk` between waypoints of a world, at ends drawn as for those apart."""
+    valid = [waypoint for waypoint in world.grid.waypoints if waypoint.human]
+    points = np.array([(waypoint.x, waypoint.y) for waypoint in valid])
+    for k in range(4000):
+        middle = points[rng.integers(len(points))]
+        names = [[valid[int(np.hypot(*(points - middle - end).T).argmin())].name for end in ends]
+                 for ends in zip(*pair_of_ways(kind, rng)[:2], strict=True)]  # fmt: skip
+        if any(a == b or world.grid.shortest_path(a, b) is None for a, b in names):
+            continue
+        humans = tuple(rvsg.walk(f"person {n}", *ends).human(world) for n, ends in enumerate(names))
+        agents = decode(HumanConfiguration(humans=humans), world.grid, people.radius_m)
+        yield people.walk(agents, world, 10_000 * seed + k, 12.0)
+
+
+def meetings(kind: str, people: People, number: int, seed: int = 1, world: World | None = None) -> dict[str, Any]:
+    """Simulate pairs, apart or in a world, until `number` of them are meetings; return their statistics."""
     rng = np.random.default_rng([seed, kind == "head_on"])
     found, peaks, contacts, right = [], [], 0, 0
-    for k in range(10):
-        ways = [pair_of_ways(kind, rng) for _ in range(number)]
-        agents = [people.person(a + n * APART_M, b + n * APART_M, yaw=yaw) for n, way in enumerate(ways, start=1)
-                  for a, b, yaw in zip(*way, strict=True)]  # fmt: skip
-        walked = people.walk(agents, room(4.0, 4.0), 1000 * seed + k, 12.0)
-        for n in range(0, len(agents), 2):
-            places, speeds = (each[:, n : n + 2] for each in walked)
-            pair = selected(places[::SAMPLE])
-            if pair is None or len(found) == number:
-                continue
-            found.append(pair)
-            distance = np.hypot(*(places[:, 1] - places[:, 0]).T)
-            contacts += bool(distance.min() < 2.0 * people.radius_m + 0.005)
-            row = int(distance.argmin())
-            r, v = places[row, 1] - places[row, 0], speeds[row, 0]
-            right += bool(v[0] * r[1] - v[1] * r[0] > 0.0)
-            accelerations = np.diff(speeds[: row + 10], axis=0) / TICK_S
-            peaks.append(float(np.hypot(accelerations[..., 0], accelerations[..., 1]).max()))
+    walked = pairs_apart(kind, people, rng, seed) if world is None else pairs_in(world, kind, people, rng, seed)
+    for places, speeds in walked:
+        pair = selected(places[::SAMPLE], kind)
+        if pair is None:
+            continue
+        found.append(pair)
+        distance = np.hypot(*(places[:, 1] - places[:, 0]).T)
+        contacts += bool(distance.min() < 2.0 * people.radius_m + 0.005)
+        row = int(distance.argmin())
+        r, v = places[row, 1] - places[row, 0], speeds[row, 0]
+        right += bool(v[0] * r[1] - v[1] * r[0] > 0.0)
+        accelerations = np.diff(speeds[: row + 10], axis=0) / TICK_S
+        peaks.append(float(np.hypot(accelerations[..., 0], accelerations[..., 1]).max()))
         if len(found) == number:
             break
     return {
@@ -257,7 +287,7 @@ def bottleneck(people: People, width_m: float = 1.0) -> float:
 
 def free_speed(people: People) -> dict[str, float]:
     """Return mean and standard deviation of the speeds that 2,000 people draw."""
-    agents = [people.person((0.0, 0.0), (9.0, 0.0))] * 40
+    agents = [people.person((0.0, 0.0), (9.0, 0.0)).model_copy(update={"name": f"person {k}"}) for k in range(40)]
     hall = room(40.0, 12.0)
     speeds = [initial(agents, hall, options=people.options, seed=seed).speed for seed in range(50)]
     return {"mean": round(float(np.mean(speeds)), 2), "standard_deviation": round(float(np.std(speeds)), 2)}
@@ -306,10 +336,15 @@ def before_the_robot(profile_name: str, attention: Attention = Attention.ATTENTI
 def figures(name: str, number: int) -> dict[str, Any]:
     """Return all figures of the people of a profile."""
     people = People.of(name)
+    worlds = {f"grid {m:g} m": room(24.0, 24.0, spacing_m=m) for m in GRIDS_M} | {SHIPPED: load_world(SHIPPED)}
     attentions = list(Attention) if people.options.anticipation is not None else [Attention.ATTENTIVE]
     return {
         "free_speed_m_s": free_speed(people),
-        "meetings": {kind: meetings(kind, people, number) for kind in ("head_on", "crossing")},
+        "meetings": {kind: meetings(kind, people, number) for kind in KINDS},
+        "front_door": {
+            place: {kind: meetings(kind, people, number, world=world) for kind in KINDS}
+            for place, world in worlds.items()
+        },
         "speed_at_density": {key: speed_at_density(people, key == "two_way") for key in ("one_way", "two_way")},
         "bottleneck_per_m_s": bottleneck(people),
         "robot": {each.value: before_the_robot(name, each) for each in attentions},
@@ -329,15 +364,20 @@ def comparison(found: dict[str, Any], recorded: dict[str, Any]) -> dict[str, dic
         if error:
             rows[name] |= {"interval95": error[0], "in_interval": error[0][0] <= ours <= error[0][1]}
 
-    for source, scale in (("fit", 1.0), ("held_out", 1.5)):
+    def compare(name: str, ours: dict[str, Any], theirs: dict[str, Any], limit: float) -> None:
+        predictions = ours["median_predicted_closest_m"], theirs["median_predicted_closest_m"]
+        for before, a, b, error in zip(BEFORE_S, *predictions, theirs["interval95_predicted_m"], strict=True):
+            add(f"{name}: predicted {before} s before", a, b - limit, b + limit, b, error)
+        for q, error in zip(QUARTILES, theirs["interval95_quartiles_m"], strict=True):
+            a, b = ours["closest_centres_m"][q], theirs["closest_centres_m"][q]
+            add(f"{name}: closest {q}", a, b * (1.0 - limit), b * (1.0 + limit), b, error)
+
+    for source, limit in (("fit", 0.1), ("held_out", 0.15)):
         for kind, ours in found["meetings"].items():
-            theirs = recorded["meetings"][source][kind]
-            predictions = ours["median_predicted_closest_m"], theirs["median_predicted_closest_m"]
-            for before, a, b, error in zip(BEFORE_S, *predictions, theirs["interval95_predicted_m"], strict=True):
-                add(f"{source} {kind}: predicted {before} s before", a, b - 0.1 * scale, b + 0.1 * scale, b, error)
-            for q, error in zip(QUARTILES, theirs["interval95_quartiles_m"], strict=True):
-                a, b = ours["closest_centres_m"][q], theirs["closest_centres_m"][q]
-                add(f"{source} {kind}: closest {q}", a, b * (1.0 - 0.1 * scale), b * (1.0 + 0.1 * scale), b, error)
+            compare(f"{source} {kind}", ours, recorded["meetings"][source][kind], limit)
+    for place, walked in found["front_door"].items():
+        for kind, ours in walked.items():
+            compare(f"{place} {kind}", ours, recorded["meetings"]["fit"][kind], 0.1 if kind == "head_on" else 0.15)
     for kind, ours in found["meetings"].items():
         add(f"{kind}: contacts", ours["contacts"], 0.0, 0.01)
         add(f"{kind}: peak acceleration p95", ours["peak_acceleration_m_s2_p50_p95"][1], 0.0, 1.7)
