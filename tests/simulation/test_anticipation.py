@@ -67,7 +67,7 @@ def test_attention_is_how_early_people_turn_off() -> None:
     """A robot stands in the way of three people."""
 
     def turned(attention: Attention) -> float:
-        places, _ = walk(somebody(-6.0, 0.02, 6.0, 0.02, attention=attention), options=EVEN, robot=(0.0, 0, 0, 0, 0))
+        places, _ = walk(somebody(-6.0, 0.02, 6.0, 0.02, attention=attention), options=EVEN, robot=(0.0,) * 5)
         aside = np.flatnonzero(np.abs(places[:, 0, 1] - 0.02) > 0.15)
         return -float(places[aside[0], 0, 0]) if len(aside) else -math.inf
 
