@@ -51,7 +51,7 @@ def simulate(
     check_bag(bag, repeats)
     again = rerun(scenario, settings, world=world, on_message=say)
 
-    def made(run: rvsg.Run) -> None:
+    def report(run: rvsg.Run) -> None:
         fault = run.stack_fault
         say(
             f"seed {run.seed}: {run.outcome.value}, after {run.trajectory.t[-1]:.1f} s"
@@ -65,7 +65,7 @@ def simulate(
         jobs=jobs,
         simulator=again.simulator,
         world=again.world,
-        on_run=made,
+        on_run=report,
         on_message=say,
     )
     if out is not None:

@@ -361,7 +361,7 @@ def _note(view: Page, shown: Shown) -> None:
     folder, scenario, latest = view.workspace.path(shown.folder), shown.scenario.id, [shown.note]
     fields, state = tag("div"), tag("p", "", cls="soft small", role="status")
 
-    def kept(**change: Any) -> None:
+    def keep(**change: Any) -> None:
         try:
             latest[0] = note(folder, scenario, **change)
             state.set_text("Kept in notes.yaml beside the campaign.")
@@ -372,9 +372,9 @@ def _note(view: Page, shown: Shown) -> None:
         fields.clear()
         with fields:
             with field("Status"):
-                select(STATES, latest[0].status, lambda value: kept(status=value))
+                select(STATES, latest[0].status, lambda value: keep(status=value))
             with field("Comment"):
-                text_area(latest[0].comment, lambda text: kept(comment=text), rows=4, maxlength=20_000)
+                text_area(latest[0].comment, lambda text: keep(comment=text), rows=4, maxlength=20_000)
 
     async def follow() -> None:
         mine = latest[0]
