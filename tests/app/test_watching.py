@@ -15,7 +15,7 @@ from rvsg.core.errors import InputError
 from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.store.knowledge_base import KnowledgeBase
-from rvsg.watch.self_adaptation import Journal, RuleSet
+from rvsg.watch.self_adaptation import Journal, Note, RuleSet
 from rvsg.watch.suite_watch import LiveSuite, RecordingMonitor, Subject, SuiteWatch
 from rvsg.watch.watch import approve, watch
 from rvsg_exchange.formats import export
@@ -168,14 +168,14 @@ def test_a_parameter_file_that_changes_is_a_new_version_and_a_broken_one_is_left
 
 def test_a_changed_stack_runs_the_cases_again_and_the_way_back_too(suite: rvsg.Suite, tmp_path: Path) -> None:
     (tmp_path / "field").mkdir()
-    subject, known = Subject(EmbeddedSimulator()), list[str]()
-    analyser = SuiteWatch(LiveSuite(suite), RuleSet(), subject, lambda: known, lambda **_: (), HeuristicGenerator())
+    subject, journal = Subject(EmbeddedSimulator()), Journal(tmp_path / "watch.jsonl")
+    analyser = SuiteWatch(LiveSuite(suite), RuleSet(), subject, journal, lambda **_: (), HeuristicGenerator())
     symptoms = []
     for now in ("A", "A", "B", "A"):
         subject.version = now
         for symptom, _ in analyser.analyse([]):
             symptoms.append(symptom)
-            known.append(symptom.version)
+            journal.add(Note(time="", cycle=1, part="plan", text="", symptom=symptom))
     assert [each.version for each in symptoms] == ["A", "B", "A"]
     assert len({each.id for each in symptoms}) == 3
 

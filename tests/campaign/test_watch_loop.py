@@ -13,8 +13,10 @@ from rvsg.core.errors import FileError, SimulationError
 from rvsg.evaluation.verdict import judge
 from rvsg.findings.findings import Entry
 from rvsg.scenario.scenario import Scenario, Task
+from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.suites.suite import CaseResult, State
-from rvsg.watch.self_adaptation import Change, DeclaredRules, Journal, Loop, Note, Planned, RuleSet, Symptom, Watched
+from rvsg.watch.loop import Loop
+from rvsg.watch.self_adaptation import Change, DeclaredRules, Journal, Note, Planned, RuleSet, Symptom, Watched
 
 LIMIT = rvsg.Requirement(name="R1", title="x", text="x", metric="min_distance", worse="smaller", limit=0.5)
 
@@ -31,8 +33,11 @@ def violated(version: str) -> Symptom:
 class Scripted:
     """Every part at once: runs to see, a sign for each, a plan for each sign, results; notes what it is asked."""
 
+    simulator, version = KinematicSimulator(), ""
+
     def __init__(self, scenario: Scenario, sources: Iterable[str] = ("a", "b")) -> None:
-        self.scenario, self.sources = scenario, list(sources)
+        self.scenario, self.sources, self.world = scenario, list(sources), rvsg.load_world("warehouse")
+        self.suite = self.subject = self
         self.asked: list[str] = []
         self.kept: dict[str, Entry] = {}
         self.fails = False
@@ -43,6 +48,9 @@ class Scripted:
     def new(self, seen: frozenset[str]) -> list[Watched]:
         new = [source for source in self.sources if source not in seen]
         return [Watched(source=each, route="route_1", version="", run=self.run) for each in new]
+
+    def renew(self) -> Sequence[str]:
+        return ()
 
     def troubles(self) -> Sequence[str]:
         return ()
@@ -89,16 +97,11 @@ def loop(folder: Path, parts: Scripted, rules: RuleSet | None = None, **how: obj
 
     given = {
         "monitor": parts,
-        "analyser": parts,
-        "plan": parts.plan,
+        "watch": parts,
         "legitimator": DeclaredRules(rules or RuleSet(), world, read),
-        "execute": parts.execute,
         "learn": parts.learn,
-        "keeper": parts,
         "journal": Journal(folder / "watch.jsonl"),
         "plans": folder / "plans",
-        "place": world.floor_id,
-        "simulator": "kinematic",
         "clock": lambda: "2026-01-01T00:00:00+00:00",
     }
     return Loop(**{**given, **how})  # type: ignore[arg-type]
@@ -245,7 +248,9 @@ def test_the_rules_say_what_is_written_back(
 
 
 def test_what_cannot_be_read_anew_is_in_the_log(tmp_path: Path, crossing: Scenario) -> None:
-    made = loop(tmp_path, Scripted(crossing, sources=[]), renew=lambda: ["the stack is left as it was"])
+    parts = Scripted(crossing, sources=[])
+    parts.renew = lambda: ["the stack is left as it was"]  # type: ignore[method-assign]
+    made = loop(tmp_path, parts)
     assert made.cycle() is False
     assert [(note.part, note.text) for note in made.journal.notes] == [("monitor", "the stack is left as it was")]
 

@@ -1,28 +1,25 @@
-"""The loop of self-adaptation: monitor, analyse, plan, legitimate, execute over knowledge, and its journal.
+"""What a watch writes down: symptoms, plans and changes, the rules that decide on them, and the journal.
 
 The journal is the whole state: a stopped loop reads it and resumes with the next step.
 """
 
 from __future__ import annotations
 
-import datetime
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Literal
 
 from pydantic import ValidationError
 
-from rvsg.core.errors import FileError, SimulationError
-from rvsg.core.files import write_whole
+from rvsg.core.errors import FileError
 from rvsg.core.records import Record
-from rvsg.findings.findings import Entry, entry_of_case
 from rvsg.scenario import validity
 from rvsg.scenario.placement import start_gap_m
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run
-from rvsg.suites.suite import CaseResult, State
+from rvsg.suites.suite import State
 from rvsg.world.world import World
 
 
@@ -102,46 +99,6 @@ class Change(Record):
 
 Decision = tuple[Literal["accepted", "refused", "waits"], tuple[str, ...]]
 """What was decided on a plan or a change, and why. Every reason stands for a rule that was declared."""
-
-
-class Monitor(Protocol):
-    """Sees runs."""
-
-    def new(self, seen: frozenset[str]) -> Iterable[Watched]:
-        """Return the runs whose source is not among those seen."""
-        ...
-
-    def troubles(self) -> Sequence[str]:
-        """Return what could not be read since the last call, in words."""
-        ...
-
-
-class Analyser(Protocol):
-    """Judges what was seen."""
-
-    def analyse(self, watched: Sequence[Watched]) -> Sequence[Sign]:
-        """Return what calls for a plan."""
-        ...
-
-    def entries(self, watched: Sequence[Watched]) -> Sequence[Entry]:
-        """Return what was seen as knowledge."""
-        ...
-
-
-class Keeper(Protocol):
-    """Writes into the suite what the loop finds."""
-
-    def changes(self, planned: Planned, results: Sequence[CaseResult]) -> Sequence[Change]:
-        """Return what the results of a plan call for in the suite."""
-        ...
-
-    def alike(self, change: Change) -> int:
-        """Return how many failures of the requirement on the route of a change the suite knows."""
-        ...
-
-    def keep(self, change: Change) -> None:
-        """Write a change into the suite; doing it twice changes nothing more."""
-        ...
 
 
 class RuleSet(Record):
@@ -279,6 +236,12 @@ class Journal:
         return frozenset(note.symptom.id for note in self.notes if note.symptom is not None and note.part == "plan")
 
     @property
+    def versions(self) -> list[str]:
+        """The versions that were acted on, in their order."""
+        symptoms = [note.symptom for note in self.notes if note.symptom is not None]
+        return [symptom.version for symptom in symptoms if symptom.kind == "new version"]
+
+    @property
     def settled(self) -> frozenset[str]:
         """Ids of the plans that were refused or run, and of the changes that were refused or written."""
         done = [note for note in self.notes if note.part == "execute" or note.outcome in ("refused", "written")]
@@ -343,189 +306,3 @@ def _read_notes(path: Path) -> list[Note]:
                 path, "this line is no note of a watch. Move the folder away to start again.", line=number
             ) from None
     return notes
-
-
-Tell = Callable[[Note], None]
-Kept = TypeVar("Kept", Planned, Change)
-
-
-def now() -> str:
-    """Return the time of day, UTC."""
-    return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-
-
-@dataclass(kw_only=True)
-class Loop:
-    """Monitor, Analyse, Plan, Legitimate, Execute over Knowledge.
-
-    `plans` is the folder that keeps every plan as a file. A stopped loop resumes where it was: plans that were accepted
-    and not run come first. A plan is run once; one that was under way is repeated with the same
-    seeds.
-    """
-
-    monitor: Monitor
-    analyser: Analyser
-    plan: Callable[[Symptom, int], Sequence[Planned]]
-    """Turns a symptom into scenarios, none if nothing can be planned; equal symptoms and indices give equal plans."""
-    legitimator: DeclaredRules
-    execute: Callable[[Planned], Sequence[CaseResult]]
-    """Runs what was accepted, and returns a result for each requirement."""
-    learn: Callable[[Iterable[Entry]], int]
-    """Keeps what the loop learns, and returns how many entries are new."""
-    keeper: Keeper
-    journal: Journal
-    plans: Path
-    place: str
-    simulator: str
-    renew: Callable[[], Sequence[str]] = lambda: ()
-    """Read the suite and the stack again, which a person may have changed; return what could not be read, in words."""
-    version: Callable[[], str] = lambda: ""
-    """The version under test; empty if nothing says so."""
-    tell: Tell = lambda _: None
-    clock: Callable[[], str] = now
-    stop: Callable[[], bool] = lambda: False
-    """Asked before every plan; True ends the cycle, which the next start completes."""
-
-    def cycle(self) -> bool:
-        """Do one cycle; return whether there was anything to do."""
-        troubles = list(self.renew())
-        watched = list(self.monitor.new(self.journal.seen))
-        for trouble in (*troubles, *self.monitor.troubles()):
-            self._note("monitor", trouble)
-        if watched:
-            told = ", ".join(each.source for each in watched[:5]) + (", ..." if len(watched) > 5 else "")
-            self._note("monitor", f"{_number(len(watched), 'new run', 'new runs')}: {told}")
-            self._learn(self.analyser.entries(watched), "what was watched")
-        for symptom, text in self.analyser.analyse(watched):
-            self._plan(symptom, text)
-        busy = bool(watched)
-        # Plans that were accepted come first, then cases of the suite, then the others.
-        plans, decided = self._open("planned-*.json", Planned), self.journal.decided
-        for planned in sorted(plans, key=lambda p: (decided.get(p.id) != "accepted", not p.is_case, p.name)):
-            if self.stop():
-                return True
-            busy |= self._run_if_legitimate(planned)
-        for change in self._open("change-*.json", Change):
-            busy |= self._keep_if_legitimate(change)
-        if told := self.journal.version_in_words():
-            self._note("analyse", told, outcome="version")
-        if watched or busy:
-            seen = tuple(each.source for each in watched)
-            self._note("loop", f"cycle complete; {self.journal.spent} runs so far", seen=seen, outcome="complete")
-        return busy
-
-    def _plan(self, symptom: Symptom, text: str) -> None:
-        handled = self.journal.handled
-        if symptom.id in handled:
-            return
-        self._note("analyse", text)
-        made = self.plan(symptom, len(handled))
-        for planned in made:
-            write_whole(self.plans / f"{planned.id}.json", planned.to_json())
-        names = ", ".join(each.name for each in made)
-        what = f"{_number(len(made), 'scenario', 'scenarios')} because of {symptom.in_words}: {names}"
-        self._note("plan", what if made else "nothing can be planned", symptom=symptom)
-
-    def _open(self, pattern: str, kind: type[Kept]) -> list[Kept]:
-        settled = self.journal.settled
-        return [_read(path, kind) for path in sorted(self.plans.glob(pattern)) if path.stem not in settled]
-
-    def _decided(self, asked: Planned | Change, decision: Decision, what: str) -> bool:
-        """Note a decision; return whether it is another one than before."""
-        outcome, reasons = decision
-        if outcome == self.journal.decided.get(asked.id):
-            return False
-        text = f"{outcome}: {what} ({'; '.join(reasons)})"
-        if outcome == "waits" and isinstance(asked, Change):
-            text += f"; approve it with --approve {asked.id}"
-        self._note("legitimate", text, plan=asked.id, outcome=outcome)
-        return True
-
-    def _run_if_legitimate(self, planned: Planned) -> bool:
-        """Decide on a plan, run it where it is accepted; return whether anything was done."""
-        decision = self.legitimator.decide(planned, spent=self.journal.spent)
-        outcome, reasons = decision
-        is_new = self._decided(planned, decision, planned.name)
-        if is_new and outcome == "refused":
-            self._learn([self._rejected(planned, reasons)], "refused plans")
-        if outcome != "accepted":
-            return is_new
-        try:
-            results = self.execute(planned)
-        except SimulationError as error:
-            self._note("execute", f"{planned.name} could not be run: {error}", plan=planned.id, outcome="failed")
-            return True
-        # Knowledge before the note: entries are kept once, so a loop that is killed here repeats and adds none twice.
-        new = self.learn(self._entries(planned, results))
-        for change in self.keeper.changes(planned, results):
-            write_whole(self.plans / f"{change.id}.json", change.to_json())
-        told = "; ".join(
-            f"{each.requirement} {_state(planned, each)}: "
-            f"{each.verdict.violations} of {each.verdict.runs} runs violate it"
-            for each in results
-        )
-        self._note(
-            "execute",
-            f"{planned.name}: {told}",
-            plan=planned.id,
-            outcome="run",
-            runs=max((len(each.seeds) for each in results), default=0),
-            results=tuple((f"{r.case} {r.requirement}", r.state.value) for r in results) if planned.is_case else (),
-        )
-        self._note("knowledge", f"{_number(new, 'new entry', 'new entries')} of {planned.name}")
-        return True
-
-    def _keep_if_legitimate(self, change: Change) -> bool:
-        """Decide on a change of the suite, make it where it is accepted; return whether anything was done."""
-        decision = self.legitimator.decide_change(change, alike=self.keeper.alike(change))
-        is_new = self._decided(change, decision, change.in_words)
-        if decision[0] == "accepted":
-            self.keeper.keep(change)
-            told = f"written into the suite: {change.case}, {change.requirement}"
-            self._note("knowledge", told, plan=change.id, outcome="written")
-        return is_new
-
-    def _entries(self, planned: Planned, results: Sequence[CaseResult]) -> list[Entry]:
-        version = self.version()
-        told = (f"version {version}",) if version else ()
-        entries = [entry_of_case(planned.scenario, each, self.place, self.simulator) for each in results]
-        return [entry.replace(lessons=(*entry.lessons, *told)) for entry in entries]
-
-    def _rejected(self, planned: Planned, reasons: tuple[str, ...]) -> Entry:
-        mission = planned.scenario.mission
-        return Entry(
-            kind="rejected",
-            world=mission.world,
-            place=self.place,
-            route=mission.route.name,
-            requirement=", ".join(planned.requirements),
-            description=planned.scenario.description or planned.name,
-            scenario=planned.scenario,
-            lessons=reasons,
-        )
-
-    def _learn(self, entries: Sequence[Entry], of: str) -> None:
-        self._note("knowledge", f"{_number(self.learn(entries), 'new entry', 'new entries')} of {of}")
-
-    def _note(self, part: Part, text: str, **more: Any) -> None:
-        note = Note(time=self.clock(), cycle=self.journal.cycle + 1, part=part, text=text, **more)
-        self.journal.add(note)
-        self.tell(note)
-
-
-def _read(path: Path, kind: type[Kept]) -> Kept:
-    try:
-        return kind.from_json(path.read_bytes())
-    except ValueError as error:
-        raise FileError(path, f"this is no {kind.__name__.lower()} of a watch any more: {error}") from None
-
-
-def _number(number: int, one: str, many: str) -> str:
-    return f"{number} {one if number == 1 else many}"
-
-
-def _state(planned: Planned, result: CaseResult) -> str:
-    """Return what a result says; only a case of the suite can be broken, for nothing was expected of a new scenario."""
-    if planned.is_case:
-        return result.state.value
-    return {State.BROKEN: "violated", State.PASSED: "holds"}.get(result.state, result.state.value)

@@ -25,7 +25,7 @@ from rvsg.simulation.simulators import Simulator, make_simulator
 from rvsg.simulation.stacks.stack_choice import StackChoice
 from rvsg.suites.suite import Case, CaseResult, Expectation, State
 from rvsg.suites.suite_folder import SuiteCase, SuiteFolder, SuiteHead, requirement_of, run_cases
-from rvsg.watch.self_adaptation import Change, Planned, RuleSet, Sign, Symptom, Watched
+from rvsg.watch.self_adaptation import Change, Journal, Planned, RuleSet, Sign, Symptom, Watched
 from rvsg.world.world import World
 
 Stamp = tuple[tuple[str, int, int], ...]
@@ -293,8 +293,7 @@ class SuiteWatch:
     suite: LiveSuite
     rules: RuleSet
     subject: Subject
-    versions: Callable[[], Sequence[str]]
-    """The versions that were acted on, in their order."""
+    journal: Journal
     known: Callable[..., Sequence[Entry]]
     """Returns what is known of a world, a route and a requirement; places in it are tested."""
     generator: Generator
@@ -305,6 +304,10 @@ class SuiteWatch:
     def world(self) -> World:
         """The world of the suite."""
         return self.suite.world
+
+    def renew(self) -> list[str]:
+        """Read suite and stack again, which a person may have changed; return what could not be read, in words."""
+        return [*self.suite.renew(), *self.subject.renew()]
 
     def analyse(self, watched: Sequence[Watched]) -> list[Sign]:
         """Return the signs of all runs, those of a new version first."""
@@ -317,7 +320,7 @@ class SuiteWatch:
         """Yield the version of the stack under test, or if it has none, that of the recordings."""
         seen = next((each for each in reversed(watched) if each.version), None)
         version = self.subject.version or (seen.version if seen is not None else "")
-        known = self.versions()
+        known = self.journal.versions
         if version and version != (known[-1] if known else ""):
             text = f"the stack's version is {version}, it was {known[-1] if known else 'unknown'}"
             symptom = Symptom(kind="new version", version=version, change=len(known))
@@ -466,5 +469,5 @@ class SuiteWatch:
             max_runs=planned.runs,
         )
         asked = tuple(requirement_of(each, self.suite.folder) for each in case.expectations)
-        wanted = [SuiteCase(case=case, world=self.world, requirements=asked)]
-        return list(run_cases(wanted, self.subject.simulator, self.suite.head.judging, jobs=self.jobs))
+        wanted = SuiteCase(case=case, world=self.world, requirements=asked, judging=self.suite.head.judging)
+        return list(run_cases([wanted], self.subject.simulator, jobs=self.jobs))

@@ -20,21 +20,9 @@ from rvsg.core.plugins import Spec, ignore
 from rvsg.generation.generator import Generator
 from rvsg.simulation.simulators import Simulator, by_content, stack_in_words
 from rvsg.store.knowledge_base import open_knowledge
-from rvsg.watch.self_adaptation import (
-    DeclaredRules,
-    Journal,
-    Loop,
-    Monitor,
-    Note,
-    RuleSet,
-    Watched,
-)
-from rvsg.watch.suite_watch import (
-    LiveSuite,
-    RecordingMonitor,
-    Subject,
-    SuiteWatch,
-)
+from rvsg.watch.loop import Loop, Monitor
+from rvsg.watch.self_adaptation import DeclaredRules, Journal, Note, RuleSet, Watched
+from rvsg.watch.suite_watch import LiveSuite, RecordingMonitor, Subject, SuiteWatch
 from rvsg.world.world import World
 
 
@@ -138,23 +126,13 @@ def watch(
     done = 0
     with closing(subject), alone_in(folder), open_knowledge(knowledge or folder / KNOWLEDGE) as known:
         world, journal = cases.world, Journal(folder / JOURNAL)
-        watch = SuiteWatch(
-            cases, chosen, subject, lambda: _versions(journal), known.entries, writer, seed=seed, jobs=jobs
-        )
         loop = Loop(
             monitor=watching,
-            analyser=watch,
-            plan=watch.plan,
+            watch=SuiteWatch(cases, chosen, subject, journal, known.entries, writer, seed=seed, jobs=jobs),
             legitimator=DeclaredRules(chosen, world, lambda: approved(folder)),
-            execute=watch.execute,
             learn=lambda entries: known.add(entries, origin="watch"),
-            keeper=cases,
             journal=journal,
             plans=folder / PLANS,
-            place=world.floor_id,
-            simulator=subject.simulator.name,
-            renew=lambda: [*cases.renew(), *subject.renew()],
-            version=lambda: subject.version,
             tell=on_note,
             stop=lambda: clock() >= end,
         )
@@ -203,8 +181,3 @@ def _monitor(folder: Path, world: World, route: str | None) -> Monitor:
     if route is not None:
         world.route(route)
     return RecordingMonitor(folder, world, route)
-
-
-def _versions(journal: Journal) -> list[str]:
-    """Return the versions that were acted on, in their order."""
-    return [n.symptom.version for n in journal.notes if n.symptom is not None and n.symptom.kind == "new version"]
