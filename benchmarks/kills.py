@@ -72,9 +72,7 @@ class Campaign(threading.Thread):
 
     def workers(self) -> list[int]:
         """The ids of the worker processes that run now."""
-        pool = self.executor._pool
-        processes = [keeper.process for keeper in pool.keepers] if pool is not None else []
-        return [process.pid for process in processes if process is not None and process.poll() is None]
+        return [worker.process.pid for worker in list(self.executor.workers) if worker.process.poll() is None]
 
 
 def main() -> int:

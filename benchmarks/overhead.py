@@ -50,7 +50,7 @@ def main() -> int:
     parser.add_argument("--strategy")
     options = parser.parse_args()
     timed(EmbeddedSimulator, "run", "simulation_s")
-    timed(RunMaker, "_finished", "measure_and_pack_s")
+    timed(RunMaker, "finished", "measure_and_pack_s")
     timed(SqliteLedger, "append", "store_s")
     timed(HeuristicGenerator, "propose", "propose_s")
     timed(FeedbackFrom, "__call__", "feedback_s")

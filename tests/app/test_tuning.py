@@ -32,8 +32,9 @@ from rvsg.simulation.stacks.parameter_file import (
 from rvsg.simulation.stacks.parameters import Parameter, value_at, with_values
 from rvsg.simulation.stacks.stack_choice import StackChoice
 from rvsg.suites.suite import compare
+from rvsg.suites.suite_folder import SuiteCase
 from rvsg.tune.parameter_search import SEEDS, Candidate, ParameterSearch, is_worse, score_of, unsolved
-from rvsg.tune.setting_runs import SettingRun, SettingRuns, TuningCase, results_of
+from rvsg.tune.setting_runs import SettingRun, SettingRuns, results_of
 from rvsg.tune.tuner import ASKED, RUNS, Tuner
 from rvsg.tune.tuning import Choice, Part, Tuning, split
 from rvsg.tune.tuning_page import headline, trade, tuning_page, unsolved_text
@@ -223,7 +224,7 @@ def test_the_score_names_what_breaks() -> None:
 
 def test_no_kind_of_failure_is_in_both_parts(here: Path) -> None:
     suite = suite_of()
-    cases = [TuningCase(suite.tested(case.name), Spec("embedded")) for case in suite.cases]
+    cases = [suite.tested(case.name) for case in suite.cases]
     apart = [run("case-0", 0, violated=True), run("case-1", 0, violated=True).replace(kind="crosses"), run("case-2", 0)]
     found = split(cases, apart)
     assert not found.note and {found.kinds[name] for name in found.tuned} == {"crosses", "passes"}
@@ -297,7 +298,7 @@ def test_a_stack_that_keeps_its_parameters_in_a_file_gets_the_changed_file(here:
 
 def test_the_progress_of_a_search_names_what_it_ran(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     suite = suite_of(cases=1)
-    cases = [TuningCase(suite.tested(case.name), Spec("embedded")) for case in suite.cases]
+    cases = [suite.tested(case.name) for case in suite.cases]
     parameter = Parameter(name="wait_s", low=0.0, high=8.0, present=6.0)
     with SettingRuns(Spec("x"), {"wait_s": 6.0}, Path("runs.jsonl")) as runs:
         search = ParameterSearch([parameter], cases, runs)
@@ -391,7 +392,7 @@ def test_a_setting_is_judged_with_the_error_rates_of_the_suite(here: Path) -> No
 
 def test_an_attack_is_not_paired_and_says_what_it_found(here: Path) -> None:
     suite = suite_of()
-    cases = [TuningCase(suite.tested(case.name), Spec("embedded")) for case in suite.cases]
+    cases = [suite.tested(case.name) for case in suite.cases]
     before = [run(case.name, seed, violated=True) for case in cases for seed in range(4)]
     after = [run(case.name, seed, time_s=11.0) for case in cases for seed in range(4)]
     results = [
@@ -408,7 +409,7 @@ def test_an_attack_is_not_paired_and_says_what_it_found(here: Path) -> None:
 
 def test_a_setting_that_gains_less_than_half_a_violating_run_is_not_proposed(here: Path) -> None:
     suite = suite_of()
-    cases = [TuningCase(suite.tested(case.name), Spec("embedded")) for case in suite.cases]
+    cases = [suite.tested(case.name) for case in suite.cases]
     parameter = Parameter(name="wait_s", low=0.0, high=8.0, present=6.0)
     with SettingRuns(Spec("x"), {"wait_s": 6.0}, Path("runs.jsonl")) as runs:
         search = ParameterSearch([parameter], cases, runs)
@@ -426,7 +427,7 @@ def test_a_candidate_without_every_run_is_not_complete() -> None:
     assert not Candidate(1, {}).is_complete
 
 
-def made_tuning(cases: list[TuningCase], **changes: Any) -> Tuning:
+def made_tuning(cases: list[SuiteCase], **changes: Any) -> Tuning:
     """A tuning whose 5 settings solve nothing."""
     keys = {(case.name, seed): run(case.name, seed, violated=True) for case in cases for seed in range(SEEDS)}
     parameter = Parameter(name="wait_s", low=0.0, high=8.0, present=6.0, unit="s")
@@ -441,7 +442,7 @@ def made_tuning(cases: list[TuningCase], **changes: Any) -> Tuning:
 @pytest.mark.parametrize("settings", [5, 10])
 def test_a_limit_is_named_only_where_enough_settings_were_tried(here: Path, settings: int) -> None:
     suite = suite_of(cases=1)
-    cases = [TuningCase(suite.tested(case.name), Spec("embedded")) for case in suite.cases]
+    cases = [suite.tested(case.name) for case in suite.cases]
     parameter = Parameter(name="wait_s", low=0.0, high=8.0, present=6.0, unit="s")
     with SettingRuns(Spec("x"), {"wait_s": 6.0}, Path("runs.jsonl")) as runs:
         search = ParameterSearch([parameter], cases, runs)
@@ -460,7 +461,7 @@ def test_a_proposal_that_the_check_does_not_show_to_help_says_so(
     here: Path, before: int, after: int, helps: bool
 ) -> None:
     suite = suite_of(cases=1)
-    cases = [TuningCase(suite.tested(case.name), Spec("embedded")) for case in suite.cases]
+    cases = [suite.tested(case.name) for case in suite.cases]
     results = [
         results_of(name, "suite", cases, [run("case-0", k, violated=k < count) for k in range(12)], Spec("x"))
         for name, count in (("before", before), ("after", after))
@@ -477,7 +478,7 @@ def test_a_proposal_that_the_check_does_not_show_to_help_says_so(
 
 def test_a_page_offers_another_setting_only_where_there_is_one(here: Path) -> None:
     suite = suite_of(cases=1)
-    found = made_tuning([TuningCase(suite.tested(case.name), Spec("embedded")) for case in suite.cases])
+    found = made_tuning([suite.tested(case.name) for case in suite.cases])
     as_it_is, other = (Choice(number=k, values={}, score=found.before) for k in (0, 4))
     assert "--choose" not in tuning_page(found)
     assert "--choose" not in tuning_page(found.replace(front=(as_it_is,)))

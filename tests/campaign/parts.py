@@ -15,7 +15,7 @@ from rvsg.generation.generator import Proposal
 from rvsg.runs.attempt import Attempt, Failure, Measurement, Plan
 from rvsg.runs.ledger import CachedLedger, Ledger
 from rvsg.runs.ledger import MemoryLedger as MemoryLedger
-from rvsg.runs.runner import Evaluator, FinishedRun, PendingRun, Runner
+from rvsg.runs.runner import Evaluator, FinishedRun, Job, PendingRun, Runner
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission, Scenario
@@ -68,8 +68,8 @@ class Distance(Evaluator):
         super().__init__(REQUIREMENT)
         self.by, self.by_judged = by, judged or by
 
-    def measure(self, run: Run, place: World | None = None) -> Measurement:
-        return self.by(run, place)
+    def measure_all(self, run: Run, place: World | None = None) -> tuple[Measurement, ...]:
+        return (self.by(run, place),)
 
     def judged(self, run: Run, place: World | None = None) -> Measurement:
         return self.by_judged(run, place)
@@ -189,8 +189,8 @@ class Noted(Runner):
         self.begun: set[str] = set()
         self.made: list[tuple[str, int]] = []
 
-    def submit(self, scenario: Scenario, seed: int, *, trial: bool = False) -> PendingRun:
-        pending = super().submit(scenario, seed, trial=trial)
+    def submit(self, job: Job) -> PendingRun:
+        pending = super().submit(job)
         self.begun.add(pending.run_id)
         return pending
 

@@ -24,7 +24,6 @@ from tests.studio.conftest import (
 )
 
 import rvsg
-from rvsg.tune.setting_runs import TuningCase
 from rvsg.tune.tuner import RUNS
 from rvsg.tune.tuning import Choice, Tuning
 from rvsg.tune.tuning_page import headline
@@ -99,7 +98,7 @@ def test_a_tuning_is_followed_killed_resumed_chosen_and_saved(show: Show, studio
 @LOOKS
 def test_a_result_can_be_read_on_any_screen(show: Show, studio: Server, folder: Path, look: tuple[int, str]) -> None:
     suite = rvsg.Suite.open(folder / "cases")
-    cases = [TuningCase(suite.tested(case.name), rvsg.Spec("embedded")) for case in suite.cases]
+    cases = [suite.tested(case.name) for case in suite.cases]
     front = tuple(Choice(number=k, values={"wait_s": 9.0 - k}, score=made_tuning(cases).before) for k in (3, 4))
     found = made_tuning(cases, front=front, proposal=3, file="stack.json", failed=(HOSTILE,))
     job = studio.own / "jobs" / "20260101-000000-abcdef"

@@ -32,6 +32,7 @@ from rvsg.report.run_facts import run_facts
 from rvsg.runs.attempt import Measurement
 from rvsg.runs.runner import Evaluator
 from rvsg.scenario.builder import as_robot
+from rvsg.scenario.requirement import Requirement
 from rvsg.search.run_set import simulate
 from rvsg.simulation.run import Run
 from rvsg.simulation.simulators import make_simulator
@@ -228,11 +229,11 @@ def compare_stacks(
 
 
 def _placed(
-    result: CaseResult, tested: SuiteCase, measuring: Evaluator, _: Run, runs: Sequence[tuple[Run, Measurement]]
+    result: CaseResult, tested: SuiteCase, requirement: Requirement, _: Run, runs: Sequence[tuple[Run, Measurement]]
 ) -> CaseResult:
     """Add where the robot is at the decisive moment of each violating run."""
     decisive = [
-        run_facts(run, measured, measuring.requirement, tested.world, tested.case.scenario).decisive_at
+        run_facts(run, measured, requirement, tested.world, tested.scenario).decisive_at
         for (run, measured), violated in zip(runs, result.violations, strict=True)
         if violated
     ]
@@ -281,7 +282,7 @@ def _worst(campaign: Campaign) -> Iterator[SuiteCase]:
                 expectations=(Expectation(requirement=requirement.name),),
                 scenario=attempt.proposal.scenario,
             )
-            yield SuiteCase(case=case, world=world, requirements=(requirement,))
+            yield SuiteCase(case=case, world=world, requirements=(requirement,), judging=campaign.record.judging)
 
 
 def compare_campaigns(first: Campaign, second: Campaign) -> Comparison:

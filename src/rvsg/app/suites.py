@@ -19,8 +19,8 @@ from rvsg.report.answer_row import AnswerRow
 from rvsg.report.film import shot_of_run, write_film
 from rvsg.robots.robot import Robot
 from rvsg.runs.attempt import Measurement
-from rvsg.runs.runner import Evaluator
 from rvsg.scenario.builder import as_robot
+from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Run
 from rvsg.simulation.simulators import Simulator, as_found, by_content, simulator_of, stack_in_words
 from rvsg.simulation.stacks.stack_choice import StackChoice, StackLike
@@ -73,17 +73,17 @@ class Suite(SuiteFolder):
         def illustrated(
             result: CaseResult,
             tested: SuiteCase,
-            measuring: Evaluator,
+            requirement: Requirement,
             worst: Run,
             runs: Sequence[tuple[Run, Measurement]],
         ) -> CaseResult:
             """Add a picture of the worst run, where one is asked for and a run violates."""
             if pictures is None or not result.verdict.violations:
                 return result
-            picture = Path(pictures) / f"{result.case}-{measuring.requirement.name}.png"
+            picture = Path(pictures) / f"{result.case}-{requirement.name}.png"
             measured = next(measured for run, measured in runs if run is worst)
             scenario = tested.case.scenario
-            write_film(picture, shot_of_run(worst, measured, measuring.requirement, tested.world, scenario))
+            write_film(picture, shot_of_run(worst, measured, requirement, tested.world, scenario))
             return result.replace(picture=picture.as_posix())
 
         other: Robot | str | None = None
@@ -103,9 +103,7 @@ class Suite(SuiteFolder):
                     on_message(text)
                 other = None if robot is None else as_robot(robot, made.robots)
                 driven = [each if other is None else each.driven_by(other) for each in cases]
-                for result in run_cases(
-                    driven, made, self.head.judging, runs=runs, jobs=jobs, finish=illustrated, on_message=on_message
-                ):
+                for result in run_cases(driven, made, runs=runs, jobs=jobs, finish=illustrated, on_message=on_message):
                     results.append(result.replace(simulator=asked and used, stack=stack_in_words(used)))
                     on_result(results[-1])
         return SuiteResult(

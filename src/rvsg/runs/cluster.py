@@ -25,9 +25,8 @@ import rvsg
 from rvsg.core.errors import FileError, InputError, SimulationError, how_to_install
 from rvsg.core.inputs import parse_json, read_text
 from rvsg.runs.attempt import Failure, Measurement
-from rvsg.runs.runner import FinishedRun, RunMaker
+from rvsg.runs.runner import FinishedRun, Job, RunMaker
 from rvsg.runs.worker_pool import START_S
-from rvsg.scenario.scenario import Scenario
 
 LOOK_S = 2.0
 """The time between two looks at the cluster while a run is awaited."""
@@ -73,7 +72,7 @@ class Cluster:
         self.patience_s = patience_s
         self._client: Any = None
         self._workers: frozenset[str] = frozenset()
-        self._under_way: dict[Any, tuple[Scenario, int, bool]] = {}
+        self._under_way: dict[Any, Job] = {}
         self._now: Callable[[], float] = time.monotonic
 
     @property
@@ -140,28 +139,25 @@ class Cluster:
             ) from None
         notify(f"{len(self._workers)} workers of the cluster at {where} make the runs.")
 
-    def submit(self, scenario: Scenario, seed: int, *, trial: bool = False) -> Any:
+    def submit(self, job: Job) -> Any:
         """Start a run; return Dask's future for it."""
-        future = self._client.submit(_work, self._token, scenario, seed, trial, pure=False, retries=0)
-        self._under_way[future] = (scenario, seed, trial)
+        future = self._client.submit(_work, self._token, job, pure=False, retries=0)
+        self._under_way[future] = job
         return future
 
     def result(self, submitted: Any) -> FinishedRun | Measurement | Failure:
         """Wait for a run; SimulationError if the whole cluster is gone."""
-        killed = _distributed().KilledWorker
-        scenario, seed, trial = self._under_way[submitted]
-        try:
-            return self._wait(submitted)
-        except killed:
-            del self._under_way[submitted]
-        self._notify("Several workers of the cluster died under one run; it is repeated alone.")
-        self._wait_for_others()
-        again = self.submit(scenario, seed, trial=trial)
-        try:
-            return self._wait(again)
-        except killed:
-            del self._under_way[again]
-        return Failure(seed=seed, reason="workers of the cluster died again and again while they ran this scenario")
+        killed, job = _distributed().KilledWorker, self._under_way[submitted]
+        for again in (False, True):
+            if again:
+                self._notify("Several workers of the cluster died under one run; it is repeated alone.")
+                self._wait_for_others()
+                submitted = self.submit(job)
+            try:
+                return self._wait(submitted)
+            except killed:
+                del self._under_way[submitted]
+        return Failure(seed=job.seed, reason="workers of the cluster died again and again while they ran this scenario")
 
     def _wait(self, future: Any) -> FinishedRun | Measurement | Failure:
         """Wait for one future, and look at the cluster from time to time."""
@@ -339,6 +335,6 @@ def keep(token: str, shared: bytes | None) -> None:
             _one_at_a_time.release()
 
 
-def _work(token: str, scenario: Scenario, seed: int, trial: bool) -> FinishedRun | Measurement | Failure:
+def _work(token: str, job: Job) -> FinishedRun | Measurement | Failure:
     with _one_at_a_time:  # simulators keep buffers per process, and a Dask worker may have several threads
-        return _shared[token](scenario, seed, trial=trial)
+        return _shared[token](job)

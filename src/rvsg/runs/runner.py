@@ -8,14 +8,16 @@ the executor, and becomes a Failure if it keeps killing its worker.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from contextlib import closing
+from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import Any, Protocol, Self
 
-from rvsg.core.errors import SimulationError
+from rvsg.core.errors import InputError, SimulationError
+from rvsg.core.plugins import Spec, ignore
 from rvsg.evaluation.metrics import measure
 from rvsg.evaluation.realism import is_left_out
-from rvsg.evaluation.verdict import DEFAULT, Procedure, Verdict, judge, objective
+from rvsg.evaluation.verdict import DEFAULT, Procedure, Verdict, judge, next_repeats, objective
 from rvsg.runs.attempt import Failure, Measurement
 from rvsg.runs.ledger import CachedLedger, Recent
 from rvsg.runs.observation import RunObservation, observe
@@ -24,7 +26,7 @@ from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.archive import PackedRun, rounded
 from rvsg.simulation.run import Outcome, Run, run_id
-from rvsg.simulation.simulators import Simulator
+from rvsg.simulation.simulators import Simulator, make_simulator
 from rvsg.world.world import World
 
 RECENT = 1000
@@ -32,7 +34,7 @@ RECENT = 1000
 
 
 class Evaluator:
-    """Measures runs by every metric, and judges them by `requirement`.
+    """Measures runs by every metric, and judges them by one or more requirements.
 
     Args:
         world: where the runs took place; metrics that concern obstacles need it.
@@ -43,7 +45,7 @@ class Evaluator:
 
     def __init__(
         self,
-        requirement: Requirement,
+        requirements: Requirement | Sequence[Requirement],
         world: World | None = None,
         *,
         procedure: Procedure = DEFAULT,
@@ -51,45 +53,87 @@ class Evaluator:
         least_realism: float | None = None,
     ) -> None:
         self.least_realism = least_realism
-        self.requirement = requirement
+        self.requirements = (requirements,) if isinstance(requirements, Requirement) else tuple(requirements)
         self.time_limit_s = time_limit_s
         self.world = world
         self.procedure = procedure
 
+    @property
+    def requirement(self) -> Requirement:
+        """The first requirement, by which a campaign searches."""
+        return self.requirements[0]
+
     def measure(self, run: Run, place: World | None = None) -> Measurement:
-        """Return every metric of one run, and the requirement's objective.
+        """Return every metric of one run, and the first requirement's objective; see `measure_all`."""
+        return self.measure_all(run, place)[0]
+
+    def measure_all(self, run: Run, place: World | None = None) -> tuple[Measurement, ...]:
+        """Return every metric of one run with the objective of each requirement.
 
         Args:
             place: the world as the scenario of the run finds it, where that is not the world given.
         """
         world = self.world if place is None else place
-        values, metric = measure(run, world=world), self.requirement.metric
+        values = measure(run, world=world)
+        measured = Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values=values)
         if is_left_out(values, self.least_realism):
-            return Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values=values)
-        known = metric is not None and metric in values and run.outcome is not Outcome.STACK_FAILED
-        return Measurement(
-            run_id=run.id,
-            seed=run.seed,
-            outcome=run.outcome.value,
-            values=values,
-            objective=values[str(metric)] if known else objective(run, self.requirement, world=world),
-        )
+            return (measured,) * len(self.requirements)
+
+        def value(requirement: Requirement) -> float | None:
+            if requirement.metric in values and run.outcome is not Outcome.STACK_FAILED:
+                return values[str(requirement.metric)]
+            return objective(run, requirement, world=world)
+
+        return tuple(measured.model_copy(update={"objective": value(each)}) for each in self.requirements)
 
     def judged(self, run: Run, place: World | None = None) -> Measurement:
-        """Return the requirement's objective of one run, without any other metric."""
+        """Return the first requirement's objective of one run, without any other metric."""
         value = objective(run, self.requirement, world=self.world if place is None else place)
         return Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values={}, objective=value)
 
-    def judge(self, measurements: Sequence[Measurement], *, budget: int | None = None) -> Verdict:
-        """Return the verdict on measured runs; `budget` is how many there may be at most (None: the procedure's)."""
+    def judge(
+        self,
+        measurements: Sequence[Measurement],
+        requirement: Requirement | None = None,
+        *,
+        budget: int | None = None,
+    ) -> Verdict:
+        """Return the verdict on measured runs; `budget` is how many there may be at most (None: the procedure's).
+
+        Args:
+            requirement: the one that the measurements are of; the first by default.
+        """
         procedure = self.procedure if budget is None else self.procedure.replace(max_runs=budget)
         return judge(
-            self.requirement,
+            requirement or self.requirement,
             [measurement.objective for measurement in measurements],
             procedure=procedure,
             arrived=[measurement.outcome == Outcome.REACHED.value for measurement in measurements],
             time_limit_s=self.time_limit_s,
         )
+
+    def runs_wanted(self, measured: Sequence[tuple[Measurement, ...]]) -> int:
+        """Return the most further runs that any requirement asks for; all of the budget where there is no limit."""
+        return max(
+            self.procedure.max_runs - len(measured)
+            if requirement.threshold is None
+            else next_repeats(requirement, [of[k].objective for of in measured], procedure=self.procedure)
+            for k, requirement in enumerate(self.requirements)
+        )
+
+
+@dataclass(frozen=True)
+class Job:
+    """A run that is asked for, with what differs from the other runs of its Runner."""
+
+    scenario: Scenario
+    seed: int
+    trial: bool = False
+    """Whether only how it is judged is of interest; nobody stores it."""
+    world: World | None = None
+    simulator: Spec | None = None
+    """A variant of the system under test."""
+    measuring: Evaluator | None = None
 
 
 @dataclass(frozen=True)
@@ -98,7 +142,8 @@ class FinishedRun:
 
     seed: int
     outcome: Outcome
-    measurement: Measurement
+    measurements: tuple[Measurement, ...]
+    """One for each requirement."""
     packed: PackedRun
     observation: RunObservation | None = None
     """What the process that made it observed; None unless asked for."""
@@ -108,9 +153,18 @@ class FinishedRun:
         """The run's content id."""
         return self.packed.id
 
+    @property
+    def measurement(self) -> Measurement:
+        """What was measured for the first requirement."""
+        return self.measurements[0]
+
     def unpack(self) -> Run:
         """Return the run with its arrays."""
         return self.packed.unpack()
+
+
+VARIANTS = 4
+"""Variants whose simulators a process keeps: a batch of settings of a tuning."""
 
 
 @dataclass(frozen=True)
@@ -121,44 +175,70 @@ class RunMaker:
     has exactly the metrics it had when it was made.
     """
 
-    simulator: Simulator
-    world: World
+    simulator: Simulator | None
+    """None where every job names its own."""
+    world: World | None = None
     measuring: Evaluator | None = None
     """Measures every run; None: nobody judges them."""
     observes: bool = False
     """Whether every run that is stored is observed."""
+    _variants: dict[str, Simulator] = field(default_factory=dict)
 
-    def __call__(
-        self, scenario: Scenario, seed: int, *, trial: bool = False, made: Callable[[Run], None] | None = None
-    ) -> FinishedRun | Measurement | Failure:
-        """Make one run; a Failure where the simulator cannot.
+    def __call__(self, job: Job, *, on_run: Callable[[Run], None] | None = None) -> FinishedRun | Measurement | Failure:
+        """Make one run, of a trial only its Measurement; a Failure where the simulator cannot, or refuses the variant.
 
         Args:
-            trial: Return only how the run is judged. Nobody stores it.
-            made: Receives the run with its arrays, rounded, unless it is a trial.
+            on_run: Receives the run with its arrays, rounded, unless it is a trial.
         """
-        place = scenario.mission.place(self.world)
+        place = self.place(job)
         try:
-            run = rounded(self.simulator.run(scenario, place, seed=seed))
+            run = rounded(self._simulator(job).run(job.scenario, place, seed=job.seed))
         except SimulationError as error:
-            return Failure(seed=seed, reason=str(error))
-        if trial and self.measuring is not None:
+            return Failure(seed=job.seed, reason=str(error))
+        except InputError as error:
+            if job.simulator is None:
+                raise
+            return Failure(seed=job.seed, reason=str(error))
+        if job.trial and self.measuring is not None:
             return self.measuring.judged(run, place)
-        if made is not None:
-            made(run)
-        return self.finished(run, place, observation=observe(run, self.world) if self.observes else None)
+        if on_run is not None:
+            on_run(run)
+        return self.finished(job, run, observation=observe(run, self.world) if self.observes and self.world else None)
 
     def close(self) -> None:
-        """Release what the simulator holds."""
-        self.simulator.close()
+        """Release what the simulators hold."""
+        while self._variants:
+            self._variants.popitem()[1].close()
+        if self.simulator is not None:
+            self.simulator.close()
 
-    def finished(self, run: Run, place: World, *, observation: RunObservation | None = None) -> FinishedRun:
-        """Measure and pack a rounded run; `place` is the world as its scenario finds it."""
-        if self.measuring is None:
-            measured = Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values={})
+    def place(self, job: Job) -> World:
+        """Return the world of a job as its scenario finds it."""
+        world = job.world or self.world
+        assert world is not None, "a runner without a world makes jobs that name theirs"
+        return job.scenario.mission.place(world)
+
+    def finished(self, job: Job, run: Run, *, observation: RunObservation | None = None) -> FinishedRun:
+        """Measure and pack a rounded run."""
+        measuring = job.measuring or self.measuring
+        if measuring is None:
+            measured = (Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values={}),)
         else:
-            measured = self.measuring.measure(run, place)
+            measured = measuring.measure_all(run, self.place(job))
         return FinishedRun(run.seed, run.outcome, measured, PackedRun.of(run), observation)
+
+    def _simulator(self, job: Job) -> Simulator:
+        """Return the simulator of a job; InputError where the variant is refused."""
+        if job.simulator is None:
+            assert self.simulator is not None, "a runner without a simulator makes jobs that name theirs"
+            return self.simulator
+        if job.simulator.id not in self._variants:
+            while len(self._variants) >= VARIANTS:
+                self._variants.pop(next(iter(self._variants))).close()
+            simulator = make_simulator(job.simulator)
+            simulator.prepare(ignore)
+            self._variants[job.simulator.id] = simulator
+        return self._variants[job.simulator.id]
 
 
 class Executor(Protocol):
@@ -174,15 +254,15 @@ class Executor(Protocol):
         ...
 
     def start(self, maker: RunMaker, notify: Callable[[str], None]) -> None:
-        """Get ready to call `maker` with scenarios and seeds; `notify` receives messages for the user.
+        """Get ready to call `maker` with jobs; `notify` receives messages for the user.
 
         Raises:
             InputError: The executor cannot be used.
         """
         ...
 
-    def submit(self, scenario: Scenario, seed: int, *, trial: bool = False) -> Any:
-        """Start a run and return at once what `result` takes; `trial` is for the `maker`."""
+    def submit(self, job: Job) -> Any:
+        """Start a run and return at once what `result` takes."""
         ...
 
     def result(self, submitted: Any) -> FinishedRun | Measurement | Failure:
@@ -201,20 +281,18 @@ class Executor(Protocol):
 class PendingRun:
     """A run that was submitted; `result` waits for it."""
 
-    def __init__(self, runner: Runner, scenario: Scenario, seed: int, *, trial: bool = False) -> None:
-        self.scenario = scenario
-        self.seed = seed
-        self.trial = trial
-        self.run_id = run_id(scenario.id, runner.simulator.name, runner.options, seed)
+    def __init__(self, runner: Runner, job: Job) -> None:
+        self.job = job
+        self.run_id = runner.id_of(job)
         self._runner = runner
-        self._found: FinishedRun | Measurement | Failure | None = None
+        self._result: FinishedRun | Measurement | Failure | None = None
         self._submitted: Any = None
 
     def result(self) -> FinishedRun | Failure:
         """Return the run, or why the simulator could not make it."""
-        found = self._wait()
-        assert not isinstance(found, Measurement), "a trial has a measurement and no result"
-        return found
+        result = self._wait()
+        assert not isinstance(result, Measurement), "a trial has a measurement and no result"
+        return result
 
     def finished(self, label: str = "") -> FinishedRun:
         """Return the run.
@@ -225,31 +303,32 @@ class PendingRun:
         Raises:
             SimulationError: The simulator could not make it.
         """
-        found = self.result()
-        if isinstance(found, Failure):
-            raise SimulationError(f"{label}{', ' if label else ''}seed {found.seed}: {found.reason}")
-        return found
+        result = self.result()
+        if isinstance(result, Failure):
+            raise SimulationError(f"{label}{', ' if label else ''}seed {result.seed}: {result.reason}")
+        return result
 
     def measurement(self) -> Measurement | None:
         """Return what was measured of the run; None where the simulator could not make it."""
-        found = self._wait()
-        return found.measurement if isinstance(found, FinishedRun) else None if isinstance(found, Failure) else found
+        result = self._wait()
+        if isinstance(result, FinishedRun):
+            return result.measurement
+        return None if isinstance(result, Failure) else result
 
     def _wait(self) -> FinishedRun | Measurement | Failure:
-        if self._found is None:
-            self._found = self._runner._collect(self)
-        return self._found
+        if self._result is None:
+            self._result = self._runner._collect(self)
+        return self._result
 
 
 class Runner:
-    """Makes and measures the runs of one simulator in one world. A context manager; leaving it ends the workers.
+    """Makes and measures runs: scenarios x seeds x variants x requirements. Leaving it ends the workers.
 
-    Everything that simulates goes through it: campaigns, single scenarios, suites, comparisons, explorations. Several
-    variants of the system under test (robot, stack, version, parameters) are several simulators, one runner each.
+    Everything that simulates goes through it: campaigns, single scenarios, suites, comparisons, tuning, explorations.
 
     Args:
-        simulator: What makes the runs.
-        world: Where they take place.
+        simulator: What makes the runs; None where every run names its variant of the system under test.
+        world: Where they take place; None where every run names its world.
         measuring: What measures each run, in the process that made it; None where nobody judges them.
         jobs: Worker processes; with 1 everything happens in this process.
         executor: Where runs are made instead of in `jobs` processes.
@@ -260,8 +339,8 @@ class Runner:
 
     def __init__(
         self,
-        simulator: Simulator,
-        world: World,
+        simulator: Simulator | None = None,
+        world: World | None = None,
         *,
         measuring: Evaluator | None = None,
         jobs: int = 1,
@@ -270,10 +349,9 @@ class Runner:
         notify: Callable[[str], None] = lambda _: None,
         closes: bool = False,
     ) -> None:
-        self.simulator = simulator
-        self.world = world
-        self.options = dict(simulator.options)
         self.closes = closes
+        self._options = {} if simulator is None else dict(simulator.options)
+        self._variants: dict[str, tuple[str, dict[str, Any]]] = {}
         self._maker = RunMaker(simulator, world, measuring, observes=ledger is not None)
         self._executor: Executor | None = executor or (Processes(jobs) if jobs > 1 else None)
         self._ledger = ledger
@@ -283,68 +361,96 @@ class Runner:
         self._started = False
 
     @property
+    def simulator(self) -> Simulator:
+        """The simulator of every run that names no variant."""
+        assert self._maker.simulator is not None, "every run of this runner names its variant"
+        return self._maker.simulator
+
+    @property
+    def world(self) -> World:
+        """Where the runs take place that name no world."""
+        assert self._maker.world is not None, "every run of this runner names its world"
+        return self._maker.world
+
+    @property
     def lookahead(self) -> int:
         """Return how many attempts to submit before the first is collected: 0 in one process."""
         return self._ready().size if self._executor else 0
 
-    def run(self, scenario: Scenario, seeds: Iterable[int], *, label: str = "") -> Iterator[FinishedRun]:
+    def id_of(self, job: Job) -> str:
+        """Return the id that a run will have; of one whose variant is refused, an id that no run has."""
+        return run_id(job.scenario.id, *self._variant(job), job.seed)
+
+    def _variant(self, job: Job) -> tuple[str, dict[str, Any]]:
+        """Return name and options of what makes a run."""
+        if job.simulator is None:
+            return self.simulator.name, self._options
+        key = job.simulator.id
+        if key not in self._variants:
+            try:
+                with closing(make_simulator(job.simulator)) as simulator:
+                    self._variants[key] = simulator.name, dict(simulator.options)
+            except InputError:
+                self._variants[key] = "refused", {"variant": key}
+        return self._variants[key]
+
+    def run(
+        self, scenario: Scenario, seeds: Iterable[int], *, label: str = "", measuring: Evaluator | None = None
+    ) -> Iterator[FinishedRun]:
         """Make one run of a scenario for each seed and yield them in this order.
 
         Args:
             label: What a message about a run names besides its seed.
+            measuring: Measures these runs instead of what measures the others.
 
         Raises:
             SimulationError: A run could not be made.
         """
-        for pending in [self.submit(scenario, seed) for seed in seeds]:
+        for pending in [self.submit(Job(scenario, seed, measuring=measuring)) for seed in seeds]:
             yield pending.finished(label)
 
-    def submit(self, scenario: Scenario, seed: int, *, trial: bool = False) -> PendingRun:
-        """Ask for a run; it starts at once where there are workers, else when its result is wanted.
-
-        Args:
-            trial: Nobody stores the run: it has a `measurement`, and no `result`.
-        """
-        pending = PendingRun(self, scenario, seed, trial=trial)
-        key = (pending.run_id, trial)
+    def submit(self, job: Job) -> PendingRun:
+        """Ask for a run; it starts at once where there are workers, else when its result is wanted."""
+        pending = PendingRun(self, job)
+        key = (pending.run_id, job.trial)
         if key in self._open:
             return self._open[key]
-        pending._found = self._recent.get(key) or self._stored(pending)
-        if pending._found is None:
+        pending._result = self._recent.get(key) or self._stored(pending)
+        if pending._result is None:
             self._open[key] = pending
             if self._executor:
-                pending._submitted = self._ready().submit(scenario, seed, trial=trial)
+                pending._submitted = self._ready().submit(job)
         return pending
 
     def measured(self, scenario: Scenario, seeds: Iterable[int]) -> list[Measurement]:
         """Return what trials of a scenario measure, one for each seed; those that could not be made are left out."""
-        found = [pending.measurement() for pending in [self.submit(scenario, seed, trial=True) for seed in seeds]]
-        return [each for each in found if each is not None]
+        trials = [self.submit(Job(scenario, seed, trial=True)) for seed in seeds]
+        return [measured for trial in trials if (measured := trial.measurement()) is not None]
 
     def _stored(self, pending: PendingRun) -> FinishedRun | None:
         """Return a run that the ledger holds; None if it has to be made."""
-        run = None if pending.trial or self._ledger is None else self._ledger.find(pending.run_id)
+        run = None if pending.job.trial or self._ledger is None else self._ledger.find(pending.run_id)
         if run is None:
             return None
-        finished = self._maker.finished(rounded(run), pending.scenario.mission.place(self.world))
+        finished = self._maker.finished(pending.job, rounded(run))
         self._recent.add((pending.run_id, False), finished)
         return finished
 
     def _collect(self, pending: PendingRun) -> FinishedRun | Measurement | Failure:
         """Wait for a submitted run. KeyboardInterrupt passes through; what was not collected is lost."""
         if self._executor is None:
-            made = self._ledger.keep_in_memory if self._ledger is not None else None
-            found = self._maker(pending.scenario, pending.seed, trial=pending.trial, made=made)
+            keep = self._ledger.keep_in_memory if self._ledger is not None else None
+            result = self._maker(pending.job, on_run=keep)
         else:
-            found = self._executor.result(pending._submitted)
-        if isinstance(found, FinishedRun) and found.observation is not None and self._ledger is not None:
-            self._ledger.note(found.observation)
-            found = replace(found, observation=None)
-        key = (pending.run_id, pending.trial)
+            result = self._executor.result(pending._submitted)
+        if isinstance(result, FinishedRun) and result.observation is not None and self._ledger is not None:
+            self._ledger.note(result.observation)
+            result = replace(result, observation=None)
+        key = (pending.run_id, pending.job.trial)
         self._open.pop(key, None)
-        if not isinstance(found, Failure):
-            self._recent.add(key, found)
-        return found
+        if not isinstance(result, Failure):
+            self._recent.add(key, result)
+        return result
 
     def __enter__(self) -> Self:
         return self
@@ -355,8 +461,8 @@ class Runner:
                 self._started = False
                 self._executor.stop(kill=kind is not None)
         finally:
-            if self.closes:
-                self.simulator.close()
+            if self.closes or self._maker.simulator is None:
+                self._maker.close()
 
     def _ready(self) -> Executor:
         assert self._executor is not None

@@ -24,9 +24,10 @@ from rvsg.core.records import Record
 from rvsg.evaluation.statistics import ShareDifference, holm, share_difference, wilson
 from rvsg.evaluation.verdict import DEFAULT, Status, Verdict, counted, violated
 from rvsg.robots.robot import Robot
-from rvsg.runs.attempt import Attempt, Plan
+from rvsg.runs.attempt import Attempt, Measurement, Plan
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
+from rvsg.simulation.run import Outcome
 
 Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[a-z0-9][a-z0-9._-]*$")]
 
@@ -384,7 +385,7 @@ def compare_attempts(campaigns: Sequence[tuple[Plan, str, Sequence[Attempt]]]) -
                 suite=plan.name,
                 version=plan.name,
                 simulator=simulator,
-                cases=tuple(case_result(attempts[key], plan.requirement) for key in common),
+                cases=tuple(result_of_attempt(attempts[key], plan.requirement) for key in common),
             )
             for (plan, simulator, _), attempts in zip(campaigns, measured, strict=True)
         ]
@@ -403,21 +404,45 @@ def _measured(attempts: Sequence[Attempt]) -> dict[str, Attempt]:
     return found
 
 
-def case_result(attempt: Attempt, requirement: Requirement) -> CaseResult:
+def result_of_attempt(attempt: Attempt, requirement: Requirement) -> CaseResult:
     """Return an attempt with runs as the result of a case."""
     scenario, verdict = attempt.proposal.scenario, attempt.verdict
     assert scenario is not None and verdict is not None
-    flags = [None if m.objective is None else requirement.violated_by(m.objective) for m in attempt.measurements]
-    return CaseResult(
+    return case_result(
+        Expectation(requirement=requirement.name),
+        requirement,
+        verdict,
+        attempt.measurements,
         case=f"case-{scenario.situation}",
         title=scenario.description[:200] or "Without a description",
-        requirement=requirement.name,
-        expected="pass",
-        state=state_of("pass", verdict),
-        verdict=verdict,
-        seeds=tuple(m.seed for m in attempt.measurements),
-        violations=tuple(flags),
-        contacts=sum(m.touches for m in attempt.measurements),
         seconds=sum(m.values.get("trg") or 0.0 for m in attempt.measurements),
         attempt=attempt.index,
+    )
+
+
+def case_result(
+    expectation: Expectation,
+    requirement: Requirement,
+    verdict: Verdict,
+    measurements: Sequence[Measurement],
+    **about: Any,
+) -> CaseResult:
+    """Return what runs say of an expectation.
+
+    Args:
+        about: the fields of the result that these do not tell, such as the name of the case.
+    """
+    outcomes = [m.outcome for m in measurements]
+    return CaseResult(
+        requirement=expectation.requirement,
+        expected=expectation.expected,
+        reason=expectation.reason,
+        state=state_of(expectation.expected, verdict),
+        verdict=verdict,
+        seeds=tuple(m.seed for m in measurements),
+        violations=tuple(None if m.objective is None else requirement.violated_by(m.objective) for m in measurements),
+        contacts=sum(m.touches for m in measurements),
+        arrived=outcomes.count(Outcome.REACHED.value),
+        failed=outcomes.count(Outcome.STACK_FAILED.value),
+        **about,
     )

@@ -28,17 +28,17 @@ from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec, ignore
 from rvsg.core.records import Record
 from rvsg.evaluation.story import story_of
-from rvsg.evaluation.verdict import DEFAULT, Procedure, load_requirement, next_repeats
+from rvsg.evaluation.verdict import DEFAULT, Procedure, load_requirement
 from rvsg.robots.robot import Robot
 from rvsg.runs.attempt import Measurement
-from rvsg.runs.runner import Evaluator, Runner
+from rvsg.runs.runner import Evaluator, FinishedRun, Runner
 from rvsg.scenario.builder import FoundWith, check_valid, load_saved, with_robot
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.world_lookup import folder_of, world_of
-from rvsg.simulation.run import Outcome, Run
+from rvsg.simulation.run import Run
 from rvsg.simulation.simulators import Simulator, check_robot
-from rvsg.suites.suite import Case, CaseResult, Expectation, State, SuiteResult, state_of
+from rvsg.suites.suite import Case, CaseResult, Expectation, State, SuiteResult, case_result
 from rvsg.world.world import Route, World
 
 HEAD = "suite.yaml"
@@ -208,9 +208,9 @@ class SuiteFolder:
 
     def tested(self, name: str) -> SuiteCase:
         """Return a case with its world and its requirements."""
-        case = next(each for each in self.cases if each.name == name)
-        asked = tuple(requirement_of(each, self.folder) for each in case.expectations)
-        return SuiteCase(case=case, world=self.worlds[name], requirements=asked)
+        case = next(case for case in self.cases if case.name == name)
+        asked = tuple(requirement_of(expectation, self.folder) for expectation in case.expectations)
+        return SuiteCase(case=case, world=self.worlds[name], requirements=asked, judging=self.head.judging)
 
     def update(self, result: SuiteResult) -> tuple[CaseResult, ...]:
         """Write the verdicts of a run as the new expectations, where they changed; return the changed ones.
@@ -330,16 +330,37 @@ def _yaml(values: dict[str, Any]) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class SuiteCase:
-    """A case with its world and the requirements of its expectations."""
+    """A case with its world, the requirements of its expectations, and what judges it."""
 
     case: Case
     world: World
     requirements: tuple[Requirement, ...]
+    judging: Procedure = DEFAULT
+    """The error rates of its suite."""
+
+    @property
+    def name(self) -> str:
+        """The name of the case."""
+        return self.case.name
+
+    @property
+    def scenario(self) -> Scenario:
+        """Its scenario."""
+        return self.case.scenario
+
+    @property
+    def simulator(self) -> Spec:
+        """What runs it by itself."""
+        return self.case.simulator or Spec("embedded")
+
+    def run_by(self, simulator: Spec) -> SuiteCase:
+        """Return the case with another simulator."""
+        return replace(self, case=self.case.replace(simulator=simulator))
 
     def with_robot(self, robot: Robot | str) -> SuiteCase:
         """Return the case with another robot on the same route."""
-        mission = self.case.scenario.mission.replace(robot=robot)
-        return replace(self, case=self.case.replace(scenario=self.case.scenario.replace(mission=mission)))
+        mission = self.scenario.mission.replace(robot=robot)
+        return replace(self, case=self.case.replace(scenario=self.scenario.replace(mission=mission)))
 
     def driven_by(self, robot: Robot | str) -> SuiteCase:
         """Return the case with another robot.
@@ -347,20 +368,50 @@ class SuiteCase:
         Goal and time limit are fitted to a robot of another name. One of the same name is another version of the robot
         of the case: it has to do what was asked, so that a version that became too slow breaks the case.
         """
-        if not isinstance(robot, Robot) or robot.name == self.case.scenario.mission.robot_name:
+        if not isinstance(robot, Robot) or robot.name == self.scenario.mission.robot_name:
             return self.with_robot(robot)
-        scenario = with_robot(self.case.scenario, robot, self.world)[0]
-        return replace(self, case=self.case.replace(scenario=scenario))
+        return replace(self, case=self.case.replace(scenario=with_robot(self.scenario, robot, self.world)[0]))
+
+    def evaluator(self, runs: int | None = None) -> Evaluator:
+        """Return what measures and judges its runs, with limits worked out for its route.
+
+        Args:
+            runs: the budget, by default that of the case.
+        """
+        limit_s = self.scenario.mission.route.time_limit_s
+        requirements = [requirement.for_time_limit(limit_s) for requirement in self.requirements]
+        procedure = self.judging.replace(max_runs=runs or self.case.max_runs)
+        return Evaluator(requirements, procedure=procedure, time_limit_s=limit_s)
+
+    def results(
+        self, evaluator: Evaluator, measured: Sequence[tuple[Measurement, ...]], seconds: float, **about: Any
+    ) -> tuple[CaseResult, ...]:
+        """Return the result of each requirement from what was measured for all of them in each run.
+
+        Args:
+            seconds: simulated seconds of all runs.
+            about: other fields of a result.
+        """
+        record = self.scenario.mission.robot_record
+        robot = self.scenario.mission.robot_name + (f" ({record.id})" if record else "")
+        about |= {"case": self.name, "title": self.case.title, "seconds": seconds, "robot": robot}
+        results = []
+        for k, (expectation, requirement) in enumerate(
+            zip(self.case.expectations, evaluator.requirements, strict=True)
+        ):
+            mine = [of_run[k] for of_run in measured]
+            verdict = evaluator.judge(mine, requirement)
+            results.append(case_result(expectation, requirement, verdict, mine, **about))
+        return tuple(results)
 
 
-Finish = Callable[[CaseResult, SuiteCase, Evaluator, Run, Sequence[tuple[Run, Measurement]]], CaseResult]
+Finish = Callable[[CaseResult, SuiteCase, Requirement, Run, Sequence[tuple[Run, Measurement]]], CaseResult]
 """Adds to a result what a report shows of its runs; it is given the worst run and all runs with their measurements."""
 
 
 def run_cases(
     cases: Iterable[SuiteCase],
     simulator: Simulator,
-    judging: Procedure = DEFAULT,
     *,
     runs: int | None = None,
     jobs: int = 1,
@@ -376,73 +427,35 @@ def run_cases(
     Raises:
         SimulationError: a run could not be made.
     """
-    for _, alike in groupby(cases, lambda each: id(each.world)):
+    for _, alike in groupby(cases, lambda tested: id(tested.world)):
         of_world = list(alike)
         with Runner(simulator, of_world[0].world, jobs=jobs, notify=on_message) as runner:
             for tested in of_world:
-                check_robot(tested.case.scenario, simulator)
-                procedure = judging.replace(max_runs=runs or tested.case.max_runs)
-                limit_s = tested.case.scenario.mission.route.time_limit_s
-                requirements = [each.for_time_limit(limit_s) for each in tested.requirements]
-                measuring = [Evaluator(each, tested.world, procedure=procedure) for each in requirements]
-                made, rows = _measured_runs(tested.case, measuring, runner, runs)
-                for expectation, each, row in zip(tested.case.expectations, measuring, rows, strict=True):
-                    yield _result(tested, expectation, each, made, row, finish)
+                check_robot(tested.scenario, simulator)
+                evaluator = tested.evaluator(runs)
+                finished: list[FinishedRun] = []
+                while more := runs - len(finished) if runs else evaluator.runs_wanted(_measured(finished)):
+                    seeds = range(len(finished), len(finished) + more)
+                    finished += runner.run(tested.scenario, seeds, label=tested.name, measuring=evaluator)
+                yield from _results(tested, evaluator, finished, finish)
 
 
-def _measured_runs(
-    case: Case, measuring: Sequence[Evaluator], runner: Runner, runs: int | None
-) -> tuple[list[Run], list[list[Measurement]]]:
-    made: list[Run] = []
-    rows: list[list[Measurement]] = [[] for _ in measuring]
-    while more := runs - len(made) if runs else _more(measuring, rows):
-        for finished in runner.run(case.scenario, range(len(made), len(made) + more), label=case.name):
-            made.append(finished.unpack())
-            for row, each in zip(rows, measuring, strict=True):
-                row.append(each.measure(made[-1]))
-    return made, rows
+def _measured(finished: Sequence[FinishedRun]) -> list[tuple[Measurement, ...]]:
+    return [run.measurements for run in finished]
 
 
-def _more(measuring: Sequence[Evaluator], rows: Sequence[Sequence[Measurement]]) -> int:
-    """Return the most runs that any requirement asks for next; all of them where there is no limit."""
-    wanted = []
-    for each, row in zip(measuring, rows, strict=True):
-        if each.requirement.threshold is None:
-            wanted.append(each.procedure.max_runs - len(row))
-        else:
-            wanted.append(next_repeats(each.requirement, [m.objective for m in row], procedure=each.procedure))
-    return max(wanted)
-
-
-def _result(
-    tested: SuiteCase,
-    expectation: Expectation,
-    measuring: Evaluator,
-    made: Sequence[Run],
-    row: Sequence[Measurement],
-    finish: Finish,
-) -> CaseResult:
-    requirement, verdict, scenario = measuring.requirement, measuring.judge(row), tested.case.scenario
-    result = CaseResult(
-        case=tested.case.name,
-        title=tested.case.title,
-        requirement=expectation.requirement,
-        expected=expectation.expected,
-        reason=expectation.reason,
-        state=state_of(expectation.expected, verdict),
-        verdict=verdict,
-        seeds=tuple(run.seed for run in made),
-        violations=tuple(None if m.objective is None else requirement.violated_by(m.objective) for m in row),
-        contacts=sum(m.touches for m in row),
-        arrived=sum(run.completed for run in made),
-        failed=sum(run.outcome is Outcome.STACK_FAILED for run in made),
-        robot=scenario.mission.robot_name + (f" ({record.id})" if (record := scenario.mission.robot_record) else ""),
-        seconds=float(sum(run.trajectory.t[-1] for run in made)),
-    )
-    known = [(requirement.badness(m.objective), -k) for k, m in enumerate(row) if m.objective is not None]
-    if not known:
-        return result
-    worst = made[-max(known)[1]]
-    story = tuple(sentence.text for sentence in story_of(worst, world=tested.world, scenario=scenario))
-    result = result.replace(story=story, worst_seed=worst.seed)
-    return finish(result, tested, measuring, worst, list(zip(made, row, strict=True)))
+def _results(
+    tested: SuiteCase, evaluator: Evaluator, finished: Sequence[FinishedRun], finish: Finish
+) -> Iterator[CaseResult]:
+    """Yield the result of each requirement with what happens in its worst run."""
+    runs = [run.unpack() for run in finished]
+    results = tested.results(evaluator, _measured(finished), float(sum(run.trajectory.t[-1] for run in runs)))
+    for k, (result, requirement) in enumerate(zip(results, evaluator.requirements, strict=True)):
+        mine = [run.measurements[k] for run in finished]
+        judged = [(requirement.badness(m.objective), -at) for at, m in enumerate(mine) if m.objective is not None]
+        if judged:
+            worst = runs[-max(judged)[1]]
+            story = tuple(sentence.text for sentence in story_of(worst, world=tested.world, scenario=tested.scenario))
+            shown = result.replace(story=story, worst_seed=worst.seed)
+            result = finish(shown, tested, requirement, worst, list(zip(runs, mine, strict=True)))
+        yield result

@@ -20,7 +20,8 @@ from rvsg.core.seeds import seed_for
 from rvsg.evaluation.verdict import DEFAULT, Procedure
 from rvsg.runs.attempt import Failure
 from rvsg.simulation.stacks.parameters import Parameter
-from rvsg.tune.setting_runs import VIOLATION, SettingRun, SettingRuns, TuningCase, Values
+from rvsg.suites.suite_folder import SuiteCase
+from rvsg.tune.setting_runs import VIOLATION, SettingRun, SettingRuns, Values
 
 if TYPE_CHECKING:
     import optuna
@@ -146,7 +147,7 @@ class ParameterSearch:
     def __init__(
         self,
         parameters: Sequence[Parameter],
-        cases: Sequence[TuningCase],
+        cases: Sequence[SuiteCase],
         runs: SettingRuns,
         *,
         fixed: Values | None = None,

@@ -12,7 +12,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -37,7 +37,6 @@ from rvsg.report.comparison_page import ReplayedChange
 from rvsg.report.run_facts import run_facts
 from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
 from rvsg.runs.attempt import Failure
-from rvsg.runs.runner import Evaluator
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.builder import as_robot
 from rvsg.scenario.scenario import HumanConfiguration, Scenario
@@ -55,10 +54,10 @@ from rvsg.simulation.stacks.parameter_file import (
 )
 from rvsg.simulation.stacks.parameters import Parameter, value_at, with_values
 from rvsg.simulation.stacks.stack_choice import StackChoice
-from rvsg.suites.suite import Case, CaseChange, Change, Comparison, SuiteResult, case_result, compare
+from rvsg.suites.suite import Case, CaseChange, Change, Comparison, SuiteResult, compare, result_of_attempt
 from rvsg.suites.suite_folder import HEAD, SuiteCase, TuningNote
 from rvsg.tune.parameter_search import SEEDS, Candidate, Optimiser, ParameterSearch, unsolved
-from rvsg.tune.setting_runs import SettingRun, SettingRunMaker, SettingRuns, TuningCase, Values, results_of
+from rvsg.tune.setting_runs import SettingRun, SettingRuns, Values, results_of
 from rvsg.tune.tuning import Change as ValueChange
 from rvsg.tune.tuning import Check, Choice, Part, Split, Sweep, Tuning, split
 from rvsg.tune.tuning_page import part_text, tuning_page
@@ -183,10 +182,10 @@ class Tuner:
                 parts = split(cases, before.runs.values())
                 settings: list[dict[str, float]] = []
                 if self.tries == "zones":
-                    zones = self._zones([each for each in cases if each.name in parts.tuned], before, runs.maker)
+                    zones = self._zones([each for each in cases if each.name in parts.tuned], before, runs)
                     parameters = zones.parameters()
-                    runs.use(SettingRunMaker(stack, {each.name: each.present or 0.0 for each in parameters}, zones))
-                    settings = [each for each in zones.settings() if self._leaves_ways(each, cases, runs.maker)]
+                    runs.present, runs.zones = {each.name: each.present or 0.0 for each in parameters}, zones
+                    settings = [each for each in zones.settings() if self._leaves_ways(each, cases, runs)]
                 search = ParameterSearch(
                     parameters,
                     [each for each in cases if each.name in parts.tuned],
@@ -229,14 +228,14 @@ class Tuner:
             raise FileError(file, "this does not hold what a tuning was begun with. Choose another --out.")
         return known
 
-    def _case(self, suite: Suite, case: Case) -> TuningCase:
+    def _case(self, suite: Suite, case: Case) -> SuiteCase:
         """Return a case with what runs it."""
         given, tested = as_found(case.simulator, None, self.stack), suite.tested(case.name)
         assert isinstance(given, Spec)
         if self.robot is not None:
             with closing(make_simulator(given)) as made:
                 tested = tested.driven_by(as_robot(self.robot, made.robots))
-        return TuningCase(tested, given, suite.head.judging)
+        return tested.run_by(given)
 
     def source(self, stack: Spec) -> tuple[str | None, Path]:
         """Return the text of the parameter file, or of one made for a stack of Nav2 without options."""
@@ -244,7 +243,7 @@ class Tuner:
             return read_text(Path(self.stack)), Path(self.stack)
         return None if self.stack_options else skeleton(stack.name), Path("nav2_params.yaml")
 
-    def _in_one_map(self, cases: Sequence[TuningCase], stack: Spec) -> tuple[list[TuningCase], tuple[str, ...]]:
+    def _in_one_map(self, cases: Sequence[SuiteCase], stack: Spec) -> tuple[list[SuiteCase], tuple[str, ...]]:
         """Return the cases of the world that most are in, and what a user has to know.
 
         Raises:
@@ -262,15 +261,15 @@ class Tuner:
         note = f"Zones are of one map: the {count} of {len(cases)} cases in {world} are taken; --only takes others."
         return [each for each in cases if each.scenario.mission.world == world], (note,) if len(worlds) > 1 else ()
 
-    def _zones(self, cases: Sequence[TuningCase], before: Candidate, maker: SettingRunMaker) -> Zones:
+    def _zones(self, cases: Sequence[SuiteCase], before: Candidate, runs: SettingRuns) -> Zones:
         """Return zones around where the robot is at the decisive moments of the violating runs of cases."""
-        places, world = list[tuple[float, float]](), cases[0].tested.world
+        places, world = list[tuple[float, float]](), cases[0].world
         for case in cases:
             for made in (run for run in before.runs.values() if run.case == case.name and run.violated):
-                requirement = case.requirements[made.violations.index(True)]
-                run = maker.run(case, before.values, made.seed)
-                measured = Evaluator(requirement, case.tested.world).measure(run)
-                at = run_facts(run, measured, requirement, case.tested.world, case.scenario).decisive_at
+                requirement = case.evaluator().requirements[made.violations.index(True)]
+                run = runs.whole(case, before.values, made.seed)
+                measured = case.evaluator().measure(run, case.world)
+                at = run_facts(run, measured, requirement, case.world, case.scenario).decisive_at
                 places.append((at[0] - world.map_offset[0], at[1] - world.map_offset[1]))
         found, occupancy = zones_around(places), world.occupancy
         if not found:
@@ -283,15 +282,15 @@ class Tuner:
         return Zones(zones=found, found=len(places), x=occupancy.origin.x, y=occupancy.origin.y, rows=rows,
                      columns=columns, resolution_m=occupancy.resolution)  # fmt: skip
 
-    def _leaves_ways(self, setting: Values, cases: Sequence[TuningCase], maker: SettingRunMaker) -> bool:
+    def _leaves_ways(self, setting: Values, cases: Sequence[SuiteCase], runs: SettingRuns) -> bool:
         """Return whether every route of the cases can still be planned with a setting of zones."""
-        world, missions = cases[0].tested.world, {each.scenario.mission.id: each.scenario.mission for each in cases}
-        with closing(StackChoice.of(maker.stack_of(setting))) as choice:
+        world, missions = cases[0].world, {each.scenario.mission.id: each.scenario.mission for each in cases}
+        with closing(StackChoice.of(runs.stack_of(setting))) as choice:
             robots = ((each, each.robot_record or load_robot(DEFAULT_ROBOT)) for each in missions.values())
             return all(can_plan(world, each.route, choice.driver.adapt(robot)) for each, robot in robots)
 
     def _parameters(
-        self, choice: StackChoice, cases: Sequence[TuningCase]
+        self, choice: StackChoice, cases: Sequence[SuiteCase]
     ) -> tuple[tuple[Parameter, ...], dict[str, float], tuple[str, ...]]:
         """Return what may change, what the user fixed, and what a user has to know of it."""
         robot = cases[0].scenario.mission.robot_record or load_robot(DEFAULT_ROBOT)
@@ -343,7 +342,7 @@ class ProposalChecks:
 
     tuner: Tuner
     suite: Suite
-    cases: Sequence[TuningCase]
+    cases: Sequence[SuiteCase]
     stack: Spec
     search: ParameterSearch
     split: Split
@@ -352,7 +351,7 @@ class ProposalChecks:
     @property
     def zones(self) -> Zones | None:
         """The zones that were tried."""
-        return self.runs.maker.zones
+        return self.runs.zones
 
     @property
     def present(self) -> Values:
@@ -445,7 +444,7 @@ class ProposalChecks:
 
     def _file_of_stack(self, values: Values) -> tuple[str, str] | None:
         """Return name and text of the parameter file that the stack keeps itself, such as that of a launched Nav2."""
-        with closing(StackChoice.of(self.runs.maker.stack_of(values))) as choice:
+        with closing(StackChoice.of(self.runs.stack_of(values))) as choice:
             return choice.driver.parameter_file()
 
     def _file(self, values: Values) -> tuple[str, str, tuple[str, ...]]:
@@ -454,7 +453,7 @@ class ProposalChecks:
         if (own := self._file_of_stack(values)) is not None:
             (_, text), path, after = self._file_of_stack(self.present) or own, Path(own[0]), own[1]
         elif text is None:
-            return "stack.json", self.runs.maker.stack_of(values).to_json(), ()
+            return "stack.json", self.runs.stack_of(values).to_json(), ()
         elif self.zones is not None:
             zones, changed = self.zones, self._changed(values)
             for kind, mask in zones.masks(changed).items():
@@ -486,7 +485,7 @@ class ProposalChecks:
         suite, stack, tuned = str(self.tuner.suite), self.tuner.stack, f"{self.tuner.out}/{file}"
         options: list[str] = []
         if file.endswith(".json") or self._file_of_stack(values) is not None:
-            for key, value in self.runs.maker.stack_of(values).options.items():
+            for key, value in self.runs.stack_of(values).options.items():
                 if value == self.stack.options.get(key) and key not in self.tuner.stack_options:
                     continue
                 text = yaml.safe_dump(value, default_flow_style=True, width=10_000).partition("\n")[0]
@@ -506,7 +505,7 @@ class ProposalChecks:
         """Yield every check of the proposal."""
         few, missions = min(FEW_SEEDS, self.tuner.check_runs), self._missions()
         empty = [self._other(f"empty-{k}", each, HumanConfiguration(humans=())) for k, each in enumerate(missions)]
-        named: list[tuple[Check, list[TuningCase], int]] = [
+        named: list[tuple[Check, list[SuiteCase], int]] = [
             ("tuned", [each for each in self.cases if each.name in self.split.tuned], self.tuner.check_runs),
             ("held out", [each for each in self.cases if each.name in self.split.held_out], self.tuner.check_runs),
             ("ordinary", list(self._ordinary(missions)), few),
@@ -522,20 +521,20 @@ class ProposalChecks:
         if self.tuner.attack_runs:
             yield self._attacked(missions[:ATTACKED], values)
 
-    def _compared(self, cases: Sequence[TuningCase], values: Values, seeds: Sequence[int]) -> Comparison:
+    def _compared(self, cases: Sequence[SuiteCase], values: Values, seeds: Sequence[int]) -> Comparison:
         results = [
             results_of(
                 label,
                 self.suite.head.title,
                 cases,
                 self._made(setting, cases, seeds),
-                self.runs.maker.stack_of(setting),
+                self.runs.stack_of(setting),
             )
             for label, setting in (("before", self.present), ("proposal", values))
         ]
         return compare(results)
 
-    def _made(self, values: Values, cases: Sequence[TuningCase], seeds: Sequence[int]) -> list[SettingRun]:
+    def _made(self, values: Values, cases: Sequence[SuiteCase], seeds: Sequence[int]) -> list[SettingRun]:
         made: list[SettingRun] = []
         total = len(cases) * len(seeds)
         for run in self.runs.run((values, case, seed) for case in cases for seed in seeds):
@@ -546,34 +545,33 @@ class ProposalChecks:
                 self.tuner.on_message(f"  {len(made)} of {total} runs {'after' if self._changed(values) else 'before'}")
         return made
 
-    def _missions(self) -> list[TuningCase]:
+    def _missions(self) -> list[SuiteCase]:
         """Return a case of each mission, those that violate most often first."""
         violated = dict.fromkeys((each.name for each in self.cases), 0)
         for run in self.search.before.runs.values():
             violated[run.case] += run.violated
-        found: dict[str, TuningCase] = {}
+        found: dict[str, SuiteCase] = {}
         for each in sorted(self.cases, key=lambda each: (-violated[each.name], each.name)):
             found.setdefault(each.scenario.mission.id, each)
         return list(found.values())
 
-    def _other(self, name: str, like: TuningCase, people: HumanConfiguration) -> TuningCase:
+    def _other(self, name: str, like: SuiteCase, people: HumanConfiguration) -> SuiteCase:
         """Return other people on the route of a case, judged as it is."""
         scenario = Scenario(mission=like.scenario.mission, people=people)
-        case = Case(name=name, title=name, expectations=like.tested.case.expectations, scenario=scenario)
-        tested = SuiteCase(case=case, world=like.tested.world, requirements=like.tested.requirements)
-        return TuningCase(tested, like.simulator, like.judging)
+        case = like.case.replace(name=name, title=name, scenario=scenario)
+        return replace(like, case=case)
 
-    def _ordinary(self, missions: Sequence[TuningCase]) -> Iterator[TuningCase]:
+    def _ordinary(self, missions: Sequence[SuiteCase]) -> Iterator[SuiteCase]:
         """Yield people on random errands on each route: nothing is aimed at the robot."""
         for k, each in enumerate(missions):
             for j in range(ORDINARY):
                 seed = seed_for(self.tuner.seed, "tuning/ordinary", k, j)
                 brief = Brief(mission=each.scenario.mission, requirement=None, seed=seed)
-                proposed = RandomGenerator().propose(brief, each.tested.world).scenario
+                proposed = RandomGenerator().propose(brief, each.world).scenario
                 if proposed is not None:
                     yield self._other(f"ordinary-{k}-{j}", each, proposed.people)
 
-    def _attacked(self, missions: Sequence[TuningCase], values: Values) -> Part:
+    def _attacked(self, missions: Sequence[SuiteCase], values: Values) -> Part:
         """Search for failures of the stack before and of the proposal, with the same budget and seeds."""
         results, failures = [], []
         for label, setting in (("before", self.present), ("proposal", values)):
@@ -588,7 +586,7 @@ class ProposalChecks:
                 with campaign.result() as result:
                     confirmed += sum(finding.violated for finding in result.findings)
                 cases += [
-                    case_result(attempt, campaign.requirement).replace(
+                    result_of_attempt(attempt, campaign.requirement).replace(
                         case=f"{campaign.folder.name.lower()}-{attempt.index}"
                     )
                     for attempt in result.attempts
@@ -600,10 +598,10 @@ class ProposalChecks:
             failures.append(confirmed)
         return Part(name="attacked", comparison=compare(results), failures=(failures[0], failures[1]))
 
-    def _campaign(self, each: TuningCase, values: Values, budget: int) -> Campaign:
+    def _campaign(self, each: SuiteCase, values: Values, budget: int) -> Campaign:
         """Return a campaign against a setting on the route of a case, judged as it is, in a folder of its own."""
-        mission, requirement = each.scenario.mission, each.tested.requirements[0]
-        world, stack = folder_of(mission.world_id), self.runs.maker.stack_of(values)
+        mission, requirement = each.scenario.mission, each.requirements[0]
+        world, stack = folder_of(mission.world_id), self.runs.stack_of(values)
         name = content_id(mission.route.name, [mission.id, requirement.id, stack.id])
         folder = self.tuner.out / "attacks" / name
         robot, limits = (folder.with_name(f"{name}.{kind}.yaml") for kind in ("robot", "requirement"))
@@ -648,11 +646,12 @@ class ProposalChecks:
             return None
         best = before[gains.index(max(gains))]
         case = next(each for each in self.cases if each.name == best.case)
-        requirement, world, scenario = case.requirements[0], case.tested.world, case.scenario
-        runs = [self.runs.maker.run(case, setting, best.seed) for setting in (self.present, values)]
-        measuring = Evaluator(requirement, world)
-        first, second = (run_facts(run, measuring.measure(run), requirement, world, scenario) for run in runs)
-        title, change = case.tested.case.title, Change.FIXED
+        world, scenario, evaluator = case.world, case.scenario, case.evaluator()
+        requirement = evaluator.requirement
+        runs = [self.runs.whole(case, setting, best.seed) for setting in (self.present, values)]
+        measured = [evaluator.measure(run, world) for run in runs]
+        first, second = (run_facts(*each, requirement, world, scenario) for each in zip(runs, measured, strict=True))
+        title, change = case.case.title, Change.FIXED
         return ReplayedChange(
             change=CaseChange(case=case.name, title=title, requirement=requirement.name, change=change),
             seed=best.seed,

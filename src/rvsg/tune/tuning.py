@@ -15,8 +15,9 @@ from rvsg.core.records import Record
 from rvsg.evaluation.statistics import ShareDifference, share_difference
 from rvsg.simulation.stacks.parameters import Parameter
 from rvsg.suites.suite import Comparison, SuiteResult
+from rvsg.suites.suite_folder import SuiteCase
 from rvsg.tune.parameter_search import Score, Unsolved
-from rvsg.tune.setting_runs import SettingRun, TuningCase
+from rvsg.tune.setting_runs import SettingRun
 from rvsg.tune.zones import Zones
 
 PASSES = "passes"
@@ -36,7 +37,7 @@ class Split(Record):
     """Why kinds of failure are not apart; empty where they are."""
 
 
-def split(cases: Sequence[TuningCase], before: Iterable[SettingRun]) -> Split:
+def split(cases: Sequence[SuiteCase], before: Iterable[SettingRun]) -> Split:
     """Split cases by kind of failure before tuning; of those that pass every third is held out."""
     seen: dict[str, Counter[str]] = {case.name: Counter() for case in cases}
     for run in before:
