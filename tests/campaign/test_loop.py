@@ -401,7 +401,7 @@ def test_workers_end_when_their_parent_is_killed(tmp_path: Path) -> None:
         "the_plan = plan(scenarios=1, refinements=0)\n"
         "made = parts(MemoryLedger(), jobs=2)\n"
         "run_campaign(the_plan, RandomStrategy(the_plan), made)\n"
-        "print(*(keeper.process.pid for keeper in made.runner._executor._pool.keepers), flush=True)\n"
+        "print(*(worker.process.pid for worker in made.runner._executor.workers), flush=True)\n"
         "time.sleep(1000)\n"
     )
     parent = subprocess.Popen(

@@ -222,7 +222,8 @@ class RunMaker:
         """Measure and pack a rounded run."""
         measuring = job.measuring or self.measuring
         if measuring is None:
-            measured = (Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values={}),)
+            nothing = Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values={})
+            measured: tuple[Measurement, ...] = (nothing,)
         else:
             measured = measuring.measure_all(run, self.place(job))
         return FinishedRun(run.seed, run.outcome, measured, PackedRun.of(run), observation)

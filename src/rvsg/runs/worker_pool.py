@@ -12,6 +12,7 @@ answers with its result. No bytes ask it to end. A worker whose parent is gone e
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import pickle
 import queue
@@ -27,6 +28,7 @@ from rvsg.core.child_process import command
 from rvsg.core.errors import SimulationError
 from rvsg.runs.attempt import Failure
 
+Stream = IO[bytes] | io.BufferedRWPair
 READY = b"ready"
 ATTEMPTS = 3
 """A run whose process died this often is given up."""
@@ -38,13 +40,13 @@ STOP_S = 5.0
 """A worker that does not end by itself is killed after this time."""
 
 
-def send(stream: IO[bytes], message: bytes) -> None:
+def send(stream: Stream, message: bytes) -> None:
     """Write one message."""
     pickle.dump(message, stream)
     stream.flush()
 
 
-def receive(stream: IO[bytes]) -> bytes:
+def receive(stream: Stream) -> bytes:
     """Read one message; EOFError if the other side is gone."""
     try:
         message: bytes = pickle.load(stream)  # noqa: S301 - from our own process
@@ -72,7 +74,7 @@ def main() -> None:
         work.close()
 
 
-def _listen(stream: IO[bytes], waiting: queue.SimpleQueue[bytes]) -> None:
+def _listen(stream: Stream, waiting: queue.SimpleQueue[bytes]) -> None:
     """Notice the end of the parent while a run is under way."""
     try:
         while True:

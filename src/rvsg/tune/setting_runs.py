@@ -23,7 +23,7 @@ from rvsg.runs.runner import Evaluator, FinishedRun, Job, Runner
 from rvsg.simulation.run import Outcome, Run
 from rvsg.simulation.simulators import with_stack
 from rvsg.simulation.stacks.parameters import with_values
-from rvsg.suites.suite import SuiteResult
+from rvsg.suites.suite import CaseResult, SuiteResult
 from rvsg.suites.suite_folder import SuiteCase
 from rvsg.tune.zones import Zones
 
@@ -190,7 +190,7 @@ def results_of(
     label: str, suite: str, cases: Sequence[SuiteCase], runs: Sequence[SettingRun], stack: Spec
 ) -> SuiteResult:
     """Return the runs of a setting as results of a suite, which `rvsg.suites.suite.compare` takes."""
-    results = []
+    results: list[CaseResult] = []
     for case in cases:
         mine = [run for run in runs if run.case == case.name]
         seconds, simulator = sum(run.time_s for run in mine), with_stack(case.simulator, stack)
