@@ -113,7 +113,7 @@ def test_two_people_may_work_together_to_hold_the_robot_up() -> None:
     assert all(human.factors == ForceFactors() for each in found for human in each.people.humans)
     assert all("Human 2 works together with Human 1" in pair.description for pair in pairs)
     kept = []
-    for seed, later in enumerate(found[:3]):
+    for seed, later in enumerate(pairs[:3]):
         for index in range(1, 7):
             later = refined(later, seed, index, requirement=TIMELY)
             kept.append(is_pair(later))
@@ -135,9 +135,9 @@ def test_a_provoking_person_is_asked_for_told_of_and_kept() -> None:
 
 
 def test_other_requirements_bring_about_other_work() -> None:
-    blocked = [FORECAST(scenario(s, requirement=TIMELY).people.humans).blocked_s for s in range(5)]
-    met = [FORECAST(scenario(s, requirement=SMOOTH).people.humans).meetings for s in range(5)]
-    near = [FORECAST(scenario(s).people.humans) for s in range(5)]
+    blocked = [FORECAST(scenario(s, requirement=TIMELY).people.humans).blocked_s for s in range(10)]
+    met = [FORECAST(scenario(s, requirement=SMOOTH).people.humans).meetings for s in range(10)]
+    near = [FORECAST(scenario(s).people.humans) for s in range(10)]
     assert sum(blocked) > sum(f.blocked_s for f in near)
     assert sum(met) > sum(f.meetings for f in near)
 
@@ -176,9 +176,12 @@ def test_after_many_refinements_the_description_names_the_places_of_the_people_a
                 moved += 1
             elif text is not None and human.name not in known.description:
                 continue
+            if human.group is not None:
+                continue  # told with the mate's
             told = next(p for p in re.split(r"[;.] ?| (?=Human)", later.description) if p.startswith(human.name))
-            where = re.split(r", | and ", told.split(": ")[1])
-            assert where == list(dict.fromkeys(stops(human))), (later.description, human)
+            told_work = re.findall(r"(\w+s(?: over)?) at ([^,]+?) for (\d+) s", told.split(": ")[1])
+            works = [(task.work, ends_of(task)[1]) for task in at_places(human.tasks)]
+            assert told_work == [(w.doing.words, at, f"{w.duration_s:.0f}") for w, at in works], later.description
         known = later
     assert moved > 2
 
@@ -201,7 +204,7 @@ def test_memory_makes_new_scenarios_work_elsewhere() -> None:
 
 def test_who_is_to_hold_the_robot_up_is_on_the_way_when_it_sets_off() -> None:
     moving = 0
-    for seed in range(10):
+    for seed in range(16):
         found = scenario(seed, requirement=TIMELY)
         for human in found.people.humans:
             whole = at_places(human.tasks)

@@ -7,7 +7,7 @@ from tests.scenario.small_world import GOOD, MISSION, WORLD, human, people, walk
 
 from rvsg.scenario.rules import near_place, read_ends
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Task, Track
-from rvsg.scenario.validity import check, warnings
+from rvsg.scenario.validity import about_turns, check, warnings
 
 
 def rules_of(configuration: HumanConfiguration) -> list[str]:
@@ -109,10 +109,42 @@ def test_nobody_may_start_in_contact_with_the_robots_body(gap_m: float, found: b
 @pytest.mark.parametrize(("gap_m", "found"), [(-0.01, False), (0.01, True), (0.49, True), (0.51, False)])
 def test_a_start_close_to_the_robot_is_a_warning_and_stays_valid(gap_m: float, found: bool, axis: int) -> None:
     mission = beside_the_robot(gap_m, axis)
-    warned = warnings(people(human(*GOOD)), mission, WORLD)
+    warned = [each for each in warnings(people(human(*GOOD)), mission, WORLD) if each.rule != "turns-without-stop"]
     assert [finding.rule for finding in warned] == ["spawn-near-robot"] * found
     assert "spawn-near-robot" not in [finding.rule for finding in check(people(human(*GOOD)), mission, WORLD)]
     assert all(f"{gap_m:.2f} m" in str(finding) for finding in warned)
+
+
+def paused(way: str, at: str, seconds: float) -> Task:
+    return walk(way).replace(pauses=(Pause(at=at, duration_s=seconds, doing="sort"),))
+
+
+TO, FRO = "to: A1 B1 C1 D1 E1", "fro: E1 D1 C1 B1 A1"
+
+
+@pytest.mark.parametrize(
+    ("tasks", "rules"),
+    [
+        ((TO, FRO), ["turns-without-stop"]),
+        ((paused(TO, "E1", 5), FRO), ["turns-without-stop"]),
+        ((paused(TO, "E1", 5), paused(FRO, "A1", 5)), []),
+        ((paused(TO, "E1", 5), paused(FRO, "C1", 5)), ["turns-without-stop"]),
+        ((paused(TO, "E1", 25), paused(FRO, "A1", 600)), ["pause-longer-than-run"]),
+    ],
+    ids=["nowhere", "at one end", "at both ends", "half way", "longer than the run"],
+)
+def test_who_turns_round_without_a_stop_and_who_outlasts_the_run_is_a_warning(
+    tasks: tuple[str | Task, ...], rules: list[str]
+) -> None:
+    someone = people(human(*tasks))
+    assert [finding.rule for finding in warnings(someone, MISSION, WORLD)] == rules
+    assert check(someone, MISSION, WORLD) == ()
+
+
+def test_a_way_round_a_corner_is_no_turning_round() -> None:
+    grid, ways = WORLD.grid, ("a: A1 A2 A3", "b: A3 B3 C3", "c: C3 B2 A1")
+    assert about_turns(human(*ways), grid) == ("A1", "C3")
+    assert about_turns(human("a: A1 A2 A3 B3 C3", cyclic=False), grid) == ()
 
 
 OTHER = ("Bench → Bench: A6 A7 A6",)

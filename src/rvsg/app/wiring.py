@@ -34,6 +34,8 @@ from rvsg.simulation.stacks.protocol import NavigationStack
 from rvsg.store.knowledge_base import read_remembered
 from rvsg.world.world import Route, World
 
+STUDIED = ("heuristic", "random")
+"""Generators whose people turn round at once in the study's profile, as the study's people did."""
 COPY, ABILITIES = "knowledge.json", "abilities.json"
 """Copies in the folder of a campaign, which a resumed campaign reads: earlier scenarios, what its robot can do."""
 
@@ -224,7 +226,10 @@ def _generator_of(
     """Return the generator that is given or named, with what it may rehearse in and what it should remember."""
     generator = given
     if generator is None:
-        generator = plugins.make("generator", config.generator_name, generator_options(config))
+        options = generator_options(config)
+        if simulator.options.get("profile") == "published-study" and config.generator_name in STUDIED:
+            options = {"works": False, **options}
+        generator = plugins.make("generator", config.generator_name, options)
     plugins.check_complete("generator", generator, Generator)
     let_rehearse(generator, simulator, world, seed=config.seed, requirement=requirement, kept=config.folder / ABILITIES)
     if config.knowledge is None:

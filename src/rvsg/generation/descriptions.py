@@ -10,7 +10,7 @@ from rvsg.generation.people_sampler import placed
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.repair import repair
 from rvsg.scenario.rules import Finding
-from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, PersonKind, Scenario, at_places, ends_of
+from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, PersonKind, Scenario, Task, at_places, ends_of
 from rvsg.scenario.validity import check
 from rvsg.world.world import SolidObject, World
 
@@ -69,7 +69,7 @@ def inherited(refined: Scenario, people: HumanConfiguration) -> Described:
 
 
 def describe(humans: Sequence[Human], *, goods: bool) -> str:
-    """Return who does what where, without a full stop: `Human 1 carries goods: Shelf 1, Boxes 3 and Area 2; ...`."""
+    """Return who does what where, without a full stop: `Human 1 carries goods: picks at Shelf 1 for 8 s and ...`."""
     parts = []
     for k, human in enumerate(humans[:MOST_DESCRIBED]):
         mates = (each.name for each in humans[:k] if each.group is not None and each.group == human.group)
@@ -77,10 +77,18 @@ def describe(humans: Sequence[Human], *, goods: bool) -> str:
         doing = f"works together with {mate}" if mate is not None else work_of(human, goods=goods)
         if mate is None and human.behaviour is Behaviour.THREATENING:
             doing += ", and steps in front of the robot to see what it does"
-        *stops, last = dict.fromkeys(ends_of(task)[0] for task in at_places(human.tasks))
+        *stops, last = dict.fromkeys(worked(task) for task in at_places(human.tasks))
         parts.append(f"{human.name} {doing}: {', '.join(stops)}{' and ' if stops else ''}{last}")
     more = f", and {len(humans) - MOST_DESCRIBED} others work nearby" if len(humans) > MOST_DESCRIBED else ""
     return "; ".join(parts) + more
+
+
+def worked(task: Task) -> str:
+    """Return what is done where a task ends (`sorts at Boxes 1 for 12 s`); where it starts if that is nothing."""
+    (start, end), work = ends_of(task), task.work
+    if work is None or work.doing is None:
+        return start
+    return f"{work.doing.words} at {end} for {work.duration_s:.0f} s"
 
 
 def work_of(human: Human, *, goods: bool) -> str:
@@ -91,7 +99,7 @@ def work_of(human: Human, *, goods: bool) -> str:
         return "goes by wheelchair"
     if human.kind is PersonKind.CHILD:
         return "is a child who goes about"
-    if any(task.pauses for task in human.tasks):
+    if any(task.stops for task in human.tasks):
         works = "checks goods on the way and stops to note what is missing", "walks about and stops on the way"
     elif human.speed_m_s <= 0.5:
         works = "moves a heavy load step by step", "walks slowly, step by step"

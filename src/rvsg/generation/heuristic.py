@@ -61,6 +61,7 @@ class _Changes:
             (self.shortened, 1.0),
             (self.anew, 0.5),
         ]
+        changes += [(self.longer, 3.0)] if work.works else []
         changes += [(self.elsewhere, 1.0)] if work.aim in UNDERWAY else []
         changes += [(self.heedless, 0.5)] if work.aim in HEEDLESS_AIMS else []
         self.changes = [change for change, _ in changes]
@@ -82,14 +83,24 @@ class _Changes:
     def pause(self, human: Human) -> tuple[Human, str]:
         k = int(self.rng.integers(len(human.tasks)))
         task = human.tasks[k]
-        if task.pauses and self.rng.random() < 0.4:
+        if task.stops and self.rng.random() < 0.4:
             changed, words = task.model_copy(update={"pauses": ()}), f"no longer stops in {task.name}"
         else:
             at = self.work.pick(task.path, [2.718 ** -self.work.ground.along(n)[1] for n in task.path])
             pause = Pause(at=at, duration_s=round(float(self.rng.uniform(2.0, 12.0)), 1))
             changed = task.model_copy(update={"pauses": (pause,)})
             words = f"stops at {at} for {pause.duration_s:g} s"
+        changed = changed.working(task.work)
         return human.model_copy(update={"tasks": (*human.tasks[:k], changed, *human.tasks[k + 1 :])}), words
+
+    def longer(self, human: Human) -> tuple[Human, str] | None:
+        k = int(self.rng.integers(len(human.tasks)))
+        task, work = human.tasks[k], human.tasks[k].work
+        if work is None or work.doing is None:
+            return None
+        work = work.model_copy(update={"duration_s": work.doing.drawn_s(self.rng)})
+        words = f"{work.doing.words} for {work.duration_s:g} s at {work.at}"
+        return human.model_copy(update={"tasks": (*human.tasks[:k], task.working(work), *human.tasks[k + 1 :])}), words
 
     def first(self, human: Human) -> tuple[Human, str] | None:
         if len(human.tasks) < 2:
@@ -171,12 +182,16 @@ class _Changes:
 
     def _rebuilt(self, human: Human, stops: list[Stop], words: str) -> tuple[Human, str] | None:
         """The person going round these stops, with the pauses still on the way; None if they are not joined."""
-        tasks = self.work.tasks(stops, along_route=self.work.aim is not Aim.NONE)
+        tasks = self.work.tasks(stops, None, along_route=self.work.aim is not Aim.NONE)
         if not tasks:
             return None
-        pauses = [pause for task in human.tasks for pause in task.pauses]
+        pauses = [pause for task in human.tasks for pause in task.stops]
+        works = {ends_of(task)[1]: task.work for task in human.tasks}
         tasks = tuple(
-            task.model_copy(update={"pauses": tuple(p for p in pauses if p.at in task.path[1:])}) for task in tasks
+            task.model_copy(update={"pauses": tuple(p for p in pauses if p.at in task.path[1:])}).working(
+                works.get(ends_of(task)[1]) or task.work
+            )
+            for task in tasks
         )
         if at_places(human.tasks) != human.tasks:
             tasks = self.work.underway(tasks)
@@ -185,6 +200,8 @@ class _Changes:
 
 MATES = {Aim.DELAY: 0.4}
 """How often somebody is drawn as a mate of the person before, by the aim: two people hold a robot up twice as much."""
+MATES_AT_WORK = MATES | {Aim.SHARE: 0.15, Aim.MEET: 0.25, Aim.DISTURB: 0.25}
+"""The same where work takes time: two abreast leave less room than one who paces."""
 WORK_TRIES = 20
 """How often somebody is drawn for an activity before the next person is tried."""
 
@@ -200,16 +217,24 @@ class HeuristicGenerator(Generator):
     in the study, everybody but the first draws the weights of their forces again at every launch; not where people are
     to hold the robot up, for a delay that hangs on those weights does not come back. `provoking`: the first
     person steps in front of the robot when it is near (HuNavSim's threatening behaviour), a misuse to be foreseen.
+    `works`: people do something where a task ends; False: they turn round at once, as in the study.
     """
 
     name = "heuristic"
 
     def __init__(
-        self, *, tries: int = 60, changes: int = 120, individuals: bool = True, provoking: bool = False
+        self,
+        *,
+        tries: int = 60,
+        changes: int = 120,
+        individuals: bool = True,
+        provoking: bool = False,
+        works: bool = True,
     ) -> None:
         if tries < 1 or changes < 1:
             raise ValueError(f"expected at least one try and one change, got {tries} and {changes}")
         self.tries, self.changes, self.individuals, self.provoking = tries, changes, individuals, provoking
+        self.works = works
 
     def propose(self, brief: Brief, world: World) -> Proposal:
         """A new scenario, or a refinement of the one in the feedback."""
@@ -253,7 +278,8 @@ class _Plan:
         self.ground = walking_graph(self.world, self.brief.mission.route)
         self.others = rng_of(self.brief, "heuristic/actors")
         worked = Counter(end for earlier in brief.memory for end in _ends(earlier.scenario.people.humans))
-        self.work = PeopleSampler(self.ground, self.places, self.aim, self.rng, worked)
+        self.work = PeopleSampler(self.ground, self.places, self.aim, self.rng, worked, works=generator.works)
+        self.mates = (MATES_AT_WORK if generator.works else MATES).get(self.aim, 0.0)
         self.forecaster = forecaster_of(self.brief.mission, self.world)
 
     # -- a new scenario ----------------------------------------------------------------------------------------
@@ -298,7 +324,7 @@ class _Plan:
 
     def _drawn(self, name: str, humans: list[Human]) -> Human | None:
         """Somebody with work of their own, or, where people are to hold the robot up, a mate of the one before."""
-        if humans and humans[-1].group is None and self.rng.random() < MATES.get(self.aim, 0.0):
+        if humans and humans[-1].group is None and self.rng.random() < self.mates:
             return self.work.mate(name, humans[-1], len(humans))
         return self.work.human(name, self.work.role())
 
@@ -306,10 +332,11 @@ class _Plan:
         """Somebody between the first two joined waypoints, where no work could be drawn."""
         names = [name for place in self.places for name in place.waypoints]
         start = names[index % len(names)]
-        end = next((o for o in names if o != start and self.ground.path(start, o)), None)
-        path = self.ground.path(start, end) if end else (start,)
+        end = next((o for o in names if o != start and self.work.way(start, o)), None)
+        path = self.work.way(start, end) if end else (start,)
         assert path is not None
-        tasks = (Task.between(start, path[-1], path), Task.between(path[-1], start, path[::-1]))
+        back, (work, home) = path[::-1], (self.work.work_at(path[-1]), self.work.work_at(start))
+        tasks = (Task.between(start, path[-1], path, work), Task.between(path[-1], start, back, home))
         return Human(name=f"Human {index + 1}", tasks=tasks, speed_m_s=1.0)
 
     def _clear(self, human: Human, others: list[Human]) -> bool:
@@ -418,7 +445,7 @@ class _Plan:
 
     def _as_mate(self, humans: list[Human], index: int) -> tuple[Human, str] | None:
         """Now and then, and only where people are to hold the robot up: the person as a mate of another."""
-        if len(humans) < 2 or self.rng.random() >= 0.2 * MATES.get(self.aim, 0.0):
+        if len(humans) < 2 or self.rng.random() >= 0.2 * self.mates:
             return None
         other = humans[index - 1]
         if other.group is not None or humans[index].group is not None:

@@ -15,7 +15,8 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.generation.workplaces import Place, WalkingGraph, handles_goods
+from rvsg.generation.workplaces import Path, Place, WalkingGraph, handles_goods
+from rvsg.scenario.activity import Activity
 from rvsg.scenario.requirement import Aim
 from rvsg.scenario.scenario import (
     LIMITS,
@@ -56,7 +57,9 @@ class Role:
     """A way of working. Speeds m/s, pauses s. `far`: between places apart along the robot's route, not side by side.
 
     `heedless`: how often such a person does not step aside for a robot (HuNavSim's impassive behaviour); `distracted`:
-    how often they look at something else than the way; `weights`: how often it is tried for each of `AIMS`.
+    how often they look at something else than the way; `weights`: how often it is tried for each of `AIMS`. `unseeing`:
+    how often a load hides the way, or they walk backwards; `goods`, `others`: what they do where a task ends, in a
+    place of goods and elsewhere. These three are for people whose work takes time.
     """
 
     speeds: tuple[float, float]
@@ -65,16 +68,21 @@ class Role:
     heedless: float = 0.0
     distracted: float = 0.15
     weights: tuple[float, ...]
+    unseeing: float = 0.0
+    goods: tuple[Activity, ...] = (Activity.HAND_OVER,)
+    others: tuple[Activity, ...] = (Activity.HAND_OVER, Activity.TALK)
 
 
+PICK, INSPECT, WAIT = Activity.PICK, Activity.INSPECT, Activity.WAIT
 AIMS = (Aim.SHARE, Aim.MEET, Aim.DISTURB, Aim.DELAY, Aim.NONE)
 """The order of the weights of roles."""
 ROLES = (
-    Role(speeds=(0.5, 0.75), heedless=0.5, distracted=0.4, weights=(4, 1, 1, 3, 1)),  # pushes a trolley
-    Role(speeds=(1.0, 1.5), heedless=0.3, weights=(3, 4, 3, 2, 1)),  # carries
-    Role(speeds=(0.7, 1.2), pauses=(2.0, 12.0), weights=(2, 1, 1, 4, 1)),  # checks
-    Role(speeds=(0.8, 1.4), far=False, weights=(2, 3, 4, 1, 1)),  # sorts
-    Role(speeds=(0.35, 0.5), heedless=0.7, distracted=0.4, weights=(0, 0, 0, 4, 0)),  # moves something heavy
+    # pushes a trolley, carries, checks, sorts, moves something heavy
+    Role(speeds=(0.5, 0.75), heedless=0.5, distracted=0.4, weights=(4, 1, 1, 3, 1), unseeing=0.1),
+    Role(speeds=(1.0, 1.5), heedless=0.3, weights=(3, 4, 3, 2, 1), unseeing=0.15, goods=(Activity.HAND_OVER, PICK)),
+    Role(speeds=(0.7, 1.2), pauses=(2.0, 12.0), weights=(2, 1, 1, 4, 1), goods=(INSPECT,), others=(INSPECT, WAIT)),
+    Role(speeds=(0.8, 1.4), far=False, weights=(2, 3, 4, 1, 1), goods=(Activity.SORT, PICK), others=(PICK, WAIT)),
+    Role(speeds=(0.35, 0.5), heedless=0.7, distracted=0.4, weights=(0, 0, 0, 4, 0), unseeing=0.3),
 )
 
 
@@ -89,12 +97,22 @@ SOMEBODY = Human(name="Somebody", tasks=(Task(name="Work", path=()),), factors=F
 
 
 class PeopleSampler:
-    """Makes people. `uses` counts how often a place was worked in earlier scenarios: those are drawn less often."""
+    """Makes people. `uses` counts how often a place was worked in earlier scenarios: those are drawn less often.
+
+    `works`: people do something where a task ends, and take the way with few turns; else as in the study.
+    """
 
     def __init__(
-        self, ground: WalkingGraph, places: Sequence[Place], aim: Aim, rng: np.random.Generator, uses: dict[str, int]
+        self,
+        ground: WalkingGraph,
+        places: Sequence[Place],
+        aim: Aim,
+        rng: np.random.Generator,
+        uses: dict[str, int],
+        *,
+        works: bool = True,
     ) -> None:
-        self.ground, self.places, self.aim, self.rng = ground, places, aim, rng
+        self.ground, self.places, self.aim, self.rng, self.works = ground, places, aim, rng, works
         self.goods = handles_goods(places)
         self._roles = shares_of([role.weights[AIMS.index(aim)] for role in ROLES])
         closest = [min((ground.along(name) for name in p.waypoints), key=lambda at: at[1]) for p in places]
@@ -110,7 +128,7 @@ class PeopleSampler:
     def human(self, name: str, role: Role, named: Sequence[Sequence[Place]] | None = None) -> Human | None:
         """Return a person at work, at the `named` places in their order; None where places are not joined."""
         stops = self._stops(role) if named is None else self._stops_at(named, role)
-        tasks = self.tasks(stops, along_route=role.far and self.aim is not Aim.NONE)
+        tasks = self.tasks(stops, role, along_route=role.far and self.aim is not Aim.NONE)
         if not tasks:
             return None
         heedless = self.aim in HEEDLESS_AIMS and self.rng.random() < role.heedless
@@ -122,6 +140,8 @@ class PeopleSampler:
             tasks = self.underway(tasks)
         behaviour = Behaviour.IMPASSIVE if heedless else Behaviour.REGULAR
         attention = Attention.DISTRACTED if self.rng.random() < role.distracted else Attention.ATTENTIVE
+        if self.works and self.rng.random() < role.unseeing:
+            attention = Attention.UNSEEING
         given = {"name": name, "tasks": tasks, "behaviour": behaviour, "speed_m_s": speed, "start_delay_s": delay}
         given["attention"] = attention
         return SOMEBODY.model_copy(update=given)  # hundreds are drawn for each one kept, within the bounds of a Human
@@ -160,14 +180,14 @@ class PeopleSampler:
             return None
         here = self.pick(starts, [math.exp(-self.ground.along(start)[1] / 0.5) + 1e-9 for start in starts])
         first, last = other.tasks[0], other.tasks[-1]
-        out, back = self.ground.path(here, first.path[-1]), self.ground.path(last.path[0], here)
+        out, back = self.way(here, first.path[-1]), self.way(last.path[0], here)
         if len(other.tasks) < 2 or out is None or back is None or len(out) < 2 or len(back) < 2:
             return None
         end, start = ends_of(first)[1], ends_of(last)[0]
         joined = (
             Task.between(here, end, out, tuple(p for p in first.pauses if p.at in out[1:])),
             *other.tasks[1:-1],
-            Task.between(start, here, back, tuple(p for p in last.pauses if p.at in back[1:])),
+            Task.between(start, here, back, tuple(p for p in last.stops if p.at in back[1:])).working(last.work),
         )
         changes = {"name": name, "tasks": joined, "group": group, "factors": ForceFactors()}
         if other.behaviour is Behaviour.THREATENING:
@@ -194,15 +214,28 @@ class PeopleSampler:
         near = [1.0 if self.aim is Aim.NONE else math.exp(-self.ground.along(name)[1]) for name in names]
         return Stop(place, self.pick(names, near)) if names else None
 
-    def tasks(self, stops: Sequence[Stop], *, along_route: bool) -> tuple[Task, ...]:
-        """The cyclic tasks from stop to stop; none where two are not joined or the same."""
+    def tasks(self, stops: Sequence[Stop], role: Role | None, *, along_route: bool) -> tuple[Task, ...]:
+        """The cyclic tasks from stop to stop; none where two are not joined or the same. None: any role."""
         tasks = []
         for (place, start), (goal, end) in zip(stops, [*stops[1:], *stops[:1]], strict=True):
-            path = self.ground.path(start, end, along_route=along_route)
+            path = self.way(start, end, along_route=along_route)
             if path is None or len(path) < 2:
                 return ()
-            tasks.append(Task.between(place.name, goal.name, path))
+            tasks.append(Task.between(place.name, goal.name, path, self.work_at(end, role)))
         return tuple(tasks) if len(tasks) > 1 else ()
+
+    def way(self, start: str, end: str, *, along_route: bool = False) -> Path | None:
+        """The way that people take; None where there is none."""
+        return self.ground.path(start, end, along_route=along_route, straight=self.works)
+
+    def work_at(self, at: str, role: Role | None = None) -> tuple[Pause, ...]:
+        """What somebody does at the end of a task."""
+        if not self.works:
+            return ()
+        role = role or self.role()
+        usual = role.goods if self.goods else role.others
+        doing = usual[int(self.rng.integers(len(usual)))]
+        return (Pause(at=at, duration_s=doing.drawn_s(self.rng), doing=doing),)
 
     def _pausing(self, given: tuple[Task, ...], seconds: tuple[float, float]) -> tuple[Task, ...]:
         """The tasks with a pause in one or two of them, where the path comes near the robot's route."""
@@ -212,7 +245,7 @@ class PeopleSampler:
             inner = task.path[1:-1] or task.path
             weights = [math.exp(-self.ground.along(name)[1]) for name in inner]
             pause = Pause(at=self.pick(inner, weights), duration_s=round(float(self.rng.uniform(*seconds)), 1))
-            tasks[index] = task.model_copy(update={"pauses": (pause,)})
+            tasks[index] = task.model_copy(update={"pauses": (pause, *task.pauses)})
         return tuple(tasks)
 
     def pick(self, options: Sequence[T], weights: Sequence[float] | NDArray[np.float64]) -> T:
@@ -279,7 +312,7 @@ def cast(
         if human.group is not None:
             continue
         works = pushes and human.name == worker
-        may_push = (anybody or human.speed_m_s <= SLOW_M_S) and not any(task.pauses for task in human.tasks)
+        may_push = (anybody or human.speed_m_s <= SLOW_M_S) and not any(task.stops for task in human.tasks)
         if TROLLEY in actors and (works or (may_push and to_push < SHARES[TROLLEY])):
             changed = human.replace(trolley=size, speed_m_s=min(human.speed_m_s, 1.2))
         elif WHEELCHAIR in actors and to_sit < SHARES[WHEELCHAIR] and not works:

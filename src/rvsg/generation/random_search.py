@@ -14,11 +14,12 @@ import numpy as np
 from rvsg.generation.descriptions import answer, nowhere_to_walk
 from rvsg.generation.generator import Generator, Proposal, rng_of
 from rvsg.generation.people_sampler import cast, left_behind
-from rvsg.generation.workplaces import Place, places_of
+from rvsg.generation.workplaces import Place, places_of, walking_graph
+from rvsg.scenario.activity import Activity
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.placement import robot_reach_m
 from rvsg.scenario.rules import START_CLEARANCE_M
-from rvsg.scenario.scenario import BODY_RADIUS_M, ForceFactors, Human, HumanConfiguration, Task
+from rvsg.scenario.scenario import BODY_RADIUS_M, ForceFactors, Human, HumanConfiguration, Pause, Task
 from rvsg.world.world import World
 
 
@@ -27,15 +28,16 @@ class RandomGenerator(Generator):
 
     `tasks` is the smallest and largest number of tasks of a person. `individuals`: as in the study, everybody but
     the first draws the weights of their forces again at every launch; False gives everybody the default weights.
+    `works`: people do something where a task ends and take the way with few turns; False: as in the study.
     """
 
     name = "random"
 
-    def __init__(self, *, tasks: tuple[int, int] = (2, 20), individuals: bool = True) -> None:
+    def __init__(self, *, tasks: tuple[int, int] = (2, 20), individuals: bool = True, works: bool = True) -> None:
         if not 2 <= tasks[0] <= tasks[1]:
             raise ValueError(f"expected at least 2 tasks and the smaller number first, got {tasks}")
         self.tasks = tasks
-        self.individuals = individuals
+        self.individuals, self.works = individuals, works
 
     def propose(self, brief: Brief, world: World) -> Proposal:
         """Draw a configuration from the brief's seed."""
@@ -84,15 +86,23 @@ class RandomGenerator(Generator):
                 break
             stops.append(stop)
         tasks = []
+        ground = walking_graph(world, brief.mission.route)
         for (place, start), (goal, end) in zip(stops, [*stops[1:], stops[0]], strict=True):
-            path = grid.shortest_path(start, end)
+            path = ground.path(start, end, straight=True) if self.works else None
+            path = path or grid.shortest_path(start, end)
             assert path is not None
-            tasks.append(Task.between(place.name, goal.name, path))
+            tasks.append(Task.between(place.name, goal.name, path, self._work(end, rng)))
         return Human(
             name=f"Human {len(others) + 1}",
             tasks=tuple(tasks),
             factors="random_normal" if self.individuals and others else ForceFactors(),
         )
+
+    def _work(self, at: str, rng: np.random.Generator) -> tuple[Pause, ...]:
+        if not self.works:
+            return ()
+        doing = (*Activity,)[int(rng.integers(len(Activity)))]
+        return (Pause(at=at, duration_s=doing.drawn_s(rng), doing=doing),)
 
 
 def _draw(

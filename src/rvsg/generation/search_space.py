@@ -1,8 +1,9 @@
 """Search space of the numbers of a configuration: what an optimiser may change, and within which limits.
 
-Start delays, speeds, one pause per person, where along the cycle of tasks a person begins, and at which of an area's
-waypoints a task ends. People walk at 0.35 to 1.6 m/s and not more than half as fast again as proposed, wait at most
-10 s and pause at most 12 s.
+Start delays, speeds, one pause per person, the time of the work where a task ends, where along the cycle of tasks a
+person begins, and at which of an area's waypoints a task ends. People walk at 0.35 to 1.6 m/s and not more than half as
+fast again as proposed, wait at most 10 s and pause at most 12 s. Work takes what such work usually takes. Nobody comes
+to turn round without a stop who did not before.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from rvsg.scenario.brief import TuningLimits
 from rvsg.scenario.placement import start_gap_m
 from rvsg.scenario.rules import START_CLEARANCE_M
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Task, at_places, begin_at, ends_of
-from rvsg.scenario.validity import check
+from rvsg.scenario.validity import about_turns, check
 from rvsg.world.world import World
 
 Vector = NDArray[np.float64]
@@ -101,11 +102,18 @@ class TuningSpace:
                     return None
             humans.append(changed)
         people = HumanConfiguration(humans=tuple(humans))
-        for human in people.humans:
+        for human, before in zip(people.humans, self.people.humans, strict=True):
+            if human is not before and not self._turns_as(human, before):
+                return None
             at = self.ground.at[human.tasks[0].path[0]]
             if start_gap_m(human.body_radius_m, at, self.mission) < START_CLEARANCE_M:
                 return None
         return None if check(people, self.mission, self.world) else people
+
+    def _turns_as(self, human: Human, before: Human) -> bool:
+        """Return whether a person turns round without a stop at most as often as before."""
+        grid = self.world.grid
+        return len(about_turns(human, grid)) <= len(about_turns(before, grid))
 
     def words(self, vector: Vector) -> str:
         """Return which numbers of a vector differ from the configuration as proposed."""
@@ -129,6 +137,9 @@ class TuningSpace:
             Dimension(index, "pause", -3.0, LONGEST_PAUSE_S, length),
         ]
         for k, task in enumerate(tasks[:TUNED_STOPS]):
+            if task.work is not None and task.work.doing is not None:
+                (least, most), now = task.work.doing.seconds, task.work.duration_s
+                found.append(Dimension(index, f"work {k}", min(least, now), max(most, now), now))
             others = self._others(task)
             if len(others) > 1:
                 found.append(Dimension(index, f"stop {k}", 0.0, 1.0, others.index(task.path[0]), len(others)))
@@ -151,11 +162,14 @@ class TuningSpace:
         moved = []
         for task, start, end in zip(before, stops, [*stops[1:], *stops[:1]], strict=True):
             if (start, end) != (task.path[0], task.path[-1]):
-                path = self.ground.path(start, end, along_route=True)
+                path = self.ground.path(start, end, along_route=True, straight=task.work is not None)
                 if path is None or len(path) < 2:
                     return None
-                pauses = tuple(pause for pause in task.pauses if pause.at in path)
-                task = task.model_copy(update={"path": path, "pauses": pauses})
+                pauses = tuple(pause for pause in task.stops if pause.at in path)
+                task = task.model_copy(update={"path": path, "pauses": pauses}).working(task.work)
+            if (work := task.work) is not None and f"work {len(moved)}" in values:
+                seconds = round(values[f"work {len(moved)}"], 1)
+                task = task.working(work.model_copy(update={"duration_s": seconds}))
             moved.append(task)
         tasks = tuple(moved)
         if "pause" in values or "pause at" in values:
@@ -166,7 +180,14 @@ class TuningSpace:
         return human.model_copy(update={"tasks": tasks, "start_delay_s": delay, "speed_m_s": speed})
 
 
-_LIMITED_BY = {"speed": "speed_m_s", "delay": "start_delay_s", "pause": "pause_s", "begins": "start", "stop": "stops"}
+_LIMITED_BY = {
+    "speed": "speed_m_s",
+    "delay": "start_delay_s",
+    "pause": "pause_s",
+    "work": "pause_s",
+    "begins": "start",
+    "stop": "stops",
+}
 
 
 def _narrowed(dimension: Dimension, limits: Mapping[str, tuple[float, float] | None]) -> Dimension | None:
@@ -220,7 +241,8 @@ def _share_of(tasks: Sequence[Task], waypoint: str) -> float:
 
 
 def _first_pause(tasks: Sequence[Task]) -> Pause | None:
-    return next((pause for task in tasks for pause in task.pauses), None)
+    """The first pause that is no work at the end of a task."""
+    return next((pause for task in tasks for pause in task.stops), None)
 
 
 def _paused(tasks: Sequence[Task], first: Pause | None, values: dict[str, float]) -> tuple[Task, ...]:
@@ -230,7 +252,7 @@ def _paused(tasks: Sequence[Task], first: Pause | None, values: dict[str, float]
     if length >= SHORTEST_PAUSE_S:
         k, i = _at(tasks, values.get("pause at", _share_of(tasks, first.at) if first else 0.5))
         name = left[k].path[i]
-        rest = tuple(p for p in left[k].pauses if p.at != name)
+        rest = tuple(p for p in left[k].pauses if p.at != name or p is left[k].work)
         pause = Pause(at=name, duration_s=round(length, 1))
         left[k] = left[k].model_copy(update={"pauses": (*rest, pause)})
     return tuple(left)

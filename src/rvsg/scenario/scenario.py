@@ -11,6 +11,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, field_validator, mode
 
 from rvsg.core.records import Record, content_id
 from rvsg.robots.robot import DEFAULT_ROBOT, Robot, shipped_robots
+from rvsg.scenario.activity import Activity
 from rvsg.world.grid import Grid
 from rvsg.world.lattice import place_of
 from rvsg.world.world import Route, SolidObject, State, World, WorldParts
@@ -95,6 +96,10 @@ class Attention(str, Enum):
     UNSEEING = "unseeing"
 
 
+LONGEST_PAUSE_S = 600.0
+"""The pause of somebody who stays."""
+
+
 class Pause(Record):
     """The human stands still at a waypoint of the task's path ("inspects for 5 s").
 
@@ -103,7 +108,9 @@ class Pause(Record):
     """
 
     at: str
-    duration_s: Annotated[float, Field(gt=0, le=600)]
+    duration_s: Annotated[float, Field(gt=0, le=LONGEST_PAUSE_S)]
+    doing: Annotated[Activity | None, Field(exclude_if=lambda doing: doing is None)] = None
+    """What the person does there; None: not said."""
 
 
 class Task(Record):
@@ -123,6 +130,22 @@ class Task(Record):
     def between(cls, start: str, end: str, path: tuple[str, ...], pauses: tuple[Pause, ...] = ()) -> Self:
         """Return the task of walking from one area or waypoint to another, named after both."""
         return cls(name=f"{start} → {end}"[:120], path=path, start_area=start, end_area=end, pauses=pauses)
+
+    @property
+    def work(self) -> Pause | None:
+        """What the person does where the task ends; None: nothing that is said."""
+        ends = (pause for pause in self.pauses if pause.doing is not None and self.path[-1:] == (pause.at,))
+        return next(ends, None)
+
+    @property
+    def stops(self) -> tuple[Pause, ...]:
+        """The pauses other than the work at the end."""
+        return tuple(pause for pause in self.pauses if pause is not self.work)
+
+    def working(self, work: Pause | None) -> Self:
+        """Return the task with other work where it ends."""
+        own = () if work is None else (work.model_copy(update={"at": self.path[-1]}),)
+        return self.model_copy(update={"pauses": (*self.stops, *own)})
 
 
 class ForceFactors(Record):

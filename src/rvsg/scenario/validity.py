@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import difflib
 import math
 from collections import Counter
@@ -15,9 +16,18 @@ from numpy.typing import NDArray
 from rvsg.robots.robot import Robot
 from rvsg.scenario.placement import size_findings, spawn_findings, speed_range, staged_findings, start_gap_m
 from rvsg.scenario.rules import MAX_HUMANS, START_CLEARANCE_M, Finding, near_place, spelled, task_ends
-from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Point, Task
+from rvsg.scenario.scenario import (
+    LONGEST_PAUSE_S,
+    Human,
+    HumanConfiguration,
+    Mission,
+    Point,
+    Task,
+    goal_names,
+    pauses_of,
+)
 from rvsg.scenario.variation import changes_that_matter
-from rvsg.world.grid import GridSpec
+from rvsg.world.grid import Grid, GridSpec
 from rvsg.world.lattice import closed_between
 from rvsg.world.routes import fits_through
 from rvsg.world.space import human_space, robot_space
@@ -42,7 +52,11 @@ def check(people: HumanConfiguration, mission: Mission, world: World) -> tuple[F
 
 
 def warnings(people: HumanConfiguration, mission: Mission, world: World) -> tuple[Finding, ...]:
-    """Return what is simulated but unlikely to be meant: a start close to the robot, areas that were renamed since."""
+    """Return what is simulated but unlikely to be meant.
+
+    That is a start close to the robot, areas that were renamed since, somebody who turns round without a stop, and a
+    pause that outlasts the run.
+    """
     world = mission.place(world)
     found = []
     if not _labels(mission, world):
@@ -51,6 +65,7 @@ def warnings(people: HumanConfiguration, mission: Mission, world: World) -> tupl
                 named = {"human": human.name, "task": task.name}
                 found += [each.model_copy(update=named) for each in _end_findings(task, world)]
     for human in people.humans:
+        found += _pacing_findings(human, mission, world)
         at = human.starts_at(world.grid)
         gap = start_gap_m(human.body_radius_m, at, mission) if at is not None else math.inf
         if 0.0 <= gap < START_CLEARANCE_M:
@@ -58,6 +73,64 @@ def warnings(people: HumanConfiguration, mission: Mission, world: World) -> tupl
             start = {"human": human.name, "task": human.tasks[0].name, "position": 0}
             found.append(Finding.of("spawn-near-robot", reason, f"Keep {START_CLEARANCE_M:g} m.", **start))
     return tuple(found)
+
+
+ABOUT_TURN = math.radians(120.0)
+"""Who turns farther turns round. Recorded people do so without a stop 0.00 to 0.11 times a minute of walking."""
+MOST_TURNS = 3
+TURN_S, TURN_LEAST_M = 1.2, 0.5
+"""The way before and after a turn: what is walked in so many seconds, and at least so far."""
+
+
+def about_turns(human: Human, grid: Grid) -> tuple[str, ...]:
+    """Return the waypoints at which a person turns round without a stop, in the order of the way."""
+    names = goal_names(human)
+    stops = {leg % len(names) for leg, _, _ in pauses_of(human)}
+    points = [human.position(name, grid) for name in names]
+    if None in points or len(names) < 2:
+        return ()  # the checker says what is wrong
+    places, window = [complex(*point) for point in points if point], TURN_S * human.speed_m_s
+
+    def reach(k: int, step: int) -> complex:
+        """From goal `k` to where the person is `window` metres before or after, or at the stop in between."""
+        at, left = k, window
+        while left > 1e-9:
+            after = at + step
+            if not human.cyclic and not 0 <= after < len(places):
+                break
+            hop = places[after % len(places)] - places[at % len(places)]
+            if abs(hop) >= left:
+                return places[at % len(places)] + hop * (left / abs(hop)) - places[k]
+            left, at = left - abs(hop), after
+            if at % len(places) in stops or at % len(places) == k:
+                break
+        return places[at % len(places)] - places[k]
+
+    found = []
+    for k, name in enumerate(names):
+        if k in stops:
+            continue
+        before, after = -reach(k, -1), reach(k, 1)
+        if min(abs(before), abs(after)) >= TURN_LEAST_M and abs(cmath.phase(after / before)) > ABOUT_TURN:
+            found.append(name)
+    return tuple(found)
+
+
+def _pacing_findings(human: Human, mission: Mission, world: World) -> Iterator[Finding]:
+    """Yield where a person turns round without a stop, and pauses that are longer than a run."""
+    turns = about_turns(human, world.grid) if human.track is None else ()
+    if turns:
+        listed = ", ".join(turns[:MOST_TURNS]) + (", ..." if len(turns) > MOST_TURNS else "")
+        reason = f"Turns round without a stop at {listed}, which recorded people do not do."
+        better = 'Say what is done there, and how long: a pause such as {"at", "duration_s", "doing"}.'
+        yield Finding.of("turns-without-stop", reason, better, human=human.name)
+    limit = mission.route.time_limit_s
+    for task in human.tasks:
+        for pause in task.pauses:
+            if limit < pause.duration_s < LONGEST_PAUSE_S:
+                reason = f"The pause of {pause.duration_s:g} s at {pause.at} is longer than the run ({limit:g} s)."
+                better = "Choose a shorter one, or who stays: a pause of 600 s."
+                yield Finding.of("pause-longer-than-run", reason, better, human=human.name, task=task.name)
 
 
 def _labels(mission: Mission, world: World) -> bool:
