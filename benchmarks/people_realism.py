@@ -16,7 +16,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.evaluation.realism import PERCENTILES, SAMPLE_S, WALKING_M_S
+from rvsg.evaluation.realism import (
+    PERCENTILES,
+    QUANTITIES,
+    SAMPLE_S,
+    TURN_SAMPLES,
+    WALKING_M_S,
+    closing,
+    following,
+    turning,
+)
+from rvsg.scenario.scenario import BODY_RADIUS_M
 
 Floats = NDArray[np.float64]
 Tracks = dict[int, tuple[int, Floats]]
@@ -76,7 +86,7 @@ def same_group(path: Path) -> dict[int, set[int]]:
 
 def quantities(tracks: Tracks, groups: dict[int, set[int]]) -> dict[str, list[float]]:
     """How far each person goes in each quantity, as `realism.motions` measures simulated people."""
-    found: dict[str, list[float]] = {"speed": [], "acceleration": [], "distance": [], "standing": []}
+    found: dict[str, list[float]] = {name: [] for name in QUANTITIES}
     for person, (first, path) in tracks.items():
         if len(path) < 4:
             continue
@@ -86,14 +96,18 @@ def quantities(tracks: Tracks, groups: dict[int, set[int]]) -> dict[str, list[fl
         if walking.sum() >= 4:
             found["speed"].append(float(np.median(speed[walking])))
         found["acceleration"].append(float(np.hypot(*(np.diff(velocity, axis=0) / SAMPLE_S).T).max()))
-        nearest = [
-            float(np.hypot(*(path[low - first : high - first] - path_[low - first_ : high - first_]).T).min())
+        together = [
+            (path[low - first : high - first].T, path_[low - first_ : high - first_].T)
             for other, (first_, path_) in tracks.items()
             if other != person and other not in groups.get(person, ())
             and (low := max(first, first_)) < (high := min(first + len(path), first_ + len(path_)))
         ]  # fmt: skip
-        if nearest:
-            found["distance"].append(min(nearest))
+        if together:
+            found["distance"].append(min(float(np.hypot(*(a - b)).min()) for a, b in together))
+        for quantity, shown, worst in (("closing", closing, max), ("following", following, min)):
+            values = [known[0] for a, b in together if (known := shown(a, b, 2.0 * BODY_RADIUS_M)) is not None]
+            found[quantity] += [worst(values)] if values else []
+        found["turning"].append(float(turning(path.T)[0]) if len(path) > 2 * TURN_SAMPLES else 0.0)
         steps = np.flatnonzero(walking)
         length = best = 0
         for stands in ~walking[steps[0] :] if len(steps) else ():

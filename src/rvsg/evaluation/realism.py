@@ -2,12 +2,14 @@
 
 The recordings are ETH and HOTEL (Pellegrini et al. 2009), ZARA 1, ZARA 2 and students 3 (Lerner et al. 2007): some
 1,300 people on streets and a campus, sampled every 0.4 s as simulated people are here. Members of one group do not
-count for distances. Positions in the recordings are marked by hand, so the accelerations include that noise.
+count for what people do to others; the robot counts as somebody there, with the radius of its body. Positions in the
+recordings are marked by hand, so the accelerations include that noise.
 `benchmarks/people_realism.py` counts the percentiles.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
@@ -61,7 +63,64 @@ QUANTITIES = {
         "stands on the way for", "s", True,
         (0.0, 0.001, 0.002, 0.003, 0.004, 0.005, 0.006, 0.007, 0.008, 2.0, 5.6, 11.2, 23.1, 52.2, 150.4),
     ),
+    "closing": Quantity(
+        "moves at somebody less than 0.2 m away with", "m/s", True,
+        (0.0, 0.001, 0.002, 0.003, 0.004, 0.005, 0.095, 0.42, 0.638, 0.808, 0.897, 1.013, 1.092, 1.145, 1.244),
+    ),
+    "following": Quantity(
+        "follows for 2 s within", "m", False,
+        (0.01, 0.155, 0.253, 0.395, 0.518, 0.777, 1.503, 2.982, 5.506, 8.219, 9.752, 10.431, 11.285, 12.206, 13.019),
+    ),
+    "turning": Quantity(
+        "turns round without a stop", "times", True,
+        (0.0, 0.001, 0.002, 0.003, 0.004, 0.005, 0.006, 0.007, 0.008, 0.009, 0.01, 0.011, 0.012, 0.013, 1.2),
+    ),
 }  # fmt: skip
+NEAR_M = 0.2
+"""The gap of two bodies from which somebody's own speed towards the other counts."""
+FOLLOWS_M_S, FOLLOWS_ALONG, FOLLOWS_SAMPLES = 0.5, math.cos(math.radians(45.0)), 5
+"""Who follows walks, as the other ahead does, faster than this, within 45° of the same direction, for 2 s."""
+TURN_SAMPLES, TURN_M = 3, 0.5
+"""A turn is between the ways of the 1.2 s before and after, each so long at least; beyond 120° it is round."""
+
+
+def closing(path: Floats, other: Floats, bodies_m: float) -> tuple[float, int] | None:
+    """Return the highest speed of a person, (2, N) every `SAMPLE_S`, towards somebody hard by, m/s, and its sample.
+
+    Args:
+        bodies_m: The radii of both together.
+    """
+    apart = (other - path)[:, :-1]
+    distance = np.hypot(*apart)
+    towards = (np.diff(path) / SAMPLE_S * apart).sum(axis=0) / np.maximum(distance, 1e-6)
+    towards[distance - bodies_m > NEAR_M] = -math.inf
+    k = int(towards.argmax()) if len(towards) else 0
+    return None if not len(towards) or math.isinf(towards[k]) else (max(0.0, float(towards[k])), k)
+
+
+def following(path: Floats, other: Floats, bodies_m: float) -> tuple[float, int] | None:
+    """Return the gap that a person keeps for 2 s at least behind somebody, m, and the sample where that begins."""
+    apart, own, theirs = (other - path)[:, :-1], np.diff(path) / SAMPLE_S, np.diff(other) / SAMPLE_S
+    distance, speed, pace = np.hypot(*apart), np.hypot(*own), np.hypot(*theirs)
+    walk = (speed > FOLLOWS_M_S) & (pace > FOLLOWS_M_S)
+    same = (own * theirs).sum(axis=0) > FOLLOWS_ALONG * speed * pace
+    ahead = (own * apart).sum(axis=0) > FOLLOWS_ALONG * speed * distance
+    gaps = np.where(walk & same & ahead, distance - bodies_m, math.inf)
+    if len(gaps) < FOLLOWS_SAMPLES:
+        return None
+    kept = np.lib.stride_tricks.sliding_window_view(gaps, FOLLOWS_SAMPLES).max(axis=1)
+    k = int(kept.argmin())
+    return None if math.isinf(kept[k]) else (max(0.0, float(kept[k])), k)
+
+
+def turning(path: Floats) -> tuple[int, int]:
+    """Return how often a person, (2, N) every `SAMPLE_S`, turns round without a stop, and the sample of the first."""
+    n = TURN_SAMPLES
+    before, after = path[:, n:-n] - path[:, : -2 * n], path[:, 2 * n :] - path[:, n:-n]
+    walked, walks = np.hypot(*before), np.hypot(*after)
+    rounds = (walked >= TURN_M) & (walks >= TURN_M) & ((before * after).sum(axis=0) < -0.5 * walked * walks)
+    begins = np.flatnonzero(rounds & ~np.concatenate([[False], rounds[:-1]]))
+    return len(begins), n + int(begins[0]) if len(begins) else 0
 
 
 class Motion(Record):
@@ -91,7 +150,7 @@ def motions(run: Run) -> tuple[Motion, ...]:
     """Return how far each person of a run goes, in every quantity that the run shows."""
     path = run.trajectory
     times = np.arange(float(path.t[0]), float(path.t[-1]), SAMPLE_S) if len(path.t) else np.empty(0)
-    if len(times) < 4:
+    if len(times) < 2 * TURN_SAMPLES + 1:
         return ()
     places = np.stack(
         [[np.interp(times, path.t, axis[:, h]) for axis in (path.human_x, path.human_y)]
@@ -104,6 +163,7 @@ def motions(run: Run) -> tuple[Motion, ...]:
         result.append(Motion(person=person, quantity=quantity, value=round(value, 3), time_s=round(time_s, 2),
                             recorded_percent=round(rarity, 2)))  # fmt: skip
 
+    robot = np.stack([np.interp(times, path.t, axis) for axis in (path.x, path.y)])
     groups = run.human_groups or (None,) * len(run.human_names)
     for h, name in enumerate(run.human_names):
         velocity = np.diff(places[h], axis=1) / SAMPLE_S
@@ -115,15 +175,24 @@ def motions(run: Run) -> tuple[Motion, ...]:
         acceleration = np.hypot(*(np.diff(velocity, axis=1) / SAMPLE_S))
         row = int(acceleration.argmax())
         add(name, "acceleration", float(acceleration[row]), float(times[row + 1]))
+        radius = run.human_radius_m[h]
         others = [
-            np.hypot(*(places[h] - places[o]))
+            (places[o], radius + run.human_radius_m[o])
             for o in range(len(places))
             if o != h and (groups[h] is None or groups[o] != groups[h])
         ]
         if others:
-            nearest = np.min(others, axis=0)
+            nearest = np.min([np.hypot(*(places[h] - other)) for other, _ in others], axis=0)
             add(name, "distance", float(nearest.min()), float(times[int(nearest.argmin())]))
         paused = [(e.time_s, e.until_s) for e in run.events if isinstance(e, PersonPaused) and e.person == name]
+        others.append((robot, radius + run.robot_radius_m))
+        for quantity, shown, worst in (("closing", closing, max), ("following", following, min)):
+            found = [known for other, bodies in others if (known := shown(places[h], other, bodies)) is not None]
+            if found:
+                value, row = worst(found)
+                add(name, quantity, value, float(times[row]))
+        count, row = turning(places[h])
+        add(name, "turning", float(count), float(times[row]))
         add(name, "standing", *_longest(times[:-1], ~walking, paused))
     return tuple(result)
 
