@@ -72,7 +72,7 @@ def test_the_confirmed_failures_of_a_campaign_are_kept_as_they_were_found(termin
         assert f"holds {len(failures)} case" in terminal("suite add found --suite kept")
     kept = Suite.open("kept").cases
     assert {each.title for each in kept} == {each.name for each in failures}
-    assert {each.expectations[0].requirement for each in kept} <= {"R3", "no_contact"}
+    assert {each.expectations[0].requirement for each in kept} <= {"R3", "any_contact"}
     assert "Leave --name, --simulator-option out" in terminal(
         "suite add found --suite kept --name one --simulator-option a=1", code=2
     )
