@@ -21,7 +21,7 @@ from pathlib import Path
 from rvsg.core import plugins
 from rvsg.core.seeds import seed_for
 from rvsg.runs.ledger import CachedLedger
-from rvsg.runs.runner import Evaluator, FinishedRun, Job, PendingRun, Runner
+from rvsg.runs.runner import Evaluator, FinishedRun, PendingRun, Runner, RunRequest
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import load_requirement
 from rvsg.scenario.scenario import Mission, Scenario
@@ -98,12 +98,12 @@ def measured(jobs: int, runs: int, sleep_s: float, name: str | None) -> dict[str
             SqliteLedger(path) as ledger,
             Runner(simulator, world, measuring=measuring, jobs=jobs, ledger=CachedLedger(ledger)) as runner,
         ):
-            for each in [runner.submit(Job(scenario, seed_for(7, "warm", number))) for number in range(warm)]:
+            for each in [runner.submit(RunRequest(scenario, seed_for(7, "warm", number))) for number in range(warm)]:
                 keep(each, ledger)
             pending: deque[PendingRun] = deque()
             began, cpu, memory, working = time.monotonic(), time.process_time(), memory_kb(), workers_s()
             for number in range(runs):
-                pending.append(runner.submit(Job(scenario, seed_for(7, "load", number))))
+                pending.append(runner.submit(RunRequest(scenario, seed_for(7, "load", number))))
                 if len(pending) > 5 * jobs:
                     keep(pending.popleft(), ledger)
             for each in pending:

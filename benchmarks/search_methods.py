@@ -39,7 +39,7 @@ from rvsg.report.charts import COLOURS, Scale, span, ticks
 from rvsg.runs.attempt import Attempt, Measurement
 from rvsg.runs.ledger import CachedLedger, MemoryLedger
 from rvsg.runs.observation import FailureMode, mode_of, usual
-from rvsg.runs.runner import FinishedRun, Job
+from rvsg.runs.runner import FinishedRun, RunRequest
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.search.execution import Parts, calls_of
@@ -310,7 +310,7 @@ class _Confirmed:
         return usual(mode_of(run, self.wired.world) for run in shown)
 
     def _run(self, scenario: Scenario, seeds: Sequence[int]) -> tuple[list[Run], list[Measurement]]:
-        submitted = [self.parts.runner.submit(Job(scenario, seed)) for seed in seeds]
+        submitted = [self.parts.runner.submit(RunRequest(scenario, seed)) for seed in seeds]
         results = [run.result() for run in submitted]
         self.runs += len(results)
         done = [result for result in results if isinstance(result, FinishedRun)]

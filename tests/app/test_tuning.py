@@ -33,10 +33,10 @@ from rvsg.simulation.stacks.parameters import Parameter, value_at, with_values
 from rvsg.simulation.stacks.stack_choice import StackChoice
 from rvsg.suites.suite import compare
 from rvsg.suites.suite_folder import SuiteCase
-from rvsg.tune.parameter_search import SEEDS, Candidate, ParameterSearch, is_worse, score_of, unsolved
+from rvsg.tune.parameter_search import SEEDS, ParameterSearch, TunedSetting, is_worse, score_of, unsolved
 from rvsg.tune.setting_runs import SettingRun, SettingRuns, results_of
 from rvsg.tune.tuner import ASKED, RUNS, Tuner
-from rvsg.tune.tuning import Choice, Part, Tuning, split
+from rvsg.tune.tuning import Choice, ProposalCheck, Tuning, split
 from rvsg.tune.tuning_page import headline, trade, tuning_page, unsolved_text
 from rvsg.tune.zones import Zones, zones_around
 from rvsg.world.occupancy import write_mask
@@ -303,7 +303,7 @@ def test_the_progress_of_a_search_names_what_it_ran(here: Path, capsys: pytest.C
     with SettingRuns(Spec("x"), {"wait_s": 6.0}, Path("runs.jsonl")) as runs:
         search = ParameterSearch([parameter], cases, runs)
         made = {("case-0", seed): run("case-0", seed, violated=True) for seed in search.seeds}
-        search.candidates.append(Candidate(0, {"wait_s": 6.0}, made, score=score_of(made, made)))
+        search.candidates.append(TunedSetting(0, {"wait_s": 6.0}, made, score=score_of(made, made)))
         search.spent = 30
         _Shown(60).show(search)
         said = " ".join(capsys.readouterr().err.split())
@@ -399,8 +399,8 @@ def test_an_attack_is_not_paired_and_says_what_it_found(here: Path) -> None:
         results_of(name, "suite", cases, runs, Spec("x")) for name, runs in (("before", before), ("after", after))
     ]
     paired, attacked = (
-        Part(name="held out", comparison=compare(results)),
-        Part(name="attacked", comparison=compare(results), failures=(3, 0)),
+        ProposalCheck(name="held out", comparison=compare(results)),
+        ProposalCheck(name="attacked", comparison=compare(results), failures=(3, 0)),
     )
     assert paired.difference and paired.difference.paired and paired.difference.difference == -1.0
     assert attacked.difference and not attacked.difference.paired
@@ -417,14 +417,14 @@ def test_a_setting_that_gains_less_than_half_a_violating_run_is_not_proposed(her
         before = {key: run(*key, violated=True) for key in keys}
         for number, better in enumerate((0, 0, 1)):
             made = {key: run(*key, violated=k >= better, time_s=9.9 if number else 10.0) for k, key in enumerate(keys)}
-            search.candidates.append(Candidate(number, {"wait_s": 6.0 - number}, made, score=score_of(made, before)))
+            search.candidates.append(TunedSetting(number, {"wait_s": 6.0 - number}, made, score=score_of(made, before)))
     first, faster, fewer = search.candidates
     assert [search.gains(each) for each in search.candidates] == [False, False, True]
     assert search.best is fewer and search.front() == (fewer,) and search.holds(first) and search.holds(faster)
 
 
 def test_a_candidate_without_every_run_is_not_complete() -> None:
-    assert not Candidate(1, {}).is_complete
+    assert not TunedSetting(1, {}).is_complete
 
 
 def made_tuning(cases: list[SuiteCase], **changes: Any) -> Tuning:
@@ -447,7 +447,7 @@ def test_a_limit_is_named_only_where_enough_settings_were_tried(here: Path, sett
     with SettingRuns(Spec("x"), {"wait_s": 6.0}, Path("runs.jsonl")) as runs:
         search = ParameterSearch([parameter], cases, runs)
         made = {("case-0", seed): run("case-0", seed, violated=True) for seed in search.seeds}
-        search.candidates += [Candidate(k, {"wait_s": 0.0}, made) for k in range(settings)]
+        search.candidates += [TunedSetting(k, {"wait_s": 0.0}, made) for k in range(settings)]
         (found,) = unsolved(search)
     text = unsolved_text(found, made_tuning(cases))
     assert text.startswith(f"case-0: none of the {settings} settings tried")
@@ -466,8 +466,8 @@ def test_a_proposal_that_the_check_does_not_show_to_help_says_so(
         results_of(name, "suite", cases, [run("case-0", k, violated=k < count) for k in range(12)], Spec("x"))
         for name, count in (("before", before), ("after", after))
     ]
-    part = Part(name="tuned", comparison=compare(results))
-    worse = Part(name="held out", comparison=compare([results[1], results[0]]))
+    part = ProposalCheck(name="tuned", comparison=compare(results))
+    worse = ProposalCheck(name="held out", comparison=compare([results[1], results[0]]))
     found = made_tuning(cases, proposal=3, parts=(part,))
     assert found.helps == helps and headline(found).startswith("Shown to help." if helps else "Not shown to help.")
     assert f"tuned {100 * before // 12} % to" in headline(found).replace("\N{NO-BREAK SPACE}", " ")

@@ -15,8 +15,8 @@ from rvsg.core.errors import InputError
 from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.store.knowledge_base import KnowledgeBase
-from rvsg.watch.self_adaptation import Journal, Note, RuleSet
-from rvsg.watch.suite_watch import LiveSuite, RecordingMonitor, Subject, SuiteWatch
+from rvsg.watch.self_adaptation import Journal, JournalNote, RuleSet
+from rvsg.watch.suite_watch import LiveSuite, RecordingMonitor, StackUnderTest, SuiteWatch
 from rvsg.watch.watch import approve, watch
 from rvsg_exchange.formats import export
 
@@ -146,7 +146,7 @@ def test_a_parameter_file_that_changes_is_a_new_version_and_a_broken_one_is_left
     file = tmp_path / "nav2_params.yaml"
     file.write_text(PARAMETERS.format(more=""))
     made: list[object] = []
-    subject = Subject.of("embedded", str(file), made.append)
+    subject = StackUnderTest.of("embedded", str(file), made.append)
     first = subject.version
     assert first.startswith("nav2_params.yaml ") and len(made) == 1
     assert subject.renew() == [] and len(made) == 1
@@ -168,14 +168,14 @@ def test_a_parameter_file_that_changes_is_a_new_version_and_a_broken_one_is_left
 
 def test_a_changed_stack_runs_the_cases_again_and_the_way_back_too(suite: rvsg.Suite, tmp_path: Path) -> None:
     (tmp_path / "field").mkdir()
-    subject, journal = Subject(EmbeddedSimulator()), Journal(tmp_path / "watch.jsonl")
+    subject, journal = StackUnderTest(EmbeddedSimulator()), Journal(tmp_path / "watch.jsonl")
     analyser = SuiteWatch(LiveSuite(suite), RuleSet(), subject, journal, lambda **_: (), HeuristicGenerator())
     symptoms = []
     for now in ("A", "A", "B", "A"):
         subject.version = now
         for symptom, _ in analyser.analyse([]):
             symptoms.append(symptom)
-            journal.add(Note(time="", cycle=1, part="plan", text="", symptom=symptom))
+            journal.add(JournalNote(time="", cycle=1, part="plan", text="", symptom=symptom))
     assert [each.version for each in symptoms] == ["A", "B", "A"]
     assert len({each.id for each in symptoms}) == 3
 

@@ -15,7 +15,7 @@ from rvsg.generation.generator import Proposal
 from rvsg.runs.attempt import Attempt, Failure, Measurement, Plan
 from rvsg.runs.ledger import CachedLedger, Ledger
 from rvsg.runs.ledger import MemoryLedger as MemoryLedger
-from rvsg.runs.runner import Evaluator, FinishedRun, Job, PendingRun, Runner
+from rvsg.runs.runner import Evaluator, FinishedRun, PendingRun, Runner, RunRequest
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission, Scenario
@@ -189,7 +189,7 @@ class Noted(Runner):
         self.begun: set[str] = set()
         self.made: list[tuple[str, int]] = []
 
-    def submit(self, job: Job) -> PendingRun:
+    def submit(self, job: RunRequest) -> PendingRun:
         pending = super().submit(job)
         self.begun.add(pending.run_id)
         return pending

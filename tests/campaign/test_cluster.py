@@ -22,7 +22,7 @@ from tests.coded import coded
 from rvsg.core.errors import InputError, SimulationError
 from rvsg.runs.attempt import Attempt, Plan
 from rvsg.runs.ledger import CachedLedger
-from rvsg.runs.runner import FinishedRun, Job, RunMaker, Runner
+from rvsg.runs.runner import FinishedRun, RunMaker, Runner, RunRequest
 from rvsg.search.strategies import StudyStrategy
 from rvsg.simulation.kinematic import KinematicSimulator
 
@@ -110,7 +110,7 @@ def test_a_run_is_made_again_when_what_is_under_way_beside_it_is_done(cluster) -
     scenario = a_scenario()
     executor = Cluster(address=cluster.scheduler_address)
     executor.start(RunMaker(Disturbed(lambda _: time.sleep(0.3)), warehouse()), lambda _: None)
-    beside = [executor.submit(Job(scenario, seed)) for seed in range(4)]
+    beside = [executor.submit(RunRequest(scenario, seed)) for seed in range(4)]
     executor._wait_for_others()
     assert all(submitted.status == "finished" for submitted in beside)
     executor.stop(kill=True)
@@ -186,10 +186,10 @@ def test_a_scheduler_that_ends_stops_the_campaign_with_one_message() -> None:
     own = local(1)
     with Runner(KinematicSimulator(), warehouse(), executor=Cluster(address=own.scheduler_address)) as runner:
         scenario = a_scenario()
-        assert isinstance(runner.submit(Job(scenario, 1)).result(), FinishedRun)
+        assert isinstance(runner.submit(RunRequest(scenario, 1)).result(), FinishedRun)
         own.close()
         with pytest.raises(SimulationError, check=coded("cluster-lost")):
-            runner.submit(Job(scenario, 2)).result()
+            runner.submit(RunRequest(scenario, 2)).result()
 
 
 FREEZES = """
@@ -218,12 +218,12 @@ def test_a_scheduler_whose_machine_is_lost_stops_the_campaign(
     executor = Cluster(address=frozen.stdout.readline().strip(), patience_s=300.0)
     scenario = a_scenario()
     with Runner(KinematicSimulator(), warehouse(), executor=executor) as runner:
-        assert isinstance(runner.submit(Job(scenario, 1)).result(), FinishedRun)
+        assert isinstance(runner.submit(RunRequest(scenario, 1)).result(), FinishedRun)
         os.kill(frozen.pid, signal.SIGSTOP)
         monkeypatch.setattr("rvsg.runs.cluster.CONNECT_S", 1.0)
         executor.patience_s = 1.0
         with pytest.raises(SimulationError, check=coded("cluster-no-worker")):
-            runner.submit(Job(scenario, 2)).result()
+            runner.submit(RunRequest(scenario, 2)).result()
     with pytest.raises(InputError, check=coded("cluster-unreachable")):
         executor.start(RunMaker(KinematicSimulator(), warehouse()), lambda _: None)
 
@@ -245,7 +245,7 @@ def test_a_worker_closes_its_copy_of_the_simulator(cluster, tmp_path: Path) -> N
             mark.touch()
 
     with Runner(Closes(), warehouse(), executor=Cluster(address=cluster.scheduler_address)) as runner:
-        assert isinstance(runner.submit(Job(a_scenario(), 1)).result(), FinishedRun)
+        assert isinstance(runner.submit(RunRequest(a_scenario(), 1)).result(), FinishedRun)
         assert not mark.exists()
     assert mark.exists()
 

@@ -14,7 +14,7 @@ from rvsg.report.answer_row import cause_of
 from rvsg.runs.attempt import Attempt, Measurement
 from rvsg.runs.ledger import CachedLedger
 from rvsg.runs.observation import FailureMode, encounter_of, met, mode_of, observe, usual
-from rvsg.runs.runner import Evaluator, FinishedRun, Job, Runner
+from rvsg.runs.runner import Evaluator, FinishedRun, Runner, RunRequest
 from rvsg.search.confirmation import Confirmations
 from rvsg.search.strategies import StudyStrategy
 from rvsg.simulation.events import Side
@@ -169,7 +169,7 @@ def test_what_was_observed_of_a_run_when_it_was_made_is_what_the_stored_run_show
     ledger = MemoryLedger()
     cached = CachedLedger(ledger)
     with Runner(KinematicSimulator(), warehouse(), ledger=cached) as runner:
-        made = runner.submit(Job(a_scenario(), 1)).result()
+        made = runner.submit(RunRequest(a_scenario(), 1)).result()
     assert isinstance(made, FinishedRun) and made.observation is None
     ledger.keep(made.packed)
     stored = ledger.run(made.id)

@@ -16,7 +16,7 @@ from tests.coded import coded
 
 from rvsg.core.errors import FileError, SimulationError
 from rvsg.runs.attempt import Attempt, Failure
-from rvsg.runs.runner import FinishedRun, Job, RunMaker
+from rvsg.runs.runner import FinishedRun, RunMaker, RunRequest
 from rvsg.runs.worker_pool import ATTEMPTS, Processes
 from rvsg.search.strategies import StudyStrategy
 from rvsg.simulation.kinematic import KinematicSimulator
@@ -69,9 +69,9 @@ def test_a_campaign_whose_workers_are_killed_has_the_same_records() -> None:
 
 def test_the_death_of_an_idle_worker_is_not_noticed() -> None:
     processes = started(KinematicSimulator(), jobs=1)
-    first = processes.result(processes.submit(Job(a_scenario(), 1)))
+    first = processes.result(processes.submit(RunRequest(a_scenario(), 1)))
     os.kill(worker_ids(processes)[0], signal.SIGKILL)
-    again = processes.result(processes.submit(Job(a_scenario(), 1)))
+    again = processes.result(processes.submit(RunRequest(a_scenario(), 1)))
     processes.stop(kill=False)
     assert again == first
 
@@ -86,7 +86,7 @@ def test_a_worker_that_dies_is_noticed_though_its_child_holds_the_pipe(tmp_path:
             die()
 
     processes = started(Disturbed(fork_and_die), jobs=1)
-    pending = [processes.submit(Job(a_scenario(), seed)) for seed in (1, 2, 3)]
+    pending = [processes.submit(RunRequest(a_scenario(), seed)) for seed in (1, 2, 3)]
     done = []
     waiting = threading.Thread(target=lambda: done.extend(map(processes.result, pending)), daemon=True)
     waiting.start()
@@ -111,11 +111,11 @@ def test_a_result_that_is_half_written_is_made_again(tmp_path: Path) -> None:
             worker_pool.send = half
 
     processes = started(Disturbed(write_half_once))
-    submitted = [processes.submit(Job(a_scenario(), seed)) for seed in range(4)]
+    submitted = [processes.submit(RunRequest(a_scenario(), seed)) for seed in range(4)]
     found = [processes.result(each) for each in submitted]
     processes.stop(kill=False)
     expected = RunMaker(KinematicSimulator(), warehouse())
-    assert found == [expected(Job(a_scenario(), seed)) for seed in range(4)]
+    assert found == [expected(RunRequest(a_scenario(), seed)) for seed in range(4)]
 
 
 def test_a_run_that_always_kills_is_tried_alone_and_blamed_alone(tmp_path: Path) -> None:
@@ -125,7 +125,7 @@ def test_a_run_that_always_kills_is_tried_alone_and_blamed_alone(tmp_path: Path)
             die()
 
     processes = started(Disturbed(die_of_one))
-    submitted = [processes.submit(Job(a_scenario(), seed)) for seed in range(6)]
+    submitted = [processes.submit(RunRequest(a_scenario(), seed)) for seed in range(6)]
     found = [processes.result(each) for each in submitted]
     processes.stop(kill=False)
     assert [isinstance(each, Failure) for each in found] == [False, False, True, False, False, False]
@@ -139,9 +139,9 @@ def test_an_error_of_the_simulator_comes_back_as_it_is(capfd: pytest.CaptureFixt
             raise FileError("mesh.dae", "the file does not exist")
 
     processes = started(Disturbed(fail), jobs=1)
-    assert isinstance(processes.result(processes.submit(Job(a_scenario(), 0))), FinishedRun)
+    assert isinstance(processes.result(processes.submit(RunRequest(a_scenario(), 0))), FinishedRun)
     with pytest.raises(FileError) as caught:
-        processes.result(processes.submit(Job(a_scenario(), 1)))
+        processes.result(processes.submit(RunRequest(a_scenario(), 1)))
     assert (caught.value.path, caught.value.reason) == (Path("mesh.dae"), "the file does not exist")
     processes.stop(kill=False)
     assert capfd.readouterr() == ("", "a simulator may print\n" * 2)
@@ -172,5 +172,5 @@ def test_workers_that_cannot_begin_to_work_are_one_message(
     processes = started(simulator)
     for seed in (0, 1):
         with pytest.raises(SimulationError, check=coded("worker-start")):
-            processes.result(processes.submit(Job(a_scenario(), seed)))
+            processes.result(processes.submit(RunRequest(a_scenario(), seed)))
     processes.stop(kill=True)

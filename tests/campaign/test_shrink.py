@@ -25,7 +25,7 @@ from rvsg.core.errors import InputError
 from rvsg.evaluation.verdict import DEFAULT
 from rvsg.findings.findings import Smallest, distinct_failures, findings
 from rvsg.runs.attempt import Attempt, Measurement, Plan
-from rvsg.runs.runner import Evaluator, Job, Runner
+from rvsg.runs.runner import Evaluator, Runner, RunRequest
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task
 from rvsg.scenario.validity import check
@@ -99,10 +99,10 @@ def test_trials_are_judged_and_neither_packed_nor_measured_otherwise() -> None:
         return measure(run).replace(values={})
 
     runner = Runner(Counted(), WORLD, measuring=Distance(measure, judge_only))  # type: ignore[arg-type]
-    trial, stored = runner.submit(Job(crowd(), 1, trial=True)), runner.submit(Job(crowd(), 1))
+    trial, stored = runner.submit(RunRequest(crowd(), 1, trial=True)), runner.submit(RunRequest(crowd(), 1))
     assert trial.measurement() == measure(stored.result().unpack()).replace(values={})  # type: ignore[union-attr]
     assert judged == [1] and stored.measurement().values.keys() == {"dto"}  # type: ignore[union-attr]
-    assert runner.submit(Job(crowd(), 1, trial=True)).measurement() is trial.measurement()
+    assert runner.submit(RunRequest(crowd(), 1, trial=True)).measurement() is trial.measurement()
 
 
 def test_trials_that_are_made_in_any_case_begin_at_once_and_no_others() -> None:

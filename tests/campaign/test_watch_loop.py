@@ -16,7 +16,7 @@ from rvsg.scenario.scenario import Scenario, Task
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.suites.suite import CaseResult, State
 from rvsg.watch.loop import Loop
-from rvsg.watch.self_adaptation import Change, DeclaredRules, Journal, Note, Planned, RuleSet, Symptom, Watched
+from rvsg.watch.self_adaptation import Change, DeclaredRules, Journal, JournalNote, Planned, RuleSet, Symptom, Watched
 
 LIMIT = rvsg.Requirement(name="R1", title="x", text="x", metric="min_distance", worse="smaller", limit=0.5)
 
@@ -259,7 +259,7 @@ def test_the_log_sums_up_what_the_cases_say_of_a_new_version(tmp_path: Path) -> 
     journal = Journal(tmp_path / "watch.jsonl")
 
     def note(**what: object) -> None:
-        journal.add(Note(time="2026-01-01T00:00:00+00:00", cycle=1, part="execute", text="x", **what))  # type: ignore[arg-type]
+        journal.add(JournalNote(time="2026-01-01T00:00:00+00:00", cycle=1, part="execute", text="x", **what))  # type: ignore[arg-type]
 
     note(results=(("old R1", "broken"),))
     note(symptom=Symptom(kind="new version", version="B", change=1))

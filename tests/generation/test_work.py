@@ -10,7 +10,7 @@ from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.generation.people_sampler import CHILD, MOVED, TROLLEY, WHEELCHAIR
 from rvsg.generation.random_search import RandomGenerator
 from rvsg.generation.workplaces import Place, follows, handles_goods, named_in, places_of, sentence
-from rvsg.runs.runner import Job, RunMaker
+from rvsg.runs.runner import RunMaker, RunRequest
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Aim, load_requirement
 from rvsg.scenario.scenario import Mission, PersonKind, Scenario
@@ -132,8 +132,8 @@ def test_a_campaign_runs_in_the_world_with_what_was_moved(hospital: World) -> No
 
     scenario = next(s for s in (proposed(hospital, seed) for seed in range(12)) if s.mission.moved)
     maker = RunMaker(Looking(), hospital)
-    maker(Job(scenario, 0))
-    maker(Job(scenario, 1))
-    maker(Job(scenario.replace(mission=scenario.mission.replace(moved=())), 0))
+    maker(RunRequest(scenario, 0))
+    maker(RunRequest(scenario, 1))
+    maker(RunRequest(scenario.replace(mission=scenario.mission.replace(moved=())), 0))
     assert [world.moved for world in seen] == [scenario.mission.moved, scenario.mission.moved, ()]
     assert seen[0] is seen[1] and seen[2] is hospital

@@ -25,7 +25,7 @@ import rvsg
 from rvsg.core.errors import FileError, InputError, SimulationError, how_to_install
 from rvsg.core.inputs import parse_json, read_text
 from rvsg.runs.attempt import Failure, Measurement
-from rvsg.runs.runner import FinishedRun, Job, RunMaker
+from rvsg.runs.runner import FinishedRun, RunMaker, RunRequest
 from rvsg.runs.worker_pool import START_S
 
 LOOK_S = 2.0
@@ -72,7 +72,7 @@ class Cluster:
         self.patience_s = patience_s
         self._client: Any = None
         self._workers: frozenset[str] = frozenset()
-        self._under_way: dict[Any, Job] = {}
+        self._under_way: dict[Any, RunRequest] = {}
         self._now: Callable[[], float] = time.monotonic
 
     @property
@@ -139,7 +139,7 @@ class Cluster:
             ) from None
         notify(f"{len(self._workers)} workers of the cluster at {where} make the runs.")
 
-    def submit(self, job: Job) -> Any:
+    def submit(self, job: RunRequest) -> Any:
         """Start a run; return Dask's future for it."""
         future = self._client.submit(_work, self._token, job, pure=False, retries=0)
         self._under_way[future] = job
@@ -335,6 +335,6 @@ def keep(token: str, shared: bytes | None) -> None:
             _one_at_a_time.release()
 
 
-def _work(token: str, job: Job) -> FinishedRun | Measurement | Failure:
+def _work(token: str, job: RunRequest) -> FinishedRun | Measurement | Failure:
     with _one_at_a_time:  # simulators keep buffers per process, and a Dask worker may have several threads
         return _shared[token](job)

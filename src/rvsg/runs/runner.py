@@ -123,7 +123,7 @@ class Evaluator:
 
 
 @dataclass(frozen=True)
-class Job:
+class RunRequest:
     """A run that is asked for, with what differs from the other runs of its Runner."""
 
     scenario: Scenario
@@ -184,7 +184,9 @@ class RunMaker:
     """Whether every run that is stored is observed."""
     _variants: dict[str, Simulator] = field(default_factory=dict)
 
-    def __call__(self, job: Job, *, on_run: Callable[[Run], None] | None = None) -> FinishedRun | Measurement | Failure:
+    def __call__(
+        self, job: RunRequest, *, on_run: Callable[[Run], None] | None = None
+    ) -> FinishedRun | Measurement | Failure:
         """Make one run, of a trial only its Measurement; a Failure where the simulator cannot, or refuses the variant.
 
         Args:
@@ -212,13 +214,13 @@ class RunMaker:
         if self.simulator is not None:
             self.simulator.close()
 
-    def place(self, job: Job) -> World:
+    def place(self, job: RunRequest) -> World:
         """Return the world of a job as its scenario finds it."""
         world = job.world or self.world
         assert world is not None, "a runner without a world makes jobs that name theirs"
         return job.scenario.mission.place(world)
 
-    def finished(self, job: Job, run: Run, *, observation: RunObservation | None = None) -> FinishedRun:
+    def finished(self, job: RunRequest, run: Run, *, observation: RunObservation | None = None) -> FinishedRun:
         """Measure and pack a rounded run."""
         measuring = job.measuring or self.measuring
         if measuring is None:
@@ -228,7 +230,7 @@ class RunMaker:
             measured = measuring.measure_all(run, self.place(job))
         return FinishedRun(run.seed, run.outcome, measured, PackedRun.of(run), observation)
 
-    def _simulator(self, job: Job) -> Simulator:
+    def _simulator(self, job: RunRequest) -> Simulator:
         """Return the simulator of a job; InputError where the variant is refused."""
         if job.simulator is None:
             assert self.simulator is not None, "a runner without a simulator makes jobs that name theirs"
@@ -262,7 +264,7 @@ class Executor(Protocol):
         """
         ...
 
-    def submit(self, job: Job) -> Any:
+    def submit(self, job: RunRequest) -> Any:
         """Start a run and return at once what `result` takes."""
         ...
 
@@ -282,7 +284,7 @@ class Executor(Protocol):
 class PendingRun:
     """A run that was submitted; `result` waits for it."""
 
-    def __init__(self, runner: Runner, job: Job) -> None:
+    def __init__(self, runner: Runner, job: RunRequest) -> None:
         self.job = job
         self.run_id = runner.id_of(job)
         self._runner = runner
@@ -378,11 +380,11 @@ class Runner:
         """Return how many attempts to submit before the first is collected: 0 in one process."""
         return self._ready().size if self._executor else 0
 
-    def id_of(self, job: Job) -> str:
+    def id_of(self, job: RunRequest) -> str:
         """Return the id that a run will have; of one whose variant is refused, an id that no run has."""
         return run_id(job.scenario.id, *self._variant(job), job.seed)
 
-    def _variant(self, job: Job) -> tuple[str, dict[str, Any]]:
+    def _variant(self, job: RunRequest) -> tuple[str, dict[str, Any]]:
         """Return name and options of what makes a run."""
         if job.simulator is None:
             return self.simulator.name, self._options
@@ -407,10 +409,10 @@ class Runner:
         Raises:
             SimulationError: A run could not be made.
         """
-        for pending in [self.submit(Job(scenario, seed, measuring=measuring)) for seed in seeds]:
+        for pending in [self.submit(RunRequest(scenario, seed, measuring=measuring)) for seed in seeds]:
             yield pending.finished(label)
 
-    def submit(self, job: Job) -> PendingRun:
+    def submit(self, job: RunRequest) -> PendingRun:
         """Ask for a run; it starts at once where there are workers, else when its result is wanted."""
         pending = PendingRun(self, job)
         key = (pending.run_id, job.trial)
@@ -425,7 +427,7 @@ class Runner:
 
     def measured(self, scenario: Scenario, seeds: Iterable[int]) -> list[Measurement]:
         """Return what trials of a scenario measure, one for each seed; those that could not be made are left out."""
-        trials = [self.submit(Job(scenario, seed, trial=True)) for seed in seeds]
+        trials = [self.submit(RunRequest(scenario, seed, trial=True)) for seed in seeds]
         return [measured for trial in trials if (measured := trial.measurement()) is not None]
 
     def _stored(self, pending: PendingRun) -> FinishedRun | None:

@@ -17,7 +17,7 @@ from rvsg.generation.generator import Call, Generator
 from rvsg.generation.vlm.access import CallNews
 from rvsg.runs.attempt import Attempt, Failure, Plan, Purpose
 from rvsg.runs.ledger import CachedLedger
-from rvsg.runs.runner import FinishedRun, Job, PendingRun, Runner
+from rvsg.runs.runner import FinishedRun, PendingRun, Runner, RunRequest
 from rvsg.scenario.brief import Brief
 
 
@@ -242,7 +242,7 @@ Results = list[FinishedRun | Failure]
 def submit(attempt: Attempt, seeds: Sequence[int], parts: Parts) -> list[PendingRun]:
     """Submit one run of an attempt's scenario for each seed; none if it has no scenario."""
     scenario = attempt.proposal.scenario
-    return [parts.runner.submit(Job(scenario, seed)) for seed in seeds] if scenario else []
+    return [parts.runner.submit(RunRequest(scenario, seed)) for seed in seeds] if scenario else []
 
 
 def collect(attempt: Attempt, pending: Iterable[PendingRun], results: Results, parts: Parts) -> Iterator[Event]:

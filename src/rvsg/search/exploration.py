@@ -16,7 +16,7 @@ from rvsg.core.seeds import seed_for
 from rvsg.evaluation.detection import EncounterKind, encounters_of
 from rvsg.evaluation.statistics import Sensitivity, Surface, clopper_pearson, fit_surface, sensitivities
 from rvsg.evaluation.verdict import load_requirement
-from rvsg.runs.runner import Evaluator, Job, PendingRun, Runner
+from rvsg.runs.runner import Evaluator, PendingRun, Runner, RunRequest
 from rvsg.scenario import validity
 from rvsg.scenario.builder import FoundWith, load_family
 from rvsg.scenario.requirement import Requirement
@@ -307,7 +307,7 @@ def _run_points(
         values = tuple(round(r.at(float(s)), 6) for r, s in zip(family.ranges, row, strict=True))
         scenario, own = family.at(values), seed_for(seed, "run", k)
         problems = tuple(str(each) for each in validity.check(scenario.people, scenario.mission, runner.world))
-        pending = None if problems else runner.submit(Job(scenario, own))
+        pending = None if problems else runner.submit(RunRequest(scenario, own))
         submitted.append((Point(values=values, seed=own, problems=problems), pending))
     points = []
     for point, pending in submitted:

@@ -18,7 +18,7 @@ from rvsg.core.seeds import seed_for
 from rvsg.findings.ranking import search_attempts
 from rvsg.generation.generator import Call
 from rvsg.runs.attempt import Attempt, Plan
-from rvsg.runs.runner import Job, PendingRun
+from rvsg.runs.runner import PendingRun, RunRequest
 from rvsg.search.confirmation import confirm_all
 from rvsg.search.drive_alone import drive_alone
 from rvsg.search.execution import (
@@ -156,7 +156,7 @@ def _begin_early(ask: Ask, parts: Parts) -> None:
     """Begin the runs of an ask that needs no generator, while the attempts before it are proposed and collected."""
     if ask.proposal is not None and ask.proposal.scenario is not None:
         for seed in ask.seeds or ():
-            parts.runner.submit(Job(ask.proposal.scenario, seed))
+            parts.runner.submit(RunRequest(ask.proposal.scenario, seed))
 
 
 def _begin(

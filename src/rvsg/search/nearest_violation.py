@@ -18,7 +18,7 @@ from rvsg.core.plugins import Spec, ignore
 from rvsg.core.records import Record
 from rvsg.evaluation.sampled import sampled
 from rvsg.evaluation.verdict import arrivals_in_words, load_requirement
-from rvsg.runs.runner import Evaluator, Job, Runner
+from rvsg.runs.runner import Evaluator, Runner, RunRequest
 from rvsg.scenario.builder import check_valid
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import HumanConfiguration, Scenario
@@ -96,7 +96,7 @@ class _Search:
 
     def changes(self) -> list[NearChange]:
         """Return the smallest change of each kind and person, the smallest first."""
-        run = self.runner.submit(Job(self.scenario, self.seeds[0])).finished().unpack()
+        run = self.runner.submit(RunRequest(self.scenario, self.seeds[0])).finished().unpack()
         gap, path, found = sampled(run).gap, run.trajectory, []
         for k, human in enumerate(self.scenario.people.humans):
             at = int(gap[:, k].argmin())

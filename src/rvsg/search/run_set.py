@@ -309,10 +309,10 @@ def load_any(
             raise InputError(
                 "--route, --people-topic and --robot-topic are for recordings (.mcap, .db3, a rosbag2 folder)."
             )
-        given = read_runs([Path(path) for path in paths])
-        different = once(given)
-        twice = len(given) - len(different)
-        said = f"{twice} of {len(given)} runs are given twice and count once."
+        runs = read_runs([Path(path) for path in paths])
+        different = once(runs)
+        twice = len(runs) - len(different)
+        said = f"{twice} of {len(runs)} runs are given twice and count once."
         return RunSet(tuple(different)), (said,) if twice else ()
     if len(recordings) < len(paths):
         raise InputError("Judge recordings and simulated runs one after the other: they are of different scenarios.")
@@ -412,20 +412,20 @@ def judge(
     Raises:
         InputError: there is no run, or they are of different scenarios.
     """
-    given = one_of(runs)
-    if not given.runs:
+    of_one = one_of(runs)
+    if not of_one.runs:
         raise InputError("There is no run to judge.")
-    if len({run.scenario_id for run in given}) > 1:
+    if len({run.scenario_id for run in of_one}) > 1:
         raise InputError("The runs are of different scenarios; a verdict is on one. Judge them one by one.")
-    known = scenario or given.scenario
+    known = scenario or of_one.scenario
     if known is not None:
-        check_of(known, given)
-    place = given.world
+        check_of(known, of_one)
+    place = of_one.world
     if world is not None or (place is None and known is not None):
         place = world_of(known.mission, world) if known is not None else as_world(world or "")
-    asked = load_requirement(requirement, time_limit_s=given[0].time_limit_s)
-    measuring = Evaluator(asked, place, procedure=procedure, time_limit_s=given[0].time_limit_s)
-    measurements = tuple(measuring.measure(run) for run in given)
+    asked = load_requirement(requirement, time_limit_s=of_one[0].time_limit_s)
+    measuring = Evaluator(asked, place, procedure=procedure, time_limit_s=of_one[0].time_limit_s)
+    measurements = tuple(measuring.measure(run) for run in of_one)
     return Judgement(
         requirement=asked, verdict=measuring.judge(measurements), measurements=measurements, procedure=procedure
     )
@@ -437,8 +437,8 @@ def feedback(judged: Judgement, runs: RunSet | Iterable[Run], scenario: Scenario
     Raises:
         InputError: no run has a value of the requirement's metric.
     """
-    given = one_of(runs)
-    check_of(scenario, given)
+    of_one = one_of(runs)
+    check_of(scenario, of_one)
     if judged.verdict.mean is None:
         raise InputError("None of the runs has a value of the requirement's metric, so there is nothing to learn from.")
     attempt = Attempt.by_hand(
@@ -449,4 +449,4 @@ def feedback(judged: Judgement, runs: RunSet | Iterable[Run], scenario: Scenario
         measurements=judged.measurements,
         verdict=judged.verdict,
     )
-    return feedback_of(attempt, given.runs, requirement=judged.requirement, world=world_of(scenario.mission))
+    return feedback_of(attempt, of_one.runs, requirement=judged.requirement, world=world_of(scenario.mission))

@@ -22,7 +22,7 @@ from rvsg.core.seeds import fresh_seeds
 from rvsg.evaluation.verdict import Verdict, load_requirement
 from rvsg.findings.findings import badness, distinct_failures, findings
 from rvsg.runs.attempt import Attempt, Measurement, Plan
-from rvsg.runs.runner import Evaluator, Job, Runner
+from rvsg.runs.runner import Evaluator, Runner, RunRequest
 from rvsg.scenario.builder import check_valid
 from rvsg.scenario.repair import repair
 from rvsg.scenario.requirement import Requirement
@@ -154,7 +154,7 @@ class Shrinker:
         for count, seed in enumerate(seeds, start=1):
             spare = violations + len(seeds) - count + 1 - needed
             for certain in seeds[count - 1 : count + spare]:  # made whatever they show, so workers begin them at once
-                self.runner.submit(Job(scenario, certain, trial=True))
+                self.runner.submit(RunRequest(scenario, certain, trial=True))
             (measured,) = self._measured(scenario, [seed]) or (None,)
             objective = measured.objective if measured else None
             violations += objective is not None and self.requirement.violated_by(objective)

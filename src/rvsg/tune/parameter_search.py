@@ -63,7 +63,7 @@ class Score(Record):
 
 
 @dataclass(eq=False)
-class Candidate:
+class TunedSetting:
     """A setting in the race."""
 
     number: int
@@ -161,19 +161,19 @@ class ParameterSearch:
         self.fixed = dict(fixed or {})
         self.more_time = more_time
         self.seeds = [seed_for(seed, "tuning", k) for k in range(SEEDS)]
-        self.candidates: list[Candidate] = []
+        self.candidates: list[TunedSetting] = []
         self.spent = 0
         self._runs = runs
         self._study = _study(optimiser, seed)
         self._differs = dict.fromkeys(self.cases, 0)
 
     @property
-    def before(self) -> Candidate:
+    def before(self) -> TunedSetting:
         """The setting before tuning."""
         return self.candidates[0]
 
     @property
-    def best(self) -> Candidate:
+    def best(self) -> TunedSetting:
         """The complete setting with the best score; broken limits count against a setting."""
         return min((each for each in self.candidates if each.is_complete), key=self.rank)
 
@@ -182,11 +182,11 @@ class ParameterSearch:
         """Half a violating run: what gains less is not worth a change."""
         return 0.5 * VIOLATION / len(self.before.runs)
 
-    def gains(self, candidate: Candidate) -> bool:
+    def gains(self, candidate: TunedSetting) -> bool:
         """Return whether a setting is better than the one before tuning by enough to be proposed."""
         return self._value(candidate.score) + self._least_gain < self._value(self.before.score)
 
-    def rank(self, candidate: Candidate) -> tuple[float, int]:
+    def rank(self, candidate: TunedSetting) -> tuple[float, int]:
         """Return the value that the optimiser minimises, the earlier of equals first."""
         return self._value(candidate.score), candidate.number
 
@@ -196,7 +196,7 @@ class ParameterSearch:
         limits = LIMIT_WEIGHT * late + (len(score.broken_cases) + len(score.new_contacts)) / max(1, len(self.cases))
         return score.cost + TIME_WEIGHT * score.time + JERK_WEIGHT * score.jerk + limits
 
-    def holds(self, candidate: Candidate) -> bool:
+    def holds(self, candidate: TunedSetting) -> bool:
         """Return whether a setting may be proposed: no case breaks, no contact begins, and it takes no longer."""
         score = candidate.score
         return (
@@ -205,11 +205,11 @@ class ParameterSearch:
             and not (score.broken_cases or score.new_contacts or score.time > 1.0 + self.more_time + 1e-9)
         )
 
-    def begin(self) -> Candidate:
+    def begin(self) -> TunedSetting:
         """Run the setting before tuning on every case and seed."""
         values = {name: float(each.present or 0.0) for name, each in self.parameters.items()}
         self._study.enqueue_trial(values)
-        first = Candidate(0, values)
+        first = TunedSetting(0, values)
         self.candidates.append(first)
         trial = self._study.ask(self._distributions())
         for block in self._blocks():
@@ -228,7 +228,9 @@ class ParameterSearch:
         """Ask, race and tell while the runs that are left suffice for another setting; yields after each batch."""
         while (count := min(BATCH, (budget - self.spent) // len(self.before.runs))) > 0:
             trials = [self._study.ask(self._distributions()) for _ in range(count)]
-            batch = [Candidate(len(self.candidates) + k, self._values(trial.params)) for k, trial in enumerate(trials)]
+            batch = [
+                TunedSetting(len(self.candidates) + k, self._values(trial.params)) for k, trial in enumerate(trials)
+            ]
             best, done = self.best, 0
             for done, block in enumerate(self._blocks(), 1):
                 live = [each for each in batch if each.lost_to is None and not each.failures]
@@ -256,18 +258,18 @@ class ParameterSearch:
             self.candidates.append(tried)
             yield
 
-    def _is_slow(self, candidate: Candidate, score: Score) -> bool:
+    def _is_slow(self, candidate: TunedSetting, score: Score) -> bool:
         """Return whether a setting takes too long by more than as much again as is allowed, once it met every case."""
         return len(candidate.runs) >= len(self.cases) and score.time > 1.0 + 2.0 * self.more_time
 
-    def try_out(self, values: Mapping[str, float]) -> Candidate:
+    def try_out(self, values: Mapping[str, float]) -> TunedSetting:
         """Return a setting with its score on every case and seed; it takes no part in the race."""
-        tried = Candidate(-1, dict(values))
+        tried = TunedSetting(-1, dict(values))
         self._race([tried], list(self.before.runs))
         tried.score = score_of(tried.runs, self.before.runs, self.judging) if tried.runs else None
         return tried
 
-    def simplified(self, candidate: Candidate) -> Candidate:
+    def simplified(self, candidate: TunedSetting) -> TunedSetting:
         """Return a setting without the changes that gain less than half a violating run, the least important first."""
         most = self._value(candidate.score) + self._least_gain
         for name in 2 * list(reversed(self.importances() or dict.fromkeys(self.parameters, 0.0))):
@@ -276,7 +278,7 @@ class ParameterSearch:
                 tried.number, candidate = candidate.number, tried
         return candidate
 
-    def _tell(self, batch: Sequence[Candidate], trials: Sequence[optuna.trial.Trial]) -> None:
+    def _tell(self, batch: Sequence[TunedSetting], trials: Sequence[optuna.trial.Trial]) -> None:
         from optuna.trial import TrialState
 
         for candidate, trial in zip(batch, trials, strict=True):
@@ -289,7 +291,7 @@ class ParameterSearch:
             for key, run in candidate.runs.items():
                 self._differs[key[0]] += run.cost != self.before.runs[key].cost
 
-    def _race(self, live: Sequence[Candidate], block: Sequence[tuple[str, int]]) -> None:
+    def _race(self, live: Sequence[TunedSetting], block: Sequence[tuple[str, int]]) -> None:
         wanted = [(each, case, seed) for each in live for case, seed in block]
         made = self._runs.run((each.values, self.cases[case], seed) for each, case, seed in wanted)
         for (candidate, case, seed), run in zip(wanted, made, strict=True):
@@ -337,7 +339,7 @@ class ParameterSearch:
             return {}
         return dict(get_param_importances(self._study, evaluator=PedAnovaImportanceEvaluator()))
 
-    def front(self) -> tuple[Candidate, ...]:
+    def front(self) -> tuple[TunedSetting, ...]:
         """Return the settings that hold the limits and that no other beats in cost, time and jerk.
 
         At most `MOST_ON_FRONT`: the best, the fastest, the smoothest, then the next best.

@@ -19,7 +19,7 @@ from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
 from rvsg.runs.attempt import Failure, Measurement
 from rvsg.runs.observation import mode_of
-from rvsg.runs.runner import Evaluator, FinishedRun, Job, Runner
+from rvsg.runs.runner import Evaluator, FinishedRun, Runner, RunRequest
 from rvsg.simulation.run import Outcome, Run
 from rvsg.simulation.simulators import with_stack
 from rvsg.simulation.stacks.parameters import with_values
@@ -135,9 +135,9 @@ class SettingRuns:
                 self._keep(_setting_run(run_id, case, job, result))
             yield self._stored[run_id]
 
-    def _job(self, case: SuiteCase, measuring: Evaluator, values: Values, seed: int) -> Job:
+    def _job(self, case: SuiteCase, measuring: Evaluator, values: Values, seed: int) -> RunRequest:
         simulator = with_stack(case.simulator, self.stack_of(values))
-        return Job(case.scenario, seed, world=case.world, simulator=simulator, measuring=measuring)
+        return RunRequest(case.scenario, seed, world=case.world, simulator=simulator, measuring=measuring)
 
     def _keep(self, run: SettingRun) -> None:
         self._stored[run.run_id] = run
@@ -145,7 +145,7 @@ class SettingRuns:
         self._stream.flush()
 
 
-def _setting_run(run_id: str, case: SuiteCase, job: Job, finished: FinishedRun) -> SettingRun:
+def _setting_run(run_id: str, case: SuiteCase, job: RunRequest, finished: FinishedRun) -> SettingRun:
     assert job.measuring is not None
     measured = finished.measurement
     violations = tuple(

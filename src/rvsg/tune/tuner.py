@@ -56,10 +56,9 @@ from rvsg.simulation.stacks.parameters import Parameter, value_at, with_values
 from rvsg.simulation.stacks.stack_choice import StackChoice
 from rvsg.suites.suite import Case, CaseChange, Change, Comparison, SuiteResult, compare, result_of_attempt
 from rvsg.suites.suite_folder import HEAD, SuiteCase, TuningNote
-from rvsg.tune.parameter_search import SEEDS, Candidate, Optimiser, ParameterSearch, unsolved
+from rvsg.tune.parameter_search import SEEDS, Optimiser, ParameterSearch, TunedSetting, unsolved
 from rvsg.tune.setting_runs import SettingRun, SettingRuns, Values, results_of
-from rvsg.tune.tuning import Change as ValueChange
-from rvsg.tune.tuning import Check, Choice, Part, Split, Sweep, Tuning, split
+from rvsg.tune.tuning import Check, Choice, ProposalCheck, Split, Sweep, Tuning, ValueChange, split
 from rvsg.tune.tuning_page import part_text, tuning_page
 from rvsg.tune.zones import REACH_M, Zones, zones_around
 from rvsg.world.occupancy import write_mask
@@ -230,12 +229,12 @@ class Tuner:
 
     def _case(self, suite: Suite, case: Case) -> SuiteCase:
         """Return a case with what runs it."""
-        given, tested = as_found(case.simulator, None, self.stack), suite.tested(case.name)
-        assert isinstance(given, Spec)
+        simulator, tested = as_found(case.simulator, None, self.stack), suite.tested(case.name)
+        assert isinstance(simulator, Spec)
         if self.robot is not None:
-            with closing(make_simulator(given)) as made:
+            with closing(make_simulator(simulator)) as made:
                 tested = tested.driven_by(as_robot(self.robot, made.robots))
-        return tested.run_by(given)
+        return tested.run_by(simulator)
 
     def source(self, stack: Spec) -> tuple[str | None, Path]:
         """Return the text of the parameter file, or of one made for a stack of Nav2 without options."""
@@ -261,7 +260,7 @@ class Tuner:
         note = f"Zones are of one map: the {count} of {len(cases)} cases in {world} are taken; --only takes others."
         return [each for each in cases if each.scenario.mission.world == world], (note,) if len(worlds) > 1 else ()
 
-    def _zones(self, cases: Sequence[SuiteCase], before: Candidate, runs: SettingRuns) -> Zones:
+    def _zones(self, cases: Sequence[SuiteCase], before: TunedSetting, runs: SettingRuns) -> Zones:
         """Return zones around where the robot is at the decisive moments of the violating runs of cases."""
         places, world = list[tuple[float, float]](), cases[0].world
         for case in cases:
@@ -421,7 +420,7 @@ class ProposalChecks:
         write_whole(out / PAGE, tuning_page(found, replayed))
         return found
 
-    def _proposed(self, front: Sequence[Candidate]) -> Candidate | None:
+    def _proposed(self, front: Sequence[TunedSetting]) -> TunedSetting | None:
         """Return the best setting of the front that is better than before, or the one that was asked for."""
         number = self.tuner.choose
         if number is not None:
@@ -432,7 +431,7 @@ class ProposalChecks:
             return chosen
         return front[0] if front and self.search.gains(front[0]) else None
 
-    def _choices(self, candidates: Iterable[Candidate]) -> tuple[Choice, ...]:
+    def _choices(self, candidates: Iterable[TunedSetting]) -> tuple[Choice, ...]:
         return tuple(
             Choice(number=each.number, values=self._changed(each.values), score=each.score)
             for each in candidates
@@ -465,7 +464,7 @@ class ProposalChecks:
         lines = difflib.unified_diff(text.splitlines(), after.splitlines(), path.name, "proposed", n=1, lineterm="")
         return path.name, after, tuple(lines)
 
-    def _changes(self, setting: Candidate) -> Iterator[ValueChange]:
+    def _changes(self, setting: TunedSetting) -> Iterator[ValueChange]:
         """Yield each changed value with the proposal without it."""
         text, path = (None, Path()) if self.zones else self.tuner.source(self.stack)
         places = {} if text is None else read_nav2_text(text, path).places
@@ -501,7 +500,7 @@ class ProposalChecks:
     def _seeds(self, count: int) -> list[int]:
         return [seed_for(self.tuner.seed, "tuning/check", k) for k in range(count)]
 
-    def _parts(self, values: Values) -> Iterator[Part]:
+    def _parts(self, values: Values) -> Iterator[ProposalCheck]:
         """Yield every check of the proposal."""
         few, missions = min(FEW_SEEDS, self.tuner.check_runs), self._missions()
         empty = [self._other(f"empty-{k}", each, HumanConfiguration(humans=())) for k, each in enumerate(missions)]
@@ -517,7 +516,7 @@ class ProposalChecks:
                     f"Checking {name}: {counted(len(cases), 'case')}, {counted(seeds, 'seed')} each, before and after: "
                     f"{2 * len(cases) * seeds} runs."
                 )
-                yield Part(name=name, comparison=self._compared(cases, values, self._seeds(seeds)))
+                yield ProposalCheck(name=name, comparison=self._compared(cases, values, self._seeds(seeds)))
         if self.tuner.attack_runs:
             yield self._attacked(missions[:ATTACKED], values)
 
@@ -571,7 +570,7 @@ class ProposalChecks:
                 if proposed is not None:
                     yield self._other(f"ordinary-{k}-{j}", each, proposed.people)
 
-    def _attacked(self, missions: Sequence[SuiteCase], values: Values) -> Part:
+    def _attacked(self, missions: Sequence[SuiteCase], values: Values) -> ProposalCheck:
         """Search for failures of the stack before and of the proposal, with the same budget and seeds."""
         results, failures = [], []
         for label, setting in (("before", self.present), ("proposal", values)):
@@ -596,7 +595,7 @@ class ProposalChecks:
                 ]
             results.append(SuiteResult(suite="attack", version=label, simulator="embedded", cases=tuple(cases)))
             failures.append(confirmed)
-        return Part(name="attacked", comparison=compare(results), failures=(failures[0], failures[1]))
+        return ProposalCheck(name="attacked", comparison=compare(results), failures=(failures[0], failures[1]))
 
     def _campaign(self, each: SuiteCase, values: Values, budget: int) -> Campaign:
         """Return a campaign against a setting on the route of a case, judged as it is, in a folder of its own."""
@@ -627,7 +626,7 @@ class ProposalChecks:
             named=({"stack": self.tuner.stack}, stack.options),
         )
 
-    def _sweeps(self, setting: Candidate, importances: Mapping[str, float]) -> Iterator[Sweep]:
+    def _sweeps(self, setting: TunedSetting, importances: Mapping[str, float]) -> Iterator[Sweep]:
         """Yield the proposal with each of the parameters that matter most at other values."""
         order = sorted(self.search.parameters.values(), key=lambda each: -importances.get(each.name, 0.0))
         for each in order[:SWEPT]:

@@ -65,7 +65,7 @@ def split(cases: Sequence[SuiteCase], before: Iterable[SettingRun]) -> Split:
     return Split(tuned=tuned, held_out=tuple(sorted(held)), kinds=kinds, note=note)
 
 
-class Part(Record):
+class ProposalCheck(Record):
     """One check of the proposal."""
 
     name: Check
@@ -112,7 +112,7 @@ class Choice(Record):
     score: Score
 
 
-class Change(Record):
+class ValueChange(Record):
     """A value that the proposal changes."""
 
     name: str
@@ -163,8 +163,8 @@ class Tuning(Record):
     """The number of the proposed setting; None where none is better than before."""
     score: Score | None = None
     """Of the proposal, on the cases and seeds of the search."""
-    changes: tuple[Change, ...] = ()
-    parts: tuple[Part, ...] = ()
+    changes: tuple[ValueChange, ...] = ()
+    parts: tuple[ProposalCheck, ...] = ()
     sweeps: tuple[Sweep, ...] = ()
     file: str | None = None
     """The file of the proposed stack, in the folder of the tuning."""
@@ -180,6 +180,6 @@ class Tuning(Record):
         tuned, held = (part.difference if part is not None else None for part in parts)
         return tuned is not None and tuned.interval[1] < 0.0 and (held is None or held.interval[0] <= 0.0)
 
-    def part(self, *names: Check) -> Part | None:
+    def part(self, *names: Check) -> ProposalCheck | None:
         """Return the first of these checks that was made."""
         return next((each for name in names for each in self.parts if each.name == name), None)

@@ -12,7 +12,7 @@ from rvsg.report.charts import Scale, ticks
 from rvsg.report.comparison_page import ReplayedChange, change_replay
 from rvsg.report.renderer import component, render, script_safe
 from rvsg.tune.parameter_search import ParameterSearch, Score, Unsolved
-from rvsg.tune.tuning import Change, Check, Part, Sweep, Tuning
+from rvsg.tune.tuning import Check, ProposalCheck, Sweep, Tuning, ValueChange
 
 NAMES = ("before", "proposal")
 ABOUT: Mapping[Check, str] = {
@@ -37,13 +37,13 @@ def headline(found: Tuning) -> str:
     return said
 
 
-def _shares(part: Part) -> str:
+def _shares(part: ProposalCheck) -> str:
     """Return the shares of violating runs before and after, with their difference."""
     difference = part_row(part)["difference"]
     return f"{percent(part.before.share)} to {percent(part.after.share)}, {difference}" if difference else "not judged"
 
 
-def part_row(part: Part) -> dict[str, str]:
+def part_row(part: ProposalCheck) -> dict[str, str]:
     """Return a check as text."""
     cases = len({case.case for case in part.before.cases})
     row = {"name": part.name, "about": ABOUT[part.name], "cases": str(cases), "difference": "", "tone": ""}
@@ -65,7 +65,7 @@ def part_row(part: Part) -> dict[str, str]:
     return row
 
 
-def part_text(part: Part) -> str:
+def part_text(part: ProposalCheck) -> str:
     """Return a check as a line."""
     row = part_row(part)
     shares = f"{row['before']} before, {row['after']} after"
@@ -112,7 +112,7 @@ def front_row(number: int, score: Score, before: Score) -> dict[str, Any]:
     }
 
 
-def reason(change: Change, score: Score | None) -> str:
+def reason(change: ValueChange, score: Score | None) -> str:
     """Return why a value changes: what happens without the change."""
     without = change.without
     if without is None or score is None:

@@ -17,7 +17,7 @@ from rvsg.watch.self_adaptation import (
     Decision,
     DeclaredRules,
     Journal,
-    Note,
+    JournalNote,
     Part,
     Planned,
     Symptom,
@@ -63,7 +63,7 @@ class Loop:
     """Keeps what the loop learns, and returns how many entries are new."""
     journal: Journal
     plans: Path
-    tell: Callable[[Note], None] = lambda _: None
+    tell: Callable[[JournalNote], None] = lambda _: None
     clock: Callable[[], str] = now
     stop: Callable[[], bool] = lambda: False
     """Asked before every plan; True ends the cycle, which the next start completes."""
@@ -191,7 +191,7 @@ class Loop:
         self._note("knowledge", f"{_number(self.learn(entries), 'new entry', 'new entries')} of {of}")
 
     def _note(self, part: Part, text: str, **more: Any) -> None:
-        note = Note(time=self.clock(), cycle=self.journal.cycle + 1, part=part, text=text, **more)
+        note = JournalNote(time=self.clock(), cycle=self.journal.cycle + 1, part=part, text=text, **more)
         self.journal.add(note)
         self.tell(note)
 

@@ -196,7 +196,7 @@ QUIET = (State.PASSED.value, State.KNOWN_FAILURE.value)
 Part = Literal["loop", "monitor", "analyse", "plan", "legitimate", "execute", "knowledge"]
 
 
-class Note(Record):
+class JournalNote(Record):
     """One thing that the loop did."""
 
     time: str
@@ -277,7 +277,7 @@ class Journal:
             told.append(f"{len(names)} {state}" + ("" if state in QUIET else f" ({', '.join(names)})"))
         return f"the suite on {version}: {', '.join(told)}" if told else ""
 
-    def add(self, note: Note) -> None:
+    def add(self, note: JournalNote) -> None:
         """Append a note to both files; each line is flushed before the next thing is done."""
         self.path.parent.mkdir(parents=True, exist_ok=True)
         line = json.dumps(note.model_dump(mode="json"), ensure_ascii=False)
@@ -287,17 +287,17 @@ class Journal:
         self.notes.append(note)
 
 
-def in_words(note: Note) -> str:
+def in_words(note: JournalNote) -> str:
     """Return a note as a line of the log."""
     return f"{note.time[:19].replace('T', ' ')}  cycle {note.cycle:<3} {note.part:10}  {note.text}"
 
 
-def _read_notes(path: Path) -> list[Note]:
+def _read_notes(path: Path) -> list[JournalNote]:
     lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
     notes = []
     for number, line in enumerate(lines, 1):
         try:
-            notes.append(Note.from_json(line))
+            notes.append(JournalNote.from_json(line))
         except ValidationError:
             if number == len(lines) and not line.endswith("\n"):
                 path.write_text("".join(lines[:-1]), encoding="utf-8")  # the process was killed while it wrote this

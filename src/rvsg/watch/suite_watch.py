@@ -139,7 +139,7 @@ class LiveSuite:
 
 
 @dataclass
-class Subject:
+class StackUnderTest:
     """The simulator with the stack under test, made again when the parameter file of the stack changes.
 
     Args:
@@ -147,7 +147,7 @@ class Subject:
     """
 
     simulator: Simulator
-    given: str | Spec | None = None
+    spec: str | Spec | None = None
     stack: Spec | None = None
     made: Callable[[Simulator], None] = lambda _: None
     version: str = ""
@@ -156,29 +156,29 @@ class Subject:
     @classmethod
     def of(
         cls, simulator: str | Spec | Simulator, stack: str | Spec | None, made: Callable[[Simulator], None]
-    ) -> Subject:
+    ) -> StackUnderTest:
         """Make the simulator; the stack is that of the simulator where none is given.
 
         Raises:
             InputError: there is no such simulator or stack, or it cannot be made with these options.
         """
-        spec = None if stack is None else Spec.of(stack)
-        first = make_simulator(simulator, spec)
+        tested = None if stack is None else Spec.of(stack)
+        first = make_simulator(simulator, tested)
         made(first)
-        given = simulator if isinstance(simulator, str | Spec) else None
-        subject = cls(first, given, spec, made)
-        if spec is not None:
-            subject.version, subject._content = _label(spec), _content(spec)
+        own = simulator if isinstance(simulator, str | Spec) else None
+        subject = cls(first, own, tested, made)
+        if tested is not None:
+            subject.version, subject._content = _label(tested), _content(tested)
         return subject
 
     def renew(self) -> list[str]:
         """Make the simulator again if the file of the stack changed; if that fails, keep the old one and return why."""
-        if self.given is None or self.stack is None or _content(self.stack) == self._content:
+        if self.spec is None or self.stack is None or _content(self.stack) == self._content:
             return []
         self._content = _content(self.stack)
         try:
             label = _label(self.stack)
-            simulator = make_simulator(self.given, self.stack)
+            simulator = make_simulator(self.spec, self.stack)
             self.made(simulator)
         except RvsgError as error:
             return [f"the stack is left as it was: {error}"]
@@ -188,7 +188,7 @@ class Subject:
 
     def close(self) -> None:
         """Close the simulator, unless it was given as an instance."""
-        if self.given is not None:
+        if self.spec is not None:
             self.simulator.close()
 
 
@@ -292,7 +292,7 @@ class SuiteWatch:
 
     suite: LiveSuite
     rules: RuleSet
-    subject: Subject
+    subject: StackUnderTest
     journal: Journal
     known: Callable[..., Sequence[Entry]]
     """Returns what is known of a world, a route and a requirement; places in it are tested."""

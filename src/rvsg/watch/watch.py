@@ -21,8 +21,8 @@ from rvsg.generation.generator import Generator
 from rvsg.simulation.simulators import Simulator, by_content, stack_in_words
 from rvsg.store.knowledge_base import open_knowledge
 from rvsg.watch.loop import Loop, Monitor
-from rvsg.watch.self_adaptation import DeclaredRules, Journal, Note, RuleSet, Watched
-from rvsg.watch.suite_watch import LiveSuite, RecordingMonitor, Subject, SuiteWatch
+from rvsg.watch.self_adaptation import DeclaredRules, Journal, JournalNote, RuleSet, Watched
+from rvsg.watch.suite_watch import LiveSuite, RecordingMonitor, StackUnderTest, SuiteWatch
 from rvsg.world.world import World
 
 
@@ -85,7 +85,7 @@ def watch(
     knowledge: str | Path | None = None,
     seed: int = 0,
     jobs: int = 1,
-    on_note: Callable[[Note], None] = ignore,
+    on_note: Callable[[JournalNote], None] = ignore,
     on_message: Callable[[str], None] = ignore,
     clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
@@ -119,7 +119,7 @@ def watch(
         let_rehearse(writer, made, cases.world, seed=seed)
         made.prepare(on_message)
 
-    subject = Subject.of(simulator, stack, ready)
+    subject = StackUnderTest.of(simulator, stack, ready)
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     end = math.inf if seconds is None else clock() + seconds
