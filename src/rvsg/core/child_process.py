@@ -16,6 +16,6 @@ def command(function: str, *arguments: str) -> list[str]:
         arguments: what it finds in `sys.argv[1:]`.
     """
     module, _, name = function.partition(":")
-    path = [each or str(Path.cwd()) for each in sys.path]
+    path = [folder or str(Path.cwd()) for folder in sys.path]
     code = f"import sys; sys.path[:] = {path!r}; from {module} import {name}; sys.exit({name}())"
     return [sys.executable, "-P", "-c", code, *arguments]

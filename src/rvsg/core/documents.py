@@ -146,7 +146,7 @@ def _check_scalars(root: yaml.Node, path: Path) -> None:
         elif isinstance(node, yaml.SequenceNode):
             stack.extend(node.value)
         elif isinstance(node, yaml.MappingNode):
-            stack.extend(each for pair in node.value for each in pair)
+            stack.extend(child for pair in node.value for child in pair)
 
 
 def _note_lines(root: yaml.Node, path: Path, lines: dict[Key, int]) -> None:
@@ -206,7 +206,7 @@ def problems_of(error: ValidationError, document: Document, model: type[BaseMode
     within = Counter(key[:length] for key in keys for length in range(len(key) + 1))
     mapping_wanted = {key for key, detail in zip(keys, details, strict=True) if detail["type"] in _NO_MAPPING}
     text_wanted = {key for key, detail in zip(keys, details, strict=True) if detail["type"] == "string_type"}
-    found = []
+    problems = []
     for key, detail in zip(keys, details, strict=True):
         # Where a name or a mapping may stand, pydantic complains of both forms; only the one that was written counts.
         mapping_given = detail["type"] == "string_type" and isinstance(detail["input"], dict) and within[key] > 1
@@ -214,8 +214,8 @@ def problems_of(error: ValidationError, document: Document, model: type[BaseMode
         if detail["type"] == "string_type" and key in mapping_wanted:
             detail["type"] = "text_or_mapping"
         if not (mapping_given or text_given):
-            found.append(document.problem(_message(detail, key, model), *key))
-    return sorted(set(found), key=lambda problem: (problem.line or 0, problem.message))
+            problems.append(document.problem(_message(detail, key, model), *key))
+    return sorted(set(problems), key=lambda problem: (problem.line or 0, problem.message))
 
 
 def mistakes_of(
@@ -228,13 +228,13 @@ def mistakes_of(
         besides: Keys whose mistakes are left out.
         whole: The word for a value as a whole, put before a mistake that names no key.
     """
-    found = []
+    problems = []
     for detail in _details(error):
         if detail["loc"] and detail["loc"][0] in besides:
             continue
         place = tuple(part for part in detail["loc"] if isinstance(part, int) or part.isidentifier())
-        found.append(_message(detail, place, model, noun=noun, whole=whole))
-    return list(dict.fromkeys(found))
+        problems.append(_message(detail, place, model, noun=noun, whole=whole))
+    return list(dict.fromkeys(problems))
 
 
 def keys_of(error: ValidationError) -> tuple[str, ...]:
@@ -254,7 +254,11 @@ def _details(error: ValidationError) -> list[dict[str, Any]]:
         if isinstance(raised := detail.get("ctx", {}).get("error"), WrongValue):
             detail["loc"] = (*detail["loc"], *raised.key)
     # Where a value of a list is wrong, pydantic adds that the list is too short without it.
-    return [each for each in details if each["type"] != "too_short" or len(each["input"]) < each["ctx"]["min_length"]]
+    return [
+        detail
+        for detail in details
+        if detail["type"] != "too_short" or len(detail["input"]) < detail["ctx"]["min_length"]
+    ]
 
 
 def _file_key(loc: Key, document: Document) -> Key:
@@ -348,11 +352,11 @@ def key_text(key: Key) -> str:
 
 
 def _misspelt(key: str, place: str, model: type[BaseModel] | None, noun: str) -> str:
-    known = [field.alias or name for name, field in model.model_fields.items()] if model is not None else []
-    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    keys = [field.alias or name for name, field in model.model_fields.items()] if model is not None else []
+    near = difflib.get_close_matches(key, keys, n=1, cutoff=0.5)
     where = f" in {place}" if place else ""
-    asked = f'. Did you mean "{near[0]}"?' if near else "." if known else ""
-    listed = f" Known: {', '.join(known)}" if known else ""
+    asked = f'. Did you mean "{near[0]}"?' if near else "." if keys else ""
+    listed = f" Known: {', '.join(keys)}" if keys else ""
     return f'there is no {noun} "{key}"{where}{asked}{listed}'
 
 
@@ -369,9 +373,9 @@ def _nested(annotation: Any) -> type[BaseModel] | None:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     for inner in get_args(annotation):
-        found = _nested(inner)
-        if found is not None:
-            return found
+        nested = _nested(inner)
+        if nested is not None:
+            return nested
     return None
 
 

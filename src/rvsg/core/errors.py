@@ -107,7 +107,9 @@ class UnknownName(InputError):
         self.known = sorted(known)
         near = difflib.get_close_matches(name, self.known, n=1, cutoff=0.5)
         number = re.compile(r"\d+")  # which other number was meant cannot be known
-        self.nearest = next((each for each in near if number.sub("", each) != number.sub("", name)), None)
+        self.nearest = next(
+            (candidate for candidate in near if number.sub("", candidate) != number.sub("", name)), None
+        )
         asked = f' Did you mean "{self.nearest}"?' if self.nearest else ""
         listed = ", ".join(self.known[:30]) + (", ..." if len(self.known) > 30 else "")
         known_text = f" Known: {listed}." if self.known else ""

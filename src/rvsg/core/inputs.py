@@ -165,11 +165,11 @@ def is_too_deep(value: Any) -> bool:
     """Return whether lists and mappings are nested deeper than any reader needs; never exhausts the stack."""
     level = [value]
     for _ in range(DEEPEST):
-        inner = (each.values() if isinstance(each, dict) else each for each in level if isinstance(each, dict | list))
+        inner = (item.values() if isinstance(item, dict) else item for item in level if isinstance(item, dict | list))
         level = [value for values in inner for value in values]
         if not level:
             return False
-    return any(isinstance(each, dict | list) for each in level)
+    return any(isinstance(item, dict | list) for item in level)
 
 
 def exists(path: Path) -> bool:

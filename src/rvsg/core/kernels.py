@@ -210,9 +210,9 @@ def compilation_reported(functions: int, report: Callable[[str], None], *, perio
 
 
 def _is_private(folder: Path) -> bool:
-    found = folder.lstat()
-    ours = not hasattr(os, "getuid") or (found.st_uid == os.getuid() and not found.st_mode & 0o077)
-    return stat.S_ISDIR(found.st_mode) and ours
+    status = folder.lstat()
+    ours = not hasattr(os, "getuid") or (status.st_uid == os.getuid() and not status.st_mode & 0o077)
+    return stat.S_ISDIR(status.st_mode) and ours
 
 
 def _remove_damaged(folder: Path) -> None:
@@ -263,11 +263,11 @@ def _content(module: ModuleType) -> str:
     """Return the hash of what the kernels of a module depend on, as it is when its first kernel is defined."""
     if module.__name__ not in _CONTENTS:
         _CONTENTS[module.__name__] = ""  # modules that import each other
-        found = hashlib.sha256(f"{FORMAT} {llvmlite.__version__} {llvmlite.binding.get_host_cpu_name()}".encode())
-        found.update(Path(str(module.__file__)).read_bytes())
+        digest = hashlib.sha256(f"{FORMAT} {llvmlite.__version__} {llvmlite.binding.get_host_cpu_name()}".encode())
+        digest.update(Path(str(module.__file__)).read_bytes())
         for piece in sorted(_pieces(module)):
-            found.update(piece.encode())
-        _CONTENTS[module.__name__] = found.hexdigest()[:16]
+            digest.update(piece.encode())
+        _CONTENTS[module.__name__] = digest.hexdigest()[:16]
     return _CONTENTS[module.__name__]
 
 

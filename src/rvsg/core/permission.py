@@ -117,8 +117,8 @@ def check_options(kind: str, name: str, options: Mapping[str, Any], code_options
             `CODE_OPTIONS` and every text that names a Python file or MODULE:CLASS count.
     """
     declared = CODE_OPTIONS if code_options is None else code_options
-    for option, given in options.items():
-        for _, text in _namings(given):
+    for option, value in options.items():
+        for _, text in _namings(value):
             if option in declared or (code_options is None and _looks_like_code(text)):
                 check(kind, name, option, text)
 
@@ -166,11 +166,11 @@ def _namings(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
                     yield from _namings(rest, option)
     elif isinstance(value, Mapping):
         is_plug_in = value.keys() <= {"name", "options", "version"}
-        for name, each in value.items():
-            yield from _namings(each, key if name == "name" and is_plug_in else str(name))
+        for name, item in value.items():
+            yield from _namings(item, key if name == "name" and is_plug_in else str(name))
     elif isinstance(value, Iterable):
-        for each in value:
-            yield from _namings(each, key)
+        for item in value:
+            yield from _namings(item, key)
 
 
 def _is_named(
@@ -198,8 +198,8 @@ def _canonical(text: str, folder: Path = Path()) -> str:
 
 def _documents(source: Path) -> list[Path]:
     """Return a file, or the documents in a folder and its sub-folders."""
-    found = [*source.glob("*"), *source.glob("*/*")] if source.is_dir() else [source]
-    return [file for file in found if file.suffix in (".yaml", ".yml", ".json", ".jsonl") and file.is_file()]
+    places = [*source.glob("*"), *source.glob("*/*")] if source.is_dir() else [source]
+    return [file for file in places if file.suffix in (".yaml", ".yml", ".json", ".jsonl") and file.is_file()]
 
 
 def _namings_in(file: Path) -> Namings:
@@ -226,13 +226,13 @@ def _key(file: Path, kind: str, name: str, option: str, value: str) -> str | Non
     count = size = 0
     outputs: tuple[str, ...] = ()
     for place, folders, files in os.walk(folder):
-        if any(Path(place, each).is_symlink() for each in folders):
+        if any(Path(place, name).is_symlink() for name in folders):
             return None
         folders.sort()
-        if place.endswith("/.git") or (place != str(folder) and any(each.startswith("ledger.") for each in files)):
+        if place.endswith("/.git") or (place != str(folder) and any(name.startswith("ledger.") for name in files)):
             outputs += (f"{place}/",)  # what git and RVSG write changes all the time: modules alone count there
         is_aside = f"{place}/".startswith(outputs)
-        for path in (Path(place, each) for each in sorted(files)):
+        for path in (Path(place, name) for name in sorted(files)):
             if is_aside and not path.name.endswith(tuple(all_suffixes())):
                 continue
             count, size = count + 1, size + path.stat().st_size
@@ -248,12 +248,12 @@ def _memory() -> Path:
 
 def _remembered() -> dict[str, str]:
     try:
-        found = json.loads(_memory().read_text(encoding="utf-8"))
+        permissions = json.loads(_memory().read_text(encoding="utf-8"))
     except (OSError, ValueError, FileError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return permissions if isinstance(permissions, dict) else {}
 
 
 def _remember(key: str, what: str) -> None:
-    if key not in (known := _remembered()):
-        write_whole(_memory(), json.dumps(known | {key: what}, indent=1) + "\n")
+    if key not in (permissions := _remembered()):
+        write_whole(_memory(), json.dumps(permissions | {key: what}, indent=1) + "\n")

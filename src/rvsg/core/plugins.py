@@ -127,8 +127,8 @@ def content_of(plugin: Any) -> str:
     top = _top(kind.__module__)
     if top == "rvsg":
         return ""
-    known = packages_distributions().get(top, ())
-    named = [f"{name} {distribution(name).version}" for name in known]
+    distributions = packages_distributions().get(top, ())
+    named = [f"{name} {distribution(name).version}" for name in distributions]
     return " ".join([*named, f"{kind.__module__}+{source_hash(kind)}"])
 
 
@@ -204,10 +204,10 @@ def check_options(kind: str, name: str, options: Mapping[str, Any], *, given: in
 def check_accepted(kind: str, name: str, plugin: Any, options: Mapping[str, Any], *, given: int = 0) -> None:
     """Raise InputError if the class of a plug-in does not accept one of the options."""
     if unknown := _not_accepted(plugin, options, given):
-        known = _accepted(plugin)[given:]
-        near = difflib.get_close_matches(unknown[0], known, n=1, cutoff=0.5)
+        accepted = _accepted(plugin)[given:]
+        near = difflib.get_close_matches(unknown[0], accepted, n=1, cutoff=0.5)
         hint = f' Did you mean "{near[0]}"?' if near else ""
-        listed = f"Known options: {', '.join(known)}." if known else "It takes none."
+        listed = f"Known options: {', '.join(accepted)}." if accepted else "It takes none."
         raise InputError(f'The {kind} "{name}" has no option "{unknown[0]}".{hint} {listed}', code="unknown-option")
 
 
@@ -282,8 +282,8 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
         return self[name]
 
     def __getitem__(self, name: str) -> Thing:
-        found = self._built_in.get(name)
-        return found if found is not None else self._everything()[name]
+        thing = self._built_in.get(name)
+        return thing if thing is not None else self._everything()[name]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._everything())
@@ -293,25 +293,25 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
 
     def _everything(self) -> dict[str, Thing]:
         if self._all is None:
-            found = dict(self._built_in)
-            owners = dict.fromkeys(found, "RVSG itself")
+            things = dict(self._built_in)
+            owners = dict.fromkeys(things, "RVSG itself")
             for name in names(self.kind):
                 origin = origins(self.kind, name)
                 for thing in self._of_plug_in(name):
-                    if thing.id in found:
+                    if thing.id in things:
                         raise InputError(
                             f'The {self.kind} "{thing.id}" is registered twice, by {owners[thing.id]} and by {origin}. '
                             "Rename it in the plug-in, or uninstall its package.",
                             code="plug-in-name-taken",
                         )
-                    found[thing.id] = thing
+                    things[thing.id] = thing
                     owners[thing.id] = origin
-            self._all = found
+            self._all = things
         return self._all
 
     def _of_plug_in(self, name: str) -> Sequence[Thing]:
-        given: Any = find(self.kind, name)
-        things = list(given) if isinstance(given, Sequence) else [given]
+        plugin: Any = find(self.kind, name)
+        things = list(plugin) if isinstance(plugin, Sequence) else [plugin]
         for thing in things:
             if not isinstance(thing, self.of):
                 raise InputError(

@@ -103,7 +103,7 @@ def _read_of(kind: type[Record]) -> tuple[str, ...]:
 
     def is_read(annotation: Any) -> bool:
         if get_origin(annotation) in (Union, UnionType):
-            return all(is_read(each) for each in get_args(annotation) if each is not NoneType)
+            return all(is_read(argument) for argument in get_args(annotation) if argument is not NoneType)
         plain = get_args(annotation)[0] if get_origin(annotation) is Annotated else annotation
         return isinstance(plain, type) and issubclass(plain, int | float | Record)
 
@@ -116,8 +116,8 @@ def _add_words(value: Any, words: list[Any], form: list[Any]) -> None:
         words += (value.__array_interface__["data"][0], *value.shape, *value.strides)
     elif isinstance(value, tuple):
         form += (type(value), len(value))
-        for each in value:
-            _add_words(each, words, form)
+        for item in value:
+            _add_words(item, words, form)
     elif isinstance(value, Reference):
         form.append(value.kind)
         words.append(value.address)
@@ -151,7 +151,7 @@ class _Fields(AttributeTemplate):
 def _read_field(context: Any, builder: Any, kind: Any, address: Any, name: str) -> Any:
     base = builder.inttoptr(address, _WORD.as_pointer())
     fields = list(kind.fields)
-    at = sum(_size(kind.fields[each]) for each in fields[: fields.index(name)])
+    at = sum(_size(kind.fields[field]) for field in fields[: fields.index(name)])
     return _read(context, builder, base, at, kind.fields[name])
 
 
@@ -177,8 +177,8 @@ def _read(context: Any, builder: Any, base: Any, at: int, kind: Any) -> Any:
         sizes = range(at + 1, at + 1 + kind.ndim)
         shape = [load(k) for k in sizes]
         count = shape[0]
-        for each in shape[1:]:
-            count = builder.mul(count, each)
+        for operand in shape[1:]:
+            count = builder.mul(count, operand)
         array.nitems = count
         size = context.get_abi_sizeof(context.get_data_type(kind.dtype))
         array.itemsize = context.get_constant(types.intp, size)
@@ -189,9 +189,9 @@ def _read(context: Any, builder: Any, base: Any, at: int, kind: Any) -> Any:
         return array._getvalue()
     if isinstance(kind, types.BaseTuple):
         parts = []
-        for each in cast(Any, kind).types:
-            parts.append(_read(context, builder, base, at, each))
-            at += _size(each)
+        for member in cast(Any, kind).types:
+            parts.append(_read(context, builder, base, at, member))
+            at += _size(member)
         return context.make_tuple(builder, kind, parts)
     wanted = context.get_value_type(kind)
     if isinstance(kind, types.Float):

@@ -20,15 +20,15 @@ def seed_for(campaign_seed: int, purpose: str, *index: int) -> int:
 
 def fresh_seeds(campaign_seed: int, purpose: str, count: int, *, used: Collection[int]) -> tuple[int, ...]:
     """`count` different seeds for a purpose, none of them in `used`."""
-    found: dict[int, None] = {}
+    seeds: dict[int, None] = {}
     taken = set(used)
     index = 0
-    while len(found) < count:
+    while len(seeds) < count:
         seed = seed_for(campaign_seed, purpose, index)
         if seed not in taken:
-            found[seed] = None
+            seeds[seed] = None
         index += 1
-    return tuple(found)
+    return tuple(seeds)
 
 
 def stream(seed: int, name: str) -> np.random.Generator:

@@ -24,11 +24,11 @@ def crosses_itself(polygon: Sequence[Point]) -> bool:
 
 def inside(polygon: Sequence[Point], x: float, y: float) -> bool:
     """Return whether a point lies inside a polygon."""
-    found = False
+    inside = False
     for (ax, ay), (bx, by) in edges(polygon):
         if (ay > y) != (by > y) and x < ax + (y - ay) / (by - ay) * (bx - ax):
-            found = not found
-    return found
+            inside = not inside
+    return inside
 
 
 def distance(polygon: Sequence[Point], x: float, y: float) -> float:

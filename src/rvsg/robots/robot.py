@@ -351,19 +351,19 @@ class Robot(Record):
     def doubts(self) -> tuple[str, ...]:
         """What is possible but looks like a mistake, in sentences."""
         away = [(q, distance(self.outline, q.x, q.y)) for q in self.lidars if not inside(self.outline, q.x, q.y)]
-        found = [
+        problems = [
             f"{self.name}: the lidar {lidar.name} lies {off:.2f} m outside of the body. Check its x and y, in metres."
             for lidar, off in away
             if off > BESIDE_M
         ]
         near = distance(self.footprint, 0.0, 0.0) + self.padding_m
         if near < 0.5 * self.width_m and not self.navigation.dwb.check_footprint:
-            found.append(
+            problems.append(
                 f"{self.name}: DWB keeps the base frame {near:.2f} m from obstacles, but half of the body is "
                 f"{0.5 * self.width_m:.2f} m wide, so the robot gets stuck at corners. Set "
                 "navigation.dwb.check_footprint: true, or a footprint that holds the body as it turns."
             )
-        return tuple(found)
+        return tuple(problems)
 
     @property
     def turning_note(self) -> str:

@@ -113,8 +113,8 @@ class Walk:
         """Return the person, who goes from stop to stop by the shortest way, and round again."""
         grid, tasks = world.grid, []
         for start, end in pairwise((*self.stops, self.stops[0])):
-            known = start in grid.valid and end in grid.valid
-            way = (grid.shortest_path(start, end) if known else None) or (start, end)  # the checker says what is wrong
+            valid = start in grid.valid and end in grid.valid
+            way = (grid.shortest_path(start, end) if valid else None) or (start, end)  # the checker says what is wrong
             pauses = tuple(Pause(at=at, duration_s=self.pauses_s[at]) for at in way[1:] if at in self.pauses_s)
             tasks.append(Task.between(start, end, way, pauses))
         return Human(tasks=tuple(tasks), **self.given)
@@ -145,11 +145,11 @@ def walk(
     if len(stops) < 2:
         raise InputError(f"{name} needs at least two waypoints to walk between, e.g. walk({name!r}, 'E15', 'H15').")
     for what, value, kind in (("behaviour", behaviour, Behaviour), ("attention", attention, Attention)):
-        known = [each.value for each in kind]
-        if value not in known:
-            raise UnknownName(what, str(value), known)
-    given = {"name": name, "behaviour": behaviour, "attention": attention, "speed_m_s": speed_m_s}
-    return Walk(stops, dict(pauses_s or {}), {**given, "start_delay_s": start_delay_s, "group": group})
+        words = [member.value for member in kind]
+        if value not in words:
+            raise UnknownName(what, str(value), words)
+    values = {"name": name, "behaviour": behaviour, "attention": attention, "speed_m_s": speed_m_s}
+    return Walk(stops, dict(pauses_s or {}), {**values, "start_delay_s": start_delay_s, "group": group})
 
 
 def scenario(
@@ -176,11 +176,11 @@ def scenario(
     place = place.with_moved(load_moved(moved, place) if isinstance(moved, str | Path) else tuple(moved))
     taken = place.route(route) if isinstance(route, str) else route
     if not isinstance(people, HumanConfiguration):
-        humans = tuple(each.human(place) if isinstance(each, Walk) else each for each in people)
+        humans = tuple(person.human(place) if isinstance(person, Walk) else person for person in people)
         people = HumanConfiguration(humans=humans)
-    made = Scenario(mission=mission_of(place, taken, robot)[0], people=people, description=description)
-    check_valid(made, place)
-    return made
+    built = Scenario(mission=mission_of(place, taken, robot)[0], people=people, description=description)
+    check_valid(built, place)
+    return built
 
 
 def check(scenario: Scenario, world: World | str | Path | None = None) -> tuple[Finding, ...]:
@@ -270,9 +270,9 @@ def load_scenario(path: str | Path, *, world: World | str | Path | None = None) 
         FileError: the file holds no scenario.
         InvalidScenario: the scenario breaks a rule.
     """
-    found, place = load_scenario_in(path, world)
-    check_valid(found, place)
-    return found
+    saved, place = load_scenario_in(path, world)
+    check_valid(saved, place)
+    return saved
 
 
 def load_scenario_in(path: str | Path, world: World | str | Path | None = None) -> tuple[Scenario, World]:
@@ -284,8 +284,9 @@ def load_saved(path: str | Path, world: World | str | Path | None = None) -> tup
     """Load a scenario, the world it was made in, and what it was found with, without checking the one in the other."""
     path = Path(path)
     saved = read_saved(path)
-    found = _scenario_in(saved, path)
-    return found, world_of(found.mission, world, near=_near(path, found.mission, saved.world_folder)), saved.found_with
+    scenario = _scenario_in(saved, path)
+    near = _near(path, scenario.mission, saved.world_folder)
+    return scenario, world_of(scenario.mission, world, near=near), saved.found_with
 
 
 def _near(path: Path, mission: Mission, saved: Path | None) -> tuple[Path, ...]:

@@ -150,10 +150,10 @@ def staged_findings(mission: Mission, world: World) -> Iterator[Finding]:
     The world is as the mission finds it.
     """
     wrong = []
-    known = [door.name for door in world.doors]
+    names = [door.name for door in world.doors]
     for name in mission.doors:
-        if name not in known:
-            better = f"Doors: {', '.join(known)}." if known else "The world has no doors."
+        if name not in names:
+            better = f"Doors: {', '.join(names)}." if names else "The world has no doors."
             wrong.append(Finding.of("unknown-door", f"{world.name} has no door {name}.", better))
     for thing in mission.moved:
         if not _on_map(thing, world):

@@ -88,7 +88,7 @@ class _Repairer:
         taken: set[str] = set()
         names = {human.name for human in humans}
         sizes = Counter(h.group for h in humans[:MAX_HUMANS] if h.group is not None)
-        kept = []
+        repaired = []
         for human in humans[:MAX_HUMANS]:
             changes: dict[str, object] = {}
             if human.name in taken:
@@ -105,8 +105,8 @@ class _Repairer:
             if speed != human.speed_m_s:
                 changes["speed_m_s"] = speed
                 self.record(human.name, "", f"walks at {speed:g} instead of {human.speed_m_s:g} m/s")
-            kept.append(human.model_copy(update=changes))
-        return tuple(kept)
+            repaired.append(human.model_copy(update=changes))
+        return tuple(repaired)
 
     # -- one person --------------------------------------------------------------------------------------------
 
@@ -150,7 +150,7 @@ class _Repairer:
 
     def names(self, task: Task, human: str) -> Path:
         """Correct misspelt waypoints; drop unknown or invalid ones and repetitions."""
-        kept: list[str] = []
+        path: list[str] = []
         for name in task.path:
             meant = name if name in self.grid.valid else spelled(name, self.world)
             if meant is None or meant not in self.grid.valid:
@@ -159,22 +159,22 @@ class _Repairer:
                 continue
             if meant != name:
                 self.record(human, task.name, f"{name} read as {meant}", task.path, ())
-            if kept and kept[-1] == meant:
+            if path and path[-1] == meant:
                 self.record(human, task.name, f"repeated {meant} left out", task.path, ())
                 continue
-            kept.append(meant)
-        return tuple(kept)
+            path.append(meant)
+        return tuple(path)
 
     def areas(self, task: Task, human: str) -> Task:
         """Correct unknown areas of a task, or replace them by the waypoint at that end of its path."""
         ends = task_ends(task, self.world)
         if all(end.known for end in ends):
             return task
-        known = []
+        names = []
         for end, at in zip(ends, (0, -1), strict=True):
             text = end.text if end.known else near_place(end.text, self.world, cutoff=0.8)
-            known.append(text or (task.path[at] if task.path else ""))
-        first, last = known
+            names.append(text or (task.path[at] if task.path else ""))
+        first, last = names
         name = f"{first} → {last}" if first and last else task.name
         changes = {
             "name": name,
@@ -233,7 +233,7 @@ class _Repairer:
 
     def pauses(self, task: Task, human: str) -> Task:
         """Move pauses onto the path; drop those at unknown waypoints."""
-        kept: list[Pause] = []
+        pauses: list[Pause] = []
         for pause in task.pauses:
             at = pause.at if pause.at in task.path else spelled(pause.at, self.world)
             if at is None:
@@ -244,8 +244,8 @@ class _Repairer:
                 at = min(task.path, key=lambda name: math.dist(self.grid.position(name), here))
             if at != pause.at:
                 self.record(human, task.name, f"pause at {pause.at} moved to {at}, which is on the path")
-            kept.append(pause.model_copy(update={"at": at}))
-        return task.model_copy(update={"pauses": tuple(kept)})
+            pauses.append(pause.model_copy(update={"at": at}))
+        return task.model_copy(update={"pauses": tuple(pauses)})
 
     # -- where people start ------------------------------------------------------------------------------------
 

@@ -137,8 +137,8 @@ def load_requirement(name_or_path: str | Path, *, check: Check | None = None) ->
     file, wanted = _file_and_name(text)
     if not (file.endswith((".yaml", ".yml")) or exists(Path(file))):
         raise UnknownName("requirement", text, _shipped(), hint="Or give a file: my.yaml or my.yaml#name.")
-    found, wrong = _read(Path(file), check)
-    names = [*found, *wrong]
+    requirements, wrong = _read(Path(file), check)
+    names = [*requirements, *wrong]
     if wanted and wanted not in names:
         raise UnknownName("requirement", wanted, names, hint=f"File: {file}.")
     if not wanted and len(names) > 1:
@@ -146,22 +146,22 @@ def load_requirement(name_or_path: str | Path, *, check: Check | None = None) ->
     asked = wanted or names[0]
     if asked in wrong:
         raise DocumentError(wrong[asked])
-    return found[asked]
+    return requirements[asked]
 
 
 def _file_and_name(text: str) -> tuple[str, str]:
     """Return the file and the name in `file.yaml:name` (or `#name`); an empty name where none is given."""
     parts = re.fullmatch(r"(.*\.yaml)[:#](.*?)|(.*\.yml)[:#](.*?)", text, re.DOTALL)
-    file, wanted = (each for each in parts.groups() if each is not None) if parts else (text, "")
+    file, wanted = (part for part in parts.groups() if part is not None) if parts else (text, "")
     return file, wanted
 
 
 def load_requirements(path: Path) -> dict[str, Requirement]:
     """Load all requirements of a file by name; a FileError names every mistake with its line."""
-    found, wrong = _read(path, None)
+    requirements, wrong = _read(path, None)
     if wrong:
         raise DocumentError([problem for problems in wrong.values() for problem in problems])
-    return found
+    return requirements
 
 
 def _read(path: Path, check: Check | None) -> tuple[dict[str, Requirement], dict[str, list[Problem]]]:
@@ -169,7 +169,7 @@ def _read(path: Path, check: Check | None) -> tuple[dict[str, Requirement], dict
     document = read_yaml(path)
     if not isinstance(document.value, dict) or not document.value:
         raise FileError(path, 'expected a mapping from names to requirements, e.g. "R1: {title: ..., metric: dto}"')
-    found: dict[str, Requirement] = {}
+    requirements: dict[str, Requirement] = {}
     wrong: dict[str, list[Problem]] = {}
     for key, fields in document.value.items():
         name = str(key)
@@ -196,6 +196,6 @@ def _read(path: Path, check: Check | None) -> tuple[dict[str, Requirement], dict
         except ValidationError as error:
             mistakes += problems_of(error, document, Requirement, (name,))
         if not mistakes:
-            found[name] = read
+            requirements[name] = read
             del wrong[name]
-    return found, wrong
+    return requirements, wrong

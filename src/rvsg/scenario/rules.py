@@ -145,8 +145,8 @@ def near_place(text: str, world: World, cutoff: float = 0.6) -> str | None:
     """
     areas = [area.name for area in world.areas]
     for names in (areas, sorted(world.grid.valid)):
-        found = [name for name in names if re.search(rf"(?<!\w){re.escape(name)}(?!\w)", text, re.IGNORECASE)]
-        longest = [name for name in found if not any(name != other and name in other for other in found)]
+        mentioned = [name for name in names if re.search(rf"(?<!\w){re.escape(name)}(?!\w)", text, re.IGNORECASE)]
+        longest = [name for name in mentioned if not any(name != other and name in other for other in mentioned)]
         if longest:
             return longest[0] if len(longest) == 1 else None
     bare = _NOTE.sub(" ", text).strip() or text

@@ -242,11 +242,11 @@ class Human(Record):
 
     @model_validator(mode="before")
     @classmethod
-    def _sized(cls, given: Any) -> Any:
-        kind = given.get("kind") if isinstance(given, dict) else None
+    def _sized(cls, values: Any) -> Any:
+        kind = values.get("kind") if isinstance(values, dict) else None
         if kind not in (*LIMITS,):
-            return given
-        return {"radius_m": LIMITS[kind].radius_m, "speed_m_s": LIMITS[kind].speed_m_s, **given}
+            return values
+        return {"radius_m": LIMITS[kind].radius_m, "speed_m_s": LIMITS[kind].speed_m_s, **values}
 
     @property
     def outline(self) -> Outline:
@@ -374,7 +374,7 @@ class Scenario(Record):
     def situation(self) -> str:
         """Id of what the robot meets: of the people, and of the objects that were moved, where there are any."""
         moved = self.mission.moved
-        return content_id("situation", [self.people.id, *(each.id for each in moved)]) if moved else self.people.id
+        return content_id("situation", [self.people.id, *(thing.id for thing in moved)]) if moved else self.people.id
 
 
 def begin_at(tasks: tuple[Task, ...], k: int, at: int) -> tuple[Task, ...]:

@@ -58,12 +58,12 @@ def warnings(people: HumanConfiguration, mission: Mission, world: World) -> tupl
     pause that outlasts the run.
     """
     world = mission.place(world)
-    found = []
+    findings = []
     if not _labels(mission, world):
         for human in people.humans:
             for task in human.tasks:
                 named = {"human": human.name, "task": task.name}
-                found += [each.model_copy(update=named) for each in _end_findings(task, world)]
+                findings += [finding.model_copy(update=named) for finding in _end_findings(task, world)]
     for human in people.humans:
         found += _pacing_findings(human, mission, world)
         at = human.starts_at(world.grid)
@@ -71,8 +71,8 @@ def warnings(people: HumanConfiguration, mission: Mission, world: World) -> tupl
         if 0.0 <= gap < START_CLEARANCE_M:
             reason = f"The start is only {gap:.2f} m from the robot, edge to edge."
             start = {"human": human.name, "task": human.tasks[0].name, "position": 0}
-            found.append(Finding.of("spawn-near-robot", reason, f"Keep {START_CLEARANCE_M:g} m.", **start))
-    return tuple(found)
+            findings.append(Finding.of("spawn-near-robot", reason, f"Keep {START_CLEARANCE_M:g} m.", **start))
+    return tuple(findings)
 
 
 ABOUT_TURN = math.radians(120.0)
@@ -146,8 +146,8 @@ def _human_findings(human: Human, world: World, labels: bool) -> Iterator[Findin
             if pause.at not in task.path:
                 better = f"Pause at one of {', '.join(task.path)}." if task.path else "Give the task a path."
                 wrong.append(Finding.of("pause-off-path", f"The pause at {pause.at} is not on the path.", better))
-        for found in wrong:
-            yield found.model_copy(update={"human": human.name, "task": task.name})
+        for finding in wrong:
+            yield finding.model_copy(update={"human": human.name, "task": task.name})
     yield from _point_findings(human, world)
     yield from _chain_findings(human)
     yield from _walk_findings(human)
@@ -248,9 +248,9 @@ def _end_findings(task: Task, world: World) -> Iterator[Finding]:
     for end, word, place in zip(task_ends(task, world), ("start", "end"), (0, -1), strict=True):
         if not end.known:
             near = near_place(end.text, world)
-            known = ", ".join(area.name for area in world.areas)
+            areas = ", ".join(area.name for area in world.areas)
             reason = f'The task\'s {word}, "{end.text}", is not a labelled area.'
-            yield Finding.of("unknown-area", reason, f'Did you mean "{near}"?' if near else f"Areas: {known}.")
+            yield Finding.of("unknown-area", reason, f'Did you mean "{near}"?' if near else f"Areas: {areas}.")
         elif task.path and (at := task.path[place]) in world.grid.valid and not end.allows(at):
             own = ", ".join(sorted(end.waypoints or ())) or "none where a person can stand"
             reason = f"The task {word}s at {at}, which is not a waypoint of {end.text}."
@@ -336,11 +336,11 @@ def is_walkable(a: str, b: str, world: World) -> bool:
     keeps `BODY_HALF_WIDTH_M` from obstacles. The clearances of the world's raster are exact to half
     a cell.
     """
-    known = _known.setdefault(world, {})
+    of_world = _known.setdefault(world, {})
     key = (a, b) if a < b else (b, a)
-    if key not in known:
-        known[key] = _leads_through(np.array(world.grid.position(a)), np.array(world.grid.position(b)), world)
-    return known[key]
+    if key not in of_world:
+        of_world[key] = _leads_through(np.array(world.grid.position(a)), np.array(world.grid.position(b)), world)
+    return of_world[key]
 
 
 def _leads_through(start: NDArray[np.float64], end: NDArray[np.float64], world: World) -> bool:

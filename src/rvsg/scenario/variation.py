@@ -81,8 +81,8 @@ class ScenarioFamily(Record):
             InputError: a value is outside what the scenario allows there.
         """
         data = self.middle.model_dump(mode="json")
-        for each, value in zip(self.ranges, values, strict=True):
-            _set(data, each.key, each.word(value) or value)
+        for span, value in zip(self.ranges, values, strict=True):
+            _set(data, span.key, span.word(value) or value)
         return _scenario(data)
 
 
@@ -97,28 +97,28 @@ def family_of(value: dict[str, Any], vary: Sequence[str] = ()) -> ScenarioFamily
         InputError: a range cannot be read, is outside of `people`, or there is none.
     """
     data = copy.deepcopy(value)
-    found: dict[Key, Range] = {}
+    ranges: dict[Key, Range] = {}
     for key, text in list(_leaves(data, ())):
         if not isinstance(text, str) or {"description", "name"} & {*key} or not _is_range(key, text):
             continue
         if key[:2] != ("people", "humans") or len(key) < 4:
             raise InputError(f"{key_text(key)}: {text!r} is a range, and only numbers of people may be ranges.")
         human = data["people"]["humans"][key[2]]
-        found[key] = _range(f"{human.get('name', f'person {key[2]}')}.{key_text(key[3:])}", key, text)
-    for key, each in found.items():
-        _set(data, key, each.word(each.at(0.5)) or each.at(0.5))
+        ranges[key] = _range(f"{human.get('name', f'person {key[2]}')}.{key_text(key[3:])}", key, text)
+    for key, span in ranges.items():
+        _set(data, key, span.word(span.at(0.5)) or span.at(0.5))
     data = _scenario(data).model_dump(mode="json")
     for text in vary:
-        each = _varied(data["people"]["humans"], text)
-        found[each.key] = each
-        _set(data, each.key, each.word(each.at(0.5)) or each.at(0.5))
-    if not found:
+        span = _varied(data["people"]["humans"], text)
+        ranges[span.key] = span
+        _set(data, span.key, span.word(span.at(0.5)) or span.at(0.5))
+    if not ranges:
         raise InputError(
             'The scenario has no range. Write one instead of a number, e.g. "speed_m_s": "0.8 to 1.4", or give '
             "--vary 'Human 1.speed_m_s=0.8 to 1.4'."
         )
-    family = ScenarioFamily(middle=_scenario(data), ranges=tuple(found.values()))
-    for ends in ([each.low for each in family.ranges], [each.high for each in family.ranges]):
+    family = ScenarioFamily(middle=_scenario(data), ranges=tuple(ranges.values()))
+    for ends in ([span.low for span in family.ranges], [span.high for span in family.ranges]):
         family.at(ends)
     return family
 
@@ -138,7 +138,7 @@ def _is_range(key: Key, text: str) -> bool:
 
 def _range(name: str, key: Key, text: str) -> Range:
     if key[-1] == "attention":
-        known = [each.value for each in Attention]
+        known = [member.value for member in Attention]
         first, _, last = (word.strip() for word in text.partition(_TO))
         words = known[known.index(first) : known.index(last) + 1] if {first, last} <= {*known} else []
         if len(words) < 2:
@@ -159,8 +159,8 @@ def _varied(humans: list[dict[str, Any]], text: str) -> Range:
     name, equals, span = text.partition("=")
     matching = [(k, human) for k, human in enumerate(humans) if name.startswith(f"{human['name']}.")]
     if not equals or not matching:
-        known = ", ".join(human["name"] for human in humans) or "nobody"
-        raise InputError(f"{text!r}: expected PERSON.KEY=LOW to HIGH. People of the scenario: {known}.")
+        names = ", ".join(human["name"] for human in humans) or "nobody"
+        raise InputError(f"{text!r}: expected PERSON.KEY=LOW to HIGH. People of the scenario: {names}.")
     index, human = max(matching, key=lambda pair: len(pair[1]["name"]))
     rest = name.removeprefix(f"{human['name']}.")
     leaves = _leaves(human, ())
@@ -212,26 +212,26 @@ NO_CHANGE = "no change"
 
 def objects_changed(before: Mission, after: Mission) -> str:
     """Return which moved objects are elsewhere, new or gone; empty where none is."""
-    known = {thing.name: thing.box for thing in before.moved}
-    found = []
+    boxes = {thing.name: thing.box for thing in before.moved}
+    changes = []
     for thing in after.moved:
         (x, y, _), (length, width, _) = thing.box.center, thing.box.size
-        if known.pop(thing.name, None) != thing.box:
-            found.append(f"{thing.name} stands at ({x:g}, {y:g}), {length:g} x {width:g} m")
-    return "; ".join([*found, *(f"without {name}" for name in known)])
+        if boxes.pop(thing.name, None) != thing.box:
+            changes.append(f"{thing.name} stands at ({x:g}, {y:g}), {length:g} x {width:g} m")
+    return "; ".join([*changes, *(f"without {name}" for name in boxes)])
 
 
 def differences(before: HumanConfiguration, after: HumanConfiguration) -> str:
     """Return what changed from one configuration to another; `no change` where they are equal."""
-    known = {human.name: human for human in before.humans}
-    found = []
+    earlier = {human.name: human for human in before.humans}
+    changes = []
     for human in after.humans:
-        was = known.pop(human.name, None)
+        was = earlier.pop(human.name, None)
         words = _changed(was, human) if was is not None else ["is new"]
         if words:
-            found.append(f"{human.name} {', '.join(words)}")
-    found += [f"without {name}" for name in known]
-    return "; ".join(found) or NO_CHANGE
+            changes.append(f"{human.name} {', '.join(words)}")
+    changes += [f"without {name}" for name in earlier]
+    return "; ".join(changes) or NO_CHANGE
 
 
 def _changed(was: Human, human: Human) -> list[str]:
@@ -263,11 +263,11 @@ PauseOf = tuple[int, str, float]
 
 def _without(pauses: Sequence[PauseOf], others: Sequence[PauseOf]) -> list[PauseOf]:
     """Return the pauses that the others lack, wherever these are on the way."""
-    left, found = Counter(other[1:] for other in others), []
+    left, new_pauses = Counter(other[1:] for other in others), []
     for pause in pauses:
         left[pause[1:]] -= 1
-        found += [pause] if left[pause[1:]] < 0 else []
-    return found
+        new_pauses += [pause] if left[pause[1:]] < 0 else []
+    return new_pauses
 
 
 def _other_work(was: Human, human: Human) -> list[str]:
@@ -326,13 +326,13 @@ def _other_way(old: Sequence[str], way: Sequence[str], goals: Sequence[str]) -> 
     Args:
         goals: Those of the way, as the person begins with them.
     """
-    old, way = ([name for name, _ in itertools.groupby(each)] for each in (old, way))
+    old, way = ([name for name, _ in itertools.groupby(names)] for names in (old, way))
     if way == old:
         return []
     same = min(len(way), len(old))
     first = next((k for k in range(same) if way[k] != old[k]), same)
     last = next((k for k in range(same - first) if way[-1 - k] != old[-1 - k]), same - first)
-    parts = [each[max(0, first - 1) : len(each) - max(0, last - 1)] for each in (way, old)]
+    parts = [names[max(0, first - 1) : len(names) - max(0, last - 1)] for names in (way, old)]
     now, then = (_listed(part, MOST_WAYPOINTS, " ") for part in parts)
     legs = zip(goals, (*goals[1:], *goals[:1]), strict=True)
     leg = next((k for k, ends in enumerate(legs, start=1) if ends == tuple(parts[0][:2])), None)
@@ -372,8 +372,8 @@ def changes_that_matter(people: HumanConfiguration, mission: Mission, world: Wor
     if mission.world_id == world.id:
         return ()
     if mission.parts is None:
-        made = f"The scenario was made for {mission.world_id} and does not hold what it depends on"
-        return (f"{made}; {world.name} is {world.id}.",)
+        reason = f"The scenario was made for {mission.world_id} and does not hold what it depends on"
+        return (f"{reason}; {world.name} is {world.id}.",)
     changes = []
     if mission.parts.floor != world.floor_id:
         changes.append(f"The map or the objects of {world.name} have changed.")
@@ -438,7 +438,7 @@ def migrate(
     people = scenario.people
     humans = [human.model_copy(update={"tasks": tuple(map(renamed, human.tasks))}) for human in people.humans]
     old = scenario.mission
-    same = next((each for each in world.routes if each.name == old.route.name), None)
+    same = next((candidate for candidate in world.routes if candidate.name == old.route.name), None)
     if route is None and (same is None or (same.start, same.goal) != (old.route.start, old.route.goal)):
         why = "differs now" if same is not None else "is not there"
         changes.append(f"{old.route.name} stays as it was saved; in {world.name} it {why}. To change it, give --route.")

@@ -106,16 +106,16 @@ def world_of(mission: Mission, given: World | str | Path | None = None, *, near:
     places: tuple[str | Path, ...] = (*near, mission.world)
     for place in places:
         try:
-            found = load_world(place)
+            loaded = load_world(place)
         except UnknownName:
             continue
         except RvsgError:
             if place in near:
                 continue
             raise
-        if same_floor(mission, found):
-            return mission.place(found)
-        other = other or found
+        if same_floor(mission, loaded):
+            return mission.place(loaded)
+        other = other or loaded
     if other is None:
         raise UnknownName(
             "world",

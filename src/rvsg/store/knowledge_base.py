@@ -281,17 +281,17 @@ def search(
     """
     if kind is not None and kind not in KINDS:
         raise UnknownName("kind", kind, KINDS)
-    found = base.entries(world=world, route=route, requirement=requirement, kind=kind, violates=violates)
+    entries = base.entries(world=world, route=route, requirement=requirement, kind=kind, violates=violates)
     if at is not None:
-        found = [entry for entry in found if at in entry.waypoints]
+        entries = [entry for entry in entries if at in entry.waypoints]
     if text:
-        closeness: Sequence[float | None] = similarities(base, text, [entry.description for entry in found])
+        closeness: Sequence[float | None] = similarities(base, text, [entry.description for entry in entries])
     else:
-        closeness = [None] * len(found)
+        closeness = [None] * len(entries)
     ranked = sorted(
-        zip(closeness, found, strict=True), key=lambda p: (-_share(p[1]) if p[0] is None else -p[0], p[1].id)
+        zip(closeness, entries, strict=True), key=lambda p: (-_share(p[1]) if p[0] is None else -p[0], p[1].id)
     )
-    return tuple(Match(entry=each, similarity=near, origins=base.origins(each.id)) for near, each in ranked[:limit])
+    return tuple(Match(entry=entry, similarity=near, origins=base.origins(entry.id)) for near, entry in ranked[:limit])
 
 
 def similarities(base: KnowledgeBase, text: str, descriptions: Sequence[str]) -> list[float]:
@@ -306,15 +306,15 @@ def similarities(base: KnowledgeBase, text: str, descriptions: Sequence[str]) ->
     if model_folder() is None:
         from rapidfuzz.fuzz import token_set_ratio
 
-        return [round(token_set_ratio(text, each) / 100.0, 6) for each in descriptions]
+        return [round(token_set_ratio(text, description) / 100.0, 6) for description in descriptions]
     wanted = sorted({text, *descriptions})
-    known = base.vectors(wanted)
-    missing = [each for each in wanted if each not in known]
+    vectors = base.vectors(wanted)
+    missing = [description for description in wanted if description not in vectors]
     if missing:
-        made = dict(zip(missing, embed(missing), strict=True))
-        base.keep_vectors(made)
-        known |= made
-    return [round(float(np.dot(known[text], known[each])), 6) for each in descriptions]
+        embedded = dict(zip(missing, embed(missing), strict=True))
+        base.keep_vectors(embedded)
+        vectors |= embedded
+    return [round(float(np.dot(vectors[text], vectors[description])), 6) for description in descriptions]
 
 
 def tell(matches: Sequence[Match], path: str | Path) -> int:
@@ -323,7 +323,7 @@ def tell(matches: Sequence[Match], path: str | Path) -> int:
     `rvsg run --knowledge FILE` reads the file: a new scenario then differs from them.
     """
     earlier = remembered([match.entry for match in matches])
-    values = [each.model_dump(mode="json") for each in earlier]
+    values = [scenario.model_dump(mode="json") for scenario in earlier]
     write_whole(Path(path), json.dumps(values, indent=2, ensure_ascii=False) + "\n")
     return len(earlier)
 

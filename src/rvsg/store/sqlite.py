@@ -201,9 +201,9 @@ class SqliteLedger(Ledger):
     def begin(self, campaign: str, settings: Mapping[str, Any]) -> None:
         """Keep the settings of a new campaign; again with equal settings changes nothing."""
         text = canonical_json(dict(settings))
-        known = self.settings(campaign)
-        if known is not None:
-            if canonical_json(known) != text:
+        stored = self.settings(campaign)
+        if stored is not None:
+            if canonical_json(stored) != text:
                 raise StoreError(
                     f"{self.path}: campaign {campaign!r} was begun with other settings", code="other-settings"
                 )
@@ -306,10 +306,10 @@ class SqliteLedger(Ledger):
 
     def run(self, run_id: str) -> Run:
         """Return the run of that id; StoreError if there is none."""
-        found = self.find(run_id)
-        if found is None:
+        run = self.find(run_id)
+        if run is None:
             raise self._damaged(f"there is no run {run_id!r}")
-        return found
+        return run
 
     def find(self, run_id: str) -> Run | None:
         """Return the run of that id, or None."""
