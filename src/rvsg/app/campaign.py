@@ -62,18 +62,18 @@ def resumed(
 ) -> tuple[CampaignRecord | None, CampaignConfig, dict[str, str]]:
     """Return the stored record of the folder, the settings on top of it, and where their paths are."""
     folder = config.folder
-    known = store_of(folder)
-    if known is None:
+    store = store_of(folder)
+    if store is None:
         return None, config, {}
-    if config.store not in ("sqlite", known[0]):
+    if config.store not in ("sqlite", store[0]):
         raise InputError(
-            f"{folder}: its campaign is kept by the store {known[0]!r}, not {config.store!r}.", code="other-store"
+            f"{folder}: its campaign is kept by the store {store[0]!r}, not {config.store!r}.", code="other-store"
         )
-    stored = _first_record(folder, *known)
+    stored = _first_record(folder, *store)
     if stored is None:
         return None, config, {}
     paths = paths_of(stored.config, stored.provenance.begun_in, folder)
-    values = stored.config | remembered(folder / CONFIG) | {"store": known[0], "store_options": known[1]}
+    values = stored.config | remembered(folder / CONFIG) | {"store": store[0], "store_options": store[1]}
     asked = effective(values, as_stored(from_file, paths), as_stored(settings, paths))
     return stored, asked, paths
 
@@ -82,9 +82,9 @@ def _first_record(folder: Path, store: str, options: dict[str, Any]) -> Campaign
     """Return the record of the campaign in a folder; None where none has begun."""
     with opened(folder, store, options) as ledger:
         names = campaigns_of(ledger)
-        kept = ledger.settings(names[0]) if names else None
-    record = None if kept is None else CampaignRecord.read(kept)
-    if kept is not None and record is None:
+        settings = ledger.settings(names[0]) if names else None
+    record = None if settings is None else CampaignRecord.read(settings)
+    if settings is not None and record is None:
         raise InputError(
             f"{folder}: this folder holds imported results, no campaign. Choose another --out.", code="imported-results"
         )
@@ -116,7 +116,7 @@ def _compile_search() -> subprocess.Popen[bytes] | None:
     from rvsg.search import race
 
     work: list[tuple[Any, tuple[Any, ...]]] = [(race.fit, race.FIT), (forecast.run_all, forecast.kinds_of_run_all())]
-    missing = [each for each in work if not is_cached(each[0])]
+    missing = [kernel for kernel in work if not is_cached(kernel[0])]
     return compile_aside(missing, nice=10) if missing else None
 
 
@@ -180,9 +180,9 @@ class Campaign(StoredCampaign):
         from_file = dict(file or {})
         config = effective(None, from_file, settings)
         check_out(config.folder)
-        stored, config, known = resumed(config, from_file, settings)
+        stored, config, stored_paths = resumed(config, from_file, settings)
         reject_unused_model_options(config, settings, on_message)
-        paths = {**(paths or {}), **known}
+        paths = {**(paths or {}), **stored_paths}
         with permission.only(settings, named):
             wired = wire(located(config, paths), **instances)
         for note in wired.notes:
@@ -231,8 +231,8 @@ class Campaign(StoredCampaign):
             record = record_in(ledger, folder, name)
         store = store_of(folder) if folder.is_dir() else None
         out = folder if folder.is_dir() else folder.parent
-        kept = {"store": store[0], "store_options": store[1]} if store else {}
-        config = effective(record.config | remembered(out / CONFIG) | kept, {}, {**machine, "out": str(out)})
+        store_settings = {"store": store[0], "store_options": store[1]} if store else {}
+        config = effective(record.config | remembered(out / CONFIG) | store_settings, {}, {**machine, "out": str(out)})
         config = located(config, paths_of(record.config, record.provenance.begun_in, out))
         instance = None if stack is None or isinstance(stack, str) else stack
         campaign = cls(record, config, generator=generator, simulator=simulator, stack=instance)
@@ -332,10 +332,10 @@ class Campaign(StoredCampaign):
             budget = runs or self.record.judging.max_runs
             with wired.runner(ledger, ignore, jobs=jobs or jobs_of(self.config), executor=None) as runner:
                 parts = wired.parts(plan, self.record.judging, ledger, runner, self._cancelled.is_set)
-                made = Confirmations(plan, attempts, parts)
-                for event in chain(made.confirm(chosen, budget=budget), made.explain()):
+                confirming = Confirmations(plan, attempts, parts)
+                for event in chain(confirming.confirm(chosen, budget=budget), confirming.explain()):
                     observe(event)
-            return next(a for a in made.attempts if a.purpose == "confirmation" and a.confirms == candidate)
+            return next(a for a in confirming.attempts if a.purpose == "confirmation" and a.confirms == candidate)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -404,11 +404,11 @@ def campaigns_in(store: Path, *, optional: bool = False) -> list[Campaign]:
         StoreError: there is no store, or it cannot be read.
     """
     with reading(store) as ledger:
-        known = ledger.campaigns()
-        settings = [(name, ledger.settings(name)) for name in known]
-    names = [name for name, kept in settings if kept is not None and CampaignRecord.read(kept) is not None]
+        campaigns = ledger.campaigns()
+        settings = [(name, ledger.settings(name)) for name in campaigns]
+    names = [name for name, values in settings if values is not None and CampaignRecord.read(values) is not None]
     if not names and not optional:
-        raise no_campaign(store, len(known))
+        raise no_campaign(store, len(campaigns))
     return [Campaign.open(store, name) for name in names]
 
 

@@ -38,8 +38,8 @@ def command_for_more(config: CampaignConfig, made: int) -> str:
 
 def resume_command(config: CampaignConfig, *, without: Sequence[str] = ()) -> str:
     """Return the command that resumes a campaign: its folder, and the options that are not stored with it."""
-    kept = [key for key in CampaignConfig.model_fields if key not in OF_THE_CALL]
-    words = _options(config, without=("out", "store", "store_options", *kept, *without))
+    keys = [key for key in CampaignConfig.model_fields if key not in OF_THE_CALL]
+    words = _options(config, without=("out", "store", "store_options", *keys, *without))
     return shlex.join(["rvsg", "run", "--out", str(config.folder), *words])
 
 
@@ -53,12 +53,12 @@ def next_commands(config: CampaignConfig, result: Result) -> dict[str, str]:
     folder, other = config.folder, _without_recording(config)
     scenarios = sum(entry.state == "confirmed" for entry in result.ranking)
     verdict = result.confirmed.verdict if result.confirmed else None
-    each = max(result.accounting.confirmation_runs, verdict.runs * scenarios if verdict else 0)
+    runs = max(result.accounting.confirmation_runs, verdict.runs * scenarios if verdict else 0)
     return {
         "resume": resume_command(config),
         "contact": command_for(other.replace(requirement="no_contact")),
         "confirm": shlex.join(["rvsg", "confirm", str(folder)]),
-        "more": command_for_more(config, each),
+        "more": command_for_more(config, runs),
         "keep": shlex.join(["rvsg", "suite", "add", str(folder / BEST), "--suite", "suite"]),
         "planner": shlex.join(["rvsg", "replay", str(folder), "--trace"]),
         "repeat": command_for(other.replace(seed=config.seed + 1)),
@@ -69,8 +69,8 @@ def _without_recording(config: CampaignConfig) -> CampaignConfig:
     """Return the settings of another search in the same test: recorded replies answer only the search they are of."""
     if config.replay is None:
         return config
-    kept = {key for key, setting in settings().items() if setting.group in (TEST, RUNS)}
-    return CampaignConfig(**{key: getattr(config, key) for key in kept}, seed=config.seed)
+    keys = {key for key, setting in settings().items() if setting.group in (TEST, RUNS)}
+    return CampaignConfig(**{key: getattr(config, key) for key in keys}, seed=config.seed)
 
 
 def runs_command(scenario: str, config: CampaignConfig, *, seed: int, repeats: int, out: str) -> str:
@@ -93,18 +93,18 @@ def _code(config: CampaignConfig) -> list[str]:
 def _options(config: CampaignConfig, *, without: Sequence[str]) -> list[str]:
     """Return the options of `rvsg run` that give these settings: those that are not the default, nor a scenario's."""
     words: list[str] = []
-    told = OF_START if config.start_from else frozenset()
+    of_start = OF_START if config.start_from else frozenset()
     writer = {key: getattr(config, key) for key in ("generator", "model", "replay")}
     defaults = CampaignConfig().model_copy(update={"strategy": CampaignConfig(**writer).strategy})
     for key, value in config.model_dump(mode="json").items():
         option = option_of(key)
-        if key in without or (value == getattr(defaults, key) and key not in told):
+        if key in without or (value == getattr(defaults, key) and key not in of_start):
             continue
         if isinstance(value, dict):
-            for name, each in value.items():
-                words += [option, f"{name}={each if isinstance(each, str) else json.dumps(each)}"]
+            for name, item in value.items():
+                words += [option, f"{name}={item if isinstance(item, str) else json.dumps(item)}"]
         elif isinstance(value, list):
-            words += [word for each in value for word in (option, each)]
+            words += [word for item in value for word in (option, item)]
         else:
             words += [option] if value is True else [option, str(value)]
     return words

@@ -62,14 +62,16 @@ class VersionComparison:
     @property
     def replayable(self) -> frozenset[tuple[str, str]]:
         """Case and requirement of each change that a replay can show."""
-        found = (each for each in self.found.changes if self.suite is not None and each.only_first + each.only_second)
-        return frozenset((each.case, each.requirement) for each in found)
+        changes = (
+            change for change in self.found.changes if self.suite is not None and change.only_first + change.only_second
+        )
+        return frozenset((change.case, change.requirement) for change in changes)
 
     def page(self) -> str:
         """Return the comparison as an HTML page; with the suite at hand, two runs on one clock for six changes."""
-        changed = [each for each in self.found.changes if each.change not in (Change.MISSING, Change.UNCHANGED)]
-        shown = sorted(changed, key=lambda each: [*TONES].index(each.change))[:6] if self.suite is not None else []
-        return comparison_page(self.found, replayed=[self._replayed(each) for each in shown])
+        changed = [change for change in self.found.changes if change.change not in (Change.MISSING, Change.UNCHANGED)]
+        shown = sorted(changed, key=lambda change: [*TONES].index(change.change))[:6] if self.suite is not None else []
+        return comparison_page(self.found, replayed=[self._replayed(change) for change in shown])
 
     def replay(self, case: str, requirement: str) -> dict[str, Any]:
         """Return both versions' runs of the first seed that differs, as data of the replay component.
@@ -80,13 +82,13 @@ class VersionComparison:
         if (case, requirement) not in self.replayable:
             raise InputError(f"{case}, {requirement}: no run of a suite at hand differs between the two versions.")
         change = next(each for each in self.found.changes if (each.case, each.requirement) == (case, requirement))
-        return change_replay(self._replayed(change), [each.version for each in self.found.variants])
+        return change_replay(self._replayed(change), [variant.version for variant in self.found.variants])
 
     def _replayed(self, change: CaseChange) -> ReplayedChange:
         """Return the first seed that differs of a changed case, run again with both versions."""
         assert self.suite is not None
         tested = self.suite.tested(change.case)
-        names = [each.requirement for each in tested.case.expectations]
+        names = [expectation.requirement for expectation in tested.case.expectations]
         route = tested.case.scenario.mission.route
         requirement = tested.requirements[names.index(change.requirement)].for_time_limit(route.time_limit_s)
         measuring = Evaluator(requirement, tested.world)
@@ -137,23 +139,23 @@ def compare_versions(
     """
     opened = None if suite is None else Suite.open(suite)
     if opened is None:
-        results = [given if isinstance(given, SuiteResult) else read_results(given) for given in (first, second)]
+        results = [source if isinstance(source, SuiteResult) else read_results(source) for source in (first, second)]
     else:
-        asked = [(str(given), *_version(str(given))) for given in (first, second)]
+        asked = [(str(source), *_version(str(source))) for source in (first, second)]
         for _, simulator, robot in asked:  # one that cannot be made is refused before the other runs
-            with closing(make_simulator(simulator)) as made:
+            with closing(make_simulator(simulator)) as ready:
                 if robot is not None:
-                    as_robot(robot, made.robots)
+                    as_robot(robot, ready.robots)
         results = []
         for name, simulator, robot in asked:
             on_message(f"Running {counted(len(opened.cases), 'case')} with {name}.")
             results.append(
                 opened.run(simulator=simulator, version=name, robot=robot, jobs=jobs, runs=runs, on_message=on_message)
             )
-    found = compare(results, error_rate=error_rate)
-    if all(each.change is Change.MISSING for each in found.changes):
+    comparison = compare(results, error_rate=error_rate)
+    if all(change.change is Change.MISSING for change in comparison.changes):
         raise InputError("The two results have no case in common. Run the same suite with both versions.")
-    return VersionComparison(found=found, suite=opened)
+    return VersionComparison(found=comparison, suite=opened)
 
 
 def _version(text: str) -> tuple[Spec, str | None]:
@@ -211,7 +213,7 @@ def compare_stacks(
         with closing(make_simulator("embedded", stack)) as simulator:
             simulator.prepare(on_message)
             driver = as_robot(robot, simulator.robots) if robot else None
-            driven = [each if driver is None else each.with_robot(driver) for each in cases]
+            driven = [case if driver is None else case.with_robot(driver) for case in cases]
             results = run_cases(driven, simulator, runs=runs, jobs=jobs, finish=_placed, on_message=on_message)
             variants.append(
                 SuiteResult(
@@ -242,7 +244,7 @@ def _placed(
 
 def write_comparison(found: Comparison, source: str | Path, folder: str | Path) -> list[Path]:
     """Write a comparison as `index.html`, `stacks.svg`, `stacks.md` and `stacks.json`; return their paths."""
-    worlds = {each.case.name: each.world for each in tested_in(Path(source), len(found.cases))}
+    worlds = {tested.case.name: tested.world for tested in tested_in(Path(source), len(found.cases))}
     contents = {
         "index.html": comparison_page(found, worlds=worlds),
         "stacks.svg": shares_figure(found),
@@ -263,8 +265,8 @@ def tested_in(source: Path, scenarios: int) -> list[SuiteCase]:
         raise InputError(f"{source}: there is no such folder. Give a suite, or the folder of one or more campaigns.")
     folders = [source] if store_of(source) else folders_in(source)
     campaigns = [campaign for folder in folders for campaign in campaigns_in(folder, optional=True)]
-    found = [list(_worst(campaign)) for campaign in campaigns]
-    turns = [case for k in range(max(map(len, found), default=0)) for each in found for case in each[k : k + 1]]
+    worst = [list(_worst(campaign)) for campaign in campaigns]
+    turns = [case for k in range(max(map(len, worst), default=0)) for cases in worst for case in cases[k : k + 1]]
     if not turns:
         raise InputError(f"{source}: there is neither a suite nor a campaign with scenarios. Make one: rvsg run")
     return turns[:scenarios]
@@ -287,4 +289,6 @@ def _worst(campaign: Campaign) -> Iterator[SuiteCase]:
 
 def compare_campaigns(first: Campaign, second: Campaign) -> Comparison:
     """Compare the configurations that two campaigns both ran, in the order of the first; a case is an attempt."""
-    return compare_attempts([(each.plan, each.record.simulator.name, each.attempts()) for each in (first, second)])
+    return compare_attempts(
+        [(campaign.plan, campaign.record.simulator.name, campaign.attempts()) for campaign in (first, second)]
+    )

@@ -51,12 +51,16 @@ def coverage(
         for case in source.cases:
             world = source.worlds[case.name]
             exercise = exercise_of(world)
-            exercise.add(case.scenario, [requirement_of(each, source.folder).name for each in case.expectations])
+            exercise.add(
+                case.scenario, [requirement_of(expectation, source.folder).name for expectation in case.expectations]
+            )
             if runs:
-                made = simulate(case.scenario, runs, jobs=jobs, simulator=simulator, world=world, on_message=on_message)
-                for run in made:
+                simulated = simulate(
+                    case.scenario, runs, jobs=jobs, simulator=simulator, world=world, on_message=on_message
+                )
+                for run in simulated:
                     exercise.add_run(run)
-    return tuple(WorldCoverage(each.coverage(), each.world) for each in exercises.values())
+    return tuple(WorldCoverage(exercise.coverage(), exercise.world) for exercise in exercises.values())
 
 
 def _opened(given: Source) -> list[Suite | Campaign]:

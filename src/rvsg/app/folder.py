@@ -72,9 +72,9 @@ def opened(folder: Path, store: str, options: Mapping[str, Any]) -> Iterator[Led
 @contextlib.contextmanager
 def reading(store: Path) -> Iterator[Ledger]:
     """The store of a campaign's folder, or the ledger file itself, opened to be read; StoreError if none is."""
-    known = store_of(store) if store.is_dir() else None
-    if known is not None and known[0] != "sqlite":
-        ledger: Ledger = plugins.make("store", known[0], known[1], store / f"ledger.{known[0]}")
+    named = store_of(store) if store.is_dir() else None
+    if named is not None and named[0] != "sqlite":
+        ledger: Ledger = plugins.make("store", named[0], named[1], store / f"ledger.{named[0]}")
     else:
         from rvsg.store.sqlite import SqliteLedger
 
@@ -93,11 +93,11 @@ def check_out(folder: Path) -> None:
             nearest, f"this is no folder, and --out {folder} needs one. Choose another --out.", code="out-no-folder"
         )
     try:
-        found = {path.name for path in folder.iterdir() if path.name[:1] != "."} if nearest == folder else set()
+        names = {path.name for path in folder.iterdir() if path.name[:1] != "."} if nearest == folder else set()
     except OSError as error:
         raise FileError(folder, f"the folder cannot be read: {error.strerror}. Choose another --out.") from None
-    foreign = sorted(found.difference(BEFOREHAND))
-    if foreign and not found.intersection((LEDGER, STORE, MATRIX)):
+    foreign = sorted(names.difference(BEFOREHAND))
+    if foreign and not names.intersection((LEDGER, STORE, MATRIX)):
         listed = ", ".join(foreign[:3]) + (", ..." if len(foreign) > 3 else "")
         raise FileError(
             folder,

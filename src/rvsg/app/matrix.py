@@ -96,12 +96,12 @@ class Matrix:
         stored = _stored(Path(asked["out"])) if asked.get("out") else {}
         begun_in = stored.pop(FROM, None) or str(Path.cwd())
         product = itertools.product(*(_names(stored.get(key, [])) for key in LISTED))
-        known = tuple((route, requirement) for route, requirement in stored.pop(PAIRS, product))
+        stored_pairs = tuple((route, requirement) for route, requirement in stored.pop(PAIRS, product))
         paths = paths_of(stored, begun_in, Path(asked["out"])) if stored else {}
         asked = as_stored(asked, paths)
         values = of_start({**stored, **asked})
         names = {key: _names(values.get(key, CampaignConfig.model_fields[key].default)) for key in LISTED}
-        if not stored and all(len(each) == 1 and each != ["all"] for each in names.values()):
+        if not stored and all(len(named) == 1 and named != ["all"] for named in names.values()):
             return None
         rest = {key: value for key, value in values.items() if key not in LISTED}
         world = rest.get("world", "warehouse")
@@ -110,18 +110,18 @@ class Matrix:
         default = effective(None, {}, rest | together)
         rest["out"] = str(default.folder)
         _check_same(stored, values, default.folder)
-        pairs = _asked(tuple(itertools.product(routes, requirements)), [key in asked for key in LISTED], known)
+        pairs = _asked(tuple(itertools.product(routes, requirements)), [key in asked for key in LISTED], stored_pairs)
         folder = default.folder
-        found: dict[str, Any] = {"folder": folder, "pairs": pairs, "settings": rest, "stored": known}
-        return cls(**found, paths=paths, begun_in=begun_in, named=(given,))
+        fields: dict[str, Any] = {"folder": folder, "pairs": pairs, "settings": rest, "stored": stored_pairs}
+        return cls(**fields, paths=paths, begun_in=begun_in, named=(given,))
 
     @classmethod
     def open(cls, folder: Path) -> Matrix:
         """Open the matrix stored in a folder; InputError if there is none."""
-        found = cls.of({}, {"out": str(folder)})
-        if found is None:
+        matrix = cls.of({}, {"out": str(folder)})
+        if matrix is None:
             raise InputError(f"{folder}: this folder holds no campaigns on several routes or requirements.")
-        return found
+        return matrix
 
     @property
     def all_pairs(self) -> tuple[Pair, ...]:
@@ -180,15 +180,15 @@ class Matrix:
         values = self._values()
         make_folder(self.folder)
         listed = {key: list(dict.fromkeys(pair[at] for pair in self.all_pairs)) for at, key in enumerate(LISTED)}
-        kept = self.settings | listed | {PAIRS: self.all_pairs, FROM: self.begun_in}
+        content = self.settings | listed | {PAIRS: self.all_pairs, FROM: self.begun_in}
         with alone_in(self.folder):
-            copy_inputs(kept, self.paths, self.folder, anew=not self.stored)
-            write_whole(self.folder / MATRIX, json.dumps(kept, indent=2, ensure_ascii=False) + "\n")
+            copy_inputs(content, self.paths, self.folder, anew=not self.stored)
+            write_whole(self.folder / MATRIX, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
         return [
             Campaign.create(
-                file=each, on_message=on_message, paths=self.paths, begun_in=self.begun_in, named=self.named
+                file=settings, on_message=on_message, paths=self.paths, begun_in=self.begun_in, named=self.named
             )
-            for each in values
+            for settings in values
         ]
 
     def run(self, campaigns: Sequence[Campaign]) -> Iterator[tuple[Campaign, Event | Ended]]:
@@ -214,21 +214,21 @@ class Matrix:
 
     def _values(self) -> list[dict[str, Any]]:
         """Return the settings of each campaign, checked."""
-        found: dict[str, dict[str, Any]] = {}
+        by_name: dict[str, dict[str, Any]] = {}
         for route, requirement in self.pairs:
             values = self.settings | self.budget | {"route": route, "requirement": requirement}
             plan = wire(located(effective(None, {}, values), self.paths)).plan
             name = f"{plan.mission.route.name}-{plan.requirement.name}"
             folder = str(self.folder / safe_name(name))
-            if name in found:
+            if name in by_name:
                 raise InputError(f"Two of the requirements are called {plan.requirement.name}. Rename one of them.")
-            if any(folder == each["out"] for each in found.values()):
+            if any(folder == other["out"] for other in by_name.values()):
                 raise InputError(
                     f"Two of the campaigns would be kept in {folder}. Rename a route or a requirement.",
                     code="matrix-folder-shared",
                 )
-            found[name] = values | {"out": folder, "junit": None}
-        return list(found.values())
+            by_name[name] = values | {"out": folder, "junit": None}
+        return list(by_name.values())
 
 
 def report_all(folder: Path, campaigns: Sequence[Campaign], command: str, *, missing: int = 0) -> Path:
@@ -337,12 +337,12 @@ def _check_same(stored: Mapping[str, Any], asked: Mapping[str, Any], folder: Pat
     """Refuse other settings than those stored; more pairs may be added."""
     if not stored:
         return
-    known, now = (
+    then, now = (
         effective(None, {}, {key: value for key, value in values.items() if key not in LISTED}).deciding()
         for values in (stored, asked)
     )
-    if found := differences(known, now):
-        raise other_settings(folder, found)
+    if changes := differences(then, now):
+        raise other_settings(folder, changes)
 
 
 def _names(value: Any) -> list[str]:

@@ -65,8 +65,8 @@ def shot_of(
             raise InputError(f"{source}: a file of runs does not say in which world they took place. Add --world.")
         return _plain(_run_in(source, run), load_world(world), None)
     again = rerun(source, given, world=world, on_message=on_message)
-    made = simulate(again.scenario, [seed], simulator=again.simulator, world=again.world)
-    return _plain(made[0], again.world, again.scenario.mission.robot_record)
+    runs = simulate(again.scenario, [seed], simulator=again.simulator, world=again.world)
+    return _plain(runs[0], again.world, again.scenario.mission.robot_record)
 
 
 def _is_campaign(source: Path) -> bool:
@@ -111,10 +111,10 @@ def _worst(campaign: Campaign, attempts: list[Attempt]) -> tuple[Attempt, Measur
 def _run_in(source: Path, run: str | None) -> Run:
     """Return the run of that id in a file of runs, by default the first."""
     runs = read_runs([source])
-    known = {each.id: each for each in runs}
-    if run is not None and run not in known:
-        raise UnknownName("run", run, known)
-    return runs[0] if run is None else known[run]
+    by_id = {run.id: run for run in runs}
+    if run is not None and run not in by_id:
+        raise UnknownName("run", run, by_id)
+    return runs[0] if run is None else by_id[run]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,8 +224,8 @@ def trace_source(
     if run is not None:
         raise InputError(f"{source}: --run names a run of a campaign or of a file of runs. Give --seed for a scenario.")
     again = rerun(source, given, world=world, on_message=on_message)
-    made = trace(again.scenario, seed, simulator=again.simulator, world=again.world, on_message=on_message)
-    return Traced(trace=made, world=again.world)
+    traced = trace(again.scenario, seed, simulator=again.simulator, world=again.world, on_message=on_message)
+    return Traced(trace=traced, world=again.world)
 
 
 def kept_trace(campaign: Campaign, run: str) -> str:

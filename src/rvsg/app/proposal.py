@@ -167,10 +167,10 @@ def _next_brief(config: CampaignConfig) -> tuple[Brief, Wired]:
     if store_of(config.folder) is None:
         return wired.strategy(CachedLedger(MemoryLedger()), plan).ask()[0].brief, wired
     with reading(config.folder) as ledger:
-        known = campaigns_of(ledger)
-        record = CampaignRecord.read(ledger.settings(known[0]) or {}) if known else None
+        names = campaigns_of(ledger)
+        record = CampaignRecord.read(ledger.settings(names[0]) or {}) if names else None
         strategy = wired.strategy(CachedLedger(ledger), plan, record.strategy if record else None)
-        for attempt in search_attempts(list(ledger.attempts(known[0] if known else wired.plan.name))):
+        for attempt in search_attempts(list(ledger.attempts(names[0] if names else wired.plan.name))):
             strategy.tell(attempt)
         asks = [ask for ask in strategy.ask() if ask.proposal is None]
     if not asks:
@@ -242,24 +242,24 @@ def draft_requirement(words: str, model: Model) -> Requirement:
 
 def _requirement_of(text: str) -> Requirement:
     """Return the requirement of an answer; raises InputError or ValidationError where it cannot be used."""
-    found = [each.value for each in find_json(text) if isinstance(each.value, dict)]
-    if not found:
+    objects = [part.value for part in find_json(text) if isinstance(part.value, dict)]
+    if not objects:
         raise InputError("It holds no JSON object.")
-    given: dict[str, Any] = {key: value for key, value in found[-1].items() if value not in ("", None)}
-    if not given.keys() & {"metric", "formula"}:
-        raise GenerationError(f"Nothing measures this requirement: {given.get('text', 'the model gives no reason')}")
-    if "formula" in given:
-        given.pop("worse", None)
-    elif "limit" not in given:
+    values: dict[str, Any] = {key: value for key, value in objects[-1].items() if value not in ("", None)}
+    if not values.keys() & {"metric", "formula"}:
+        raise GenerationError(f"Nothing measures this requirement: {values.get('text', 'the model gives no reason')}")
+    if "formula" in values:
+        values.pop("worse", None)
+    elif "limit" not in values:
         raise InputError("A metric needs a limit.")
-    name = re.sub(r"\W+", "_", str(given.pop("name", "")).casefold()).strip("_")
-    return check_requirement(Requirement.model_validate({"name": name, **given}))
+    name = re.sub(r"\W+", "_", str(values.pop("name", "")).casefold()).strip("_")
+    return check_requirement(Requirement.model_validate({"name": name, **values}))
 
 
 def write_requirement(requirement: Requirement, file: Path) -> Requirement:
     """Write a requirement that was accepted into a new file, and return it as the file is read."""
     if file.exists():
         raise InputError(f"{file} exists. Choose another file with --out.")
-    kept = requirement.model_dump(mode="json", exclude_defaults=True, exclude={"name"})
-    write_whole(file, yaml.safe_dump({requirement.name: kept}, sort_keys=False, allow_unicode=True))
+    fields = requirement.model_dump(mode="json", exclude_defaults=True, exclude={"name"})
+    write_whole(file, yaml.safe_dump({requirement.name: fields}, sort_keys=False, allow_unicode=True))
     return load_requirement(str(file))

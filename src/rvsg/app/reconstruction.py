@@ -62,12 +62,12 @@ class Rebuilt:
     @property
     def repeats(self) -> bool:
         """Whether at least half of the runs repeat the recording."""
-        return 2 * sum(each.repeats for each in self.fidelities) >= len(self.fidelities)
+        return 2 * sum(fidelity.repeats for fidelity in self.fidelities) >= len(self.fidelities)
 
     @property
     def verdict(self) -> str:
         """Whether the scenario repeats the recording, and how its runs are judged, in words."""
-        count = sum(each.repeats for each in self.fidelities)
+        count = sum(fidelity.repeats for fidelity in self.fidelities)
         limits = FidelityLimits()
         said = "The scenario repeats the recording" if self.repeats else "The scenario does not repeat the recording"
         said += (
@@ -84,8 +84,8 @@ class Rebuilt:
     def notes(self) -> tuple[str, ...]:
         """What the scenario rests on, and what the robot file could say instead."""
         proposed = [
-            f"The robot file says {each.parameter}: {each.file:g}; the recording shows {each.recorded:g}."
-            for each in self.estimates
+            f"The robot file says {estimate.parameter}: {estimate.file:g}; the recording shows {estimate.recorded:g}."
+            for estimate in self.estimates
         ]
         contact = [self.fidelities[0].contact] if self.fidelities[0].contact else []
         return (*map(str, self.made.notes), *contact, *proposed)
@@ -95,15 +95,20 @@ class Rebuilt:
         return {
             "repeats": self.repeats,
             "verdict": self.verdict,
-            "fidelity": [each.model_dump(mode="json") | {"repeats": each.repeats} for each in self.fidelities],
-            "estimates": [each.model_dump(mode="json") for each in self.estimates],
+            "fidelity": [
+                fidelity.model_dump(mode="json") | {"repeats": fidelity.repeats} for fidelity in self.fidelities
+            ],
+            "estimates": [estimate.model_dump(mode="json") for estimate in self.estimates],
             "notes": [note.model_dump(mode="json") for note in self.made.notes],
         }
 
     @property
     def lines(self) -> list[str]:
         """What the scenario rests on, and what each run does, a line each."""
-        return [*(f"- {note}" for note in self.notes), *(f"seed {each.seed}: {each}" for each in self.fidelities)]
+        return [
+            *(f"- {note}" for note in self.notes),
+            *(f"seed {fidelity.seed}: {fidelity}" for fidelity in self.fidelities),
+        ]
 
     def replay(self) -> dict[str, object]:
         """Return both drives as data of the replay component: over one floor plan and on one clock."""
@@ -193,8 +198,10 @@ def rebuild(
     made = recorded_scenario(found, world, route=world.route(route) if route is not None else None, **options)
     scenario = made.scenario
     asked = load_requirement(requirement, scenario.mission.route)
-    kept = simulate(scenario, runs, jobs=jobs, simulator=simulator, stack=stack, world=world, on_message=on_message)
-    pairs = [(run, compare(made.recording, run, world)) for run in kept]
+    simulated = simulate(
+        scenario, runs, jobs=jobs, simulator=simulator, stack=stack, world=world, on_message=on_message
+    )
+    pairs = [(run, compare(made.recording, run, world)) for run in simulated]
     pairs.sort(key=lambda pair: _distance(pair[1]))
     robot = scenario.mission.robot_record
     return Rebuilt(
@@ -202,11 +209,11 @@ def rebuild(
         world=world,
         requirement=asked,
         runs=tuple(run for run, _ in pairs),
-        fidelities=tuple(each for _, each in pairs),
-        judged=judge(kept, asked, scenario=scenario, world=world),
+        fidelities=tuple(fidelity for _, fidelity in pairs),
+        judged=judge(simulated, asked, scenario=scenario, world=world),
         estimates=estimates(made.recording, pairs[0][0], robot) if robot is not None else (),
         found=FoundWith(
-            simulator=by_content(Spec.of(simulator), kept[0].options),
+            simulator=by_content(Spec.of(simulator), simulated[0].options),
             stack_file=stack_file(stack),
             requirement=load_requirement(requirement),
         ),
@@ -260,7 +267,7 @@ def recorded_cases(
     paths = [path for path in sorted(folder.iterdir()) if path.suffix in SUFFIXES or (path / "metadata.yaml").is_file()]
     if not paths:
         raise FileError(folder, f"there is no recording here ({', '.join(SUFFIXES)}, or a rosbag2 folder).")
-    found: list[RecordedCase] = []
+    cases: list[RecordedCase] = []
     for path in paths:
         on_case(path.name)
         try:
@@ -268,21 +275,21 @@ def recorded_cases(
             place = world_of_recording(whole, world, worlds / path.stem, open_floor=open_floor)
             parts = [(path.name, whole)] if whole.end_s - whole.begin_s <= LONGEST_S else _encounters(whole, place)
         except RvsgError as error:
-            found.append(RecordedCase(source=path.name, kinds=(), gap_m=math.inf, rebuilt=None, problem=str(error)))
+            cases.append(RecordedCase(source=path.name, kinds=(), gap_m=math.inf, rebuilt=None, problem=str(error)))
             continue
         for name, part in parts:
             goal = {} if part is whole else {"route": None}  # a part ends before the goal of the route
             try:
                 rebuilt = rebuild(part, place, requirement, **options | goal)
             except RvsgError as error:
-                found.append(RecordedCase(source=name, kinds=(), gap_m=math.inf, rebuilt=None, problem=str(error)))
+                cases.append(RecordedCase(source=name, kinds=(), gap_m=math.inf, rebuilt=None, problem=str(error)))
                 continue
             met = encounters_of(recorded_as(rebuilt.made.recording, rebuilt.runs[0]), world=place)
-            kinds = tuple(dict.fromkeys(each.kind.value for each in met))
-            gap_m = min((each.gap_m for each in met), default=math.inf)
-            found.append(RecordedCase(source=name, kinds=kinds, gap_m=gap_m, rebuilt=rebuilt))
-    often = Counter(kind for case in found for kind in case.kinds)
-    return sorted(found, key=lambda case: (min((often[kind] for kind in case.kinds), default=math.inf), case.gap_m))
+            kinds = tuple(dict.fromkeys(meeting.kind.value for meeting in met))
+            gap_m = min((meeting.gap_m for meeting in met), default=math.inf)
+            cases.append(RecordedCase(source=name, kinds=kinds, gap_m=gap_m, rebuilt=rebuilt))
+    often = Counter(kind for case in cases for kind in case.kinds)
+    return sorted(cases, key=lambda case: (min((often[kind] for kind in case.kinds), default=math.inf), case.gap_m))
 
 
 def _encounters(recording: Recording, world: World) -> list[tuple[str, Recording]]:
@@ -290,10 +297,10 @@ def _encounters(recording: Recording, world: World) -> list[tuple[str, Recording
     run, _ = recorded_run(replace(recording, header=None, goal=recording.goal or (0.0, 0.0, 0.0)))
     spans: list[list[float]] = []
     seen = {person.name: (person.begin_s, person.end_s) for person in recording.people}
-    for each in encounters_of(run, world=world):
-        if not seen[each.person][0] <= each.time_s <= seen[each.person][1]:
+    for meeting in encounters_of(run, world=world):
+        if not seen[meeting.person][0] <= meeting.time_s <= seen[meeting.person][1]:
             continue  # a run has people stand where they are not seen
-        begin, end = each.time_s - BEFORE_S, each.time_s + AFTER_S
+        begin, end = meeting.time_s - BEFORE_S, meeting.time_s + AFTER_S
         if spans and begin < spans[-1][1] and end - spans[-1][0] <= LONGEST_S:
             spans[-1][1] = end
         else:
@@ -307,14 +314,14 @@ def suite_of_recordings(cases: Sequence[RecordedCase], suite: str | Path, requir
 
     A scenario that the suite holds already keeps its name.
     """
-    made = Suite.create(suite)
+    whole = Suite.create(suite)
     for case in cases:
         if case.rebuilt is not None:
-            scenario, known = case.rebuilt.made.scenario, {each.scenario.id: each.name for each in made.cases}
+            scenario, names = case.rebuilt.made.scenario, {other.scenario.id: other.name for other in whole.cases}
             bad = case.rebuilt.judged.verdict.violations * 2 > len(case.rebuilt.runs)
-            name = f"{len(known) + 1:02}-{(case.kinds or ('nobody-near',))[0].replace(' ', '-')}"
-            made = made.add(
-                scenario, requirement, name=known.get(scenario.id, name), title=case.title[:120],
+            name = f"{len(names) + 1:02}-{(case.kinds or ('nobody-near',))[0].replace(' ', '-')}"
+            whole = whole.add(
+                scenario, requirement, name=names.get(scenario.id, name), title=case.title[:120],
                 expected="violation" if bad else "pass", world=case.rebuilt.world, found=case.rebuilt.found,
             )  # fmt: skip
-    return made
+    return whole

@@ -135,15 +135,15 @@ class CampaignRecord(Record):
 
 def differences(known: Mapping[str, Any], asked: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
     """Return the settings of a resumed campaign that differ from those asked, each with `known, now asked`."""
-    found: dict[str, str] = {}
+    changes: dict[str, str] = {}
     for key in sorted({*known, *asked}):
         a, b = known.get(key), asked.get(key)
         if isinstance(a, dict) and isinstance(b, dict):
-            found |= differences(a, b, f"{prefix}{key}.")
+            changes |= differences(a, b, f"{prefix}{key}.")
         elif a != b:
             same = isinstance(a, str) and str(Path(a).absolute()) == b  # `as_stored` names another content so
-            found[f"{prefix}{key}"] = f"{a!r}, whose content has changed since" if same else f"{a!r}, now {b!r}"
-    return found
+            changes[f"{prefix}{key}"] = f"{a!r}, whose content has changed since" if same else f"{a!r}, now {b!r}"
+    return changes
 
 
 def other_settings(where: object, found: Mapping[str, str]) -> InvalidOptions:
@@ -167,7 +167,7 @@ def changed_settings(known: CampaignRecord, asked: CampaignRecord) -> dict[str, 
 
 def record_in(ledger: Ledger, where: Path, name: str | None = None) -> CampaignRecord:
     """Return the record of the campaign in a store; by default of its only one."""
-    records = {known: record for known in ledger.campaigns() if (record := _record(ledger, known))}
+    records = {campaign: record for campaign in ledger.campaigns() if (record := _record(ledger, campaign))}
     if name is not None and name not in records:
         raise UnknownName("campaign", name, records, hint=f"Store: {where}.")
     if not records:

@@ -77,9 +77,9 @@ def rerun(
     for note in (*notes, *(f"warning: {doubtful}" for doubtful in doubts)):
         on_message(note)
     simulator = _simulator(kept.simulator, given)
-    with closing(make_simulator(simulator)) as made:
-        check_robot(scenario, made)
-        used = by_content(simulator, made.options)
+    with closing(make_simulator(simulator)) as ready:
+        check_robot(scenario, ready)
+        used = by_content(simulator, ready.options)
     on_message(f"{scenario.mission.robot_name} with {stack_in_words(used)}, {used.name}.")
     if kept.simulator is not None and (was := stack_in_words(kept.simulator)) != stack_in_words(used):
         on_message(f"It was found with {was}.")
@@ -103,11 +103,11 @@ def stack_file(stack: StackLike | None) -> str | None:
 def _simulator(kept: Spec | None, given: Mapping[str, Any]) -> Spec:
     """Return the simulator with its stack: what is given, and for the rest as it was found."""
     own = Spec(given.get("simulator") or (kept or Spec("embedded")).name, given.get("simulator_options"))
-    found = as_found(kept, own, given.get("stack"))
-    assert isinstance(found, Spec)
-    options, known = given.get("stack_options") or {}, found.options.get("stack")
+    chosen = as_found(kept, own, given.get("stack"))
+    assert isinstance(chosen, Spec)
+    options, known = given.get("stack_options") or {}, chosen.options.get("stack")
     if "stack" in given:
-        return with_stack(found, Spec(given["stack"], options))
+        return with_stack(chosen, Spec(given["stack"], options))
     if options and isinstance(known, Mapping):
-        return with_stack(found, Spec(known["name"], {**known["options"], **options}))
-    return with_stack(found, Spec(default_stack(found.options.get("profile")), options) if options else None)
+        return with_stack(chosen, Spec(known["name"], {**known["options"], **options}))
+    return with_stack(chosen, Spec(default_stack(chosen.options.get("profile")), options) if options else None)

@@ -340,7 +340,7 @@ class CampaignConfig(Rates, SearchSettings, WhatIsTested):
 def settings() -> dict[str, Setting]:
     """Return what is declared of every setting, by key; the one place that everything else is made from."""
     return {
-        key: next(each for each in field.metadata if isinstance(each, Setting))
+        key: next(item for item in field.metadata if isinstance(item, Setting))
         for key, field in CampaignConfig.model_fields.items()
     }
 
@@ -358,7 +358,7 @@ def value_type(key: str) -> type:
     """Return the type of a setting's value: bool, int, float, str, list or dict."""
     annotation: Any = CampaignConfig.model_fields[key].annotation
     while get_origin(annotation) in (Annotated, Union, types.UnionType):
-        annotation = next(each for each in get_args(annotation) if each is not types.NoneType)
+        annotation = next(option for option in get_args(annotation) if option is not types.NoneType)
     kind = get_origin(annotation) or annotation
     return str if kind is Literal else kind
 
@@ -419,8 +419,10 @@ def read_campaign_file(path: Path) -> dict[str, Any]:
 
 def remembered(path: Path) -> dict[str, Any]:
     """Return the settings that decide no record, such as `shrink_runs`, from the campaign file in a folder."""
-    found = read_yaml(path).value if path.is_file() else None
-    return {key: found[key] for key in BESIDE if isinstance(found, dict) and key in found and key not in OF_THE_CALL}
+    content = read_yaml(path).value if path.is_file() else None
+    return {
+        key: content[key] for key in BESIDE if isinstance(content, dict) and key in content and key not in OF_THE_CALL
+    }
 
 
 def parse_campaign_file(text: str, path: Path) -> dict[str, Any]:
@@ -491,13 +493,13 @@ def of_start(values: Mapping[str, Any]) -> dict[str, Any]:
 
     scenario, _ = load_scenario_in(path, values.get("world"))
     mission, robot = scenario.mission, scenario.mission.robot
-    known = {
+    of_scenario = {
         "world": str(folder_of(mission.world_id) or mission.world),
         "route": mission.route.name,
         "robot": robot if isinstance(robot, str) else robot.name,
         "humans": max(1, len(scenario.people.humans)),
     }
-    return {**values, **{key: known[key] for key in left_out}}
+    return {**values, **{key: of_scenario[key] for key in left_out}}
 
 
 def effective(stored: dict[str, Any] | None, from_file: dict[str, Any], from_options: dict[str, Any]) -> CampaignConfig:

@@ -191,10 +191,10 @@ class StoredCampaign:
 
     def data(self, result: Result) -> dict[str, Any]:
         """Return a result as JSON-able data with commands, as `rvsg run --json` prints it."""
-        told = result.data()
-        for candidate in told["candidates"]:
+        data = result.data()
+        for candidate in data["candidates"]:
             candidate["command"] = confirm_command(self.folder, candidate["attempt"])
-        return told | {"out": str(self.folder), "report": str(self.folder / REPORT), "command": self.command}
+        return data | {"out": str(self.folder), "report": str(self.folder / REPORT), "command": self.command}
 
     def runs(self) -> Iterator[Run]:
         """Return every run of the campaign, one at a time, in the order of the attempts."""
@@ -279,7 +279,7 @@ class StoredCampaign:
         folders = [self.folder / "vlm"]
         if self.config.replay is not None:
             folders.append(Path(self.config.replay))
-        return next((CallLog(each) for each in folders if (each / CALLS).is_file()), None)
+        return next((CallLog(place) for place in folders if (place / CALLS).is_file()), None)
 
     def page(self, *, several: bool = False) -> Path:
         """Return where its report is written; with a name of its own where the store holds several campaigns."""
@@ -293,7 +293,7 @@ class StoredCampaign:
 def check_same_route(mission: Mission, world: World) -> None:
     """Refuse a world whose route, fitted to the mission's robot, is not that of the mission any more."""
     route = mission.route
-    same = next((each for each in world.routes if each.name == route.name), None)
+    same = next((candidate for candidate in world.routes if candidate.name == route.name), None)
     if same is not None and not isinstance(mission.robot, str):
         same = fitted(same, mission.robot, world)[0]
     if same == route:

@@ -91,26 +91,26 @@ class Suite(SuiteFolder):
             cases = [self.tested(case.name) for case in alike]
             asked = given if isinstance(given, Spec) and _is_data(stack) else None
             named = permission.only({"simulator": simulator, "stack": stack})
-            with named, simulator_of(given, stack, on_message=on_message) as made:
-                used = by_content(asked or Spec(made.name), made.options)
+            with named, simulator_of(given, stack, on_message=on_message) as ready:
+                used = by_content(asked or Spec(ready.name), ready.options)
                 tested = stack_in_words(used)
                 if stack is None:
                     tested += " as the cases keep it"
                 elif file := stack_file(stack):
                     tested = f"{os.path.relpath(file)}, {tested}"
-                on_message(f"{tested}, {made.name}: {counted(len(cases), 'case')}.")
+                on_message(f"{tested}, {ready.name}: {counted(len(cases), 'case')}.")
                 for text in _changed_since(cases, used, self.folder, tests_file=stack is not None):
                     on_message(text)
-                other = None if robot is None else as_robot(robot, made.robots)
-                driven = [each if other is None else each.driven_by(other) for each in cases]
-                for result in run_cases(driven, made, runs=runs, jobs=jobs, finish=illustrated, on_message=on_message):
+                other = None if robot is None else as_robot(robot, ready.robots)
+                driven = [case if other is None else case.driven_by(other) for case in cases]
+                for result in run_cases(driven, ready, runs=runs, jobs=jobs, finish=illustrated, on_message=on_message):
                     results.append(result.replace(simulator=asked and used, stack=stack_in_words(used)))
                     on_result(results[-1])
         return SuiteResult(
             suite=self.head.title,
-            version=version or "; ".join(dict.fromkeys(each.stack for each in results)),
-            simulator=made.name,
-            options=dict(made.options),
+            version=version or "; ".join(dict.fromkeys(result.stack for result in results)),
+            simulator=ready.name,
+            options=dict(ready.options),
             robot=other,
             cases=tuple(results),
         )
@@ -122,7 +122,7 @@ def add_failures(suite: Suite, campaign: Campaign, rows: Sequence[AnswerRow]) ->
     Args:
         rows: failures of its answer.
     """
-    scenarios = {each.index: each.proposal.scenario for each in campaign.attempts()}
+    scenarios = {attempt.index: attempt.proposal.scenario for attempt in campaign.attempts()}
     for row in rows:
         scenario = scenarios[row.attempt]
         assert scenario is not None, "a confirmed scenario is valid"
@@ -138,17 +138,19 @@ def _is_data(stack: StackLike | None) -> bool:
 def _changed_since(cases: Sequence[SuiteCase], used: Spec, folder: Path, *, tests_file: bool) -> Iterator[str]:
     """Yield what is another version today than the cases were found with."""
     for tested in cases:
-        kept = tested.case.simulator
-        if kept is not None and stack_in_words(kept) != stack_in_words(used):
-            yield f"{tested.case.name} was found with {stack_in_words(kept)}; this run tests {stack_in_words(used)}."
-        for each in tested.case.expectations:
+        stored = tested.case.simulator
+        if stored is not None and stack_in_words(stored) != stack_in_words(used):
+            yield f"{tested.case.name} was found with {stack_in_words(stored)}; this run tests {stack_in_words(used)}."
+        for expectation in tested.case.expectations:
             with suppress(InputError):  # a file that is gone: the case holds the definition
-                if each.definition not in (None, requirement_of(each.replace(definition=None), folder)):
+                if expectation.definition not in (None, requirement_of(expectation.replace(definition=None), folder)):
                     yield (
-                        f"{tested.case.name}: {each.requirement} is defined otherwise today. The case keeps its "
+                        f"{tested.case.name}: {expectation.requirement} is defined otherwise today. The case keeps its "
                         "definition; to take the new one, add the case again with `rvsg suite add`."
                     )
-    files = dict.fromkeys(folder / each.case.stack_file for each in cases if each.case.stack_file and not tests_file)
+    files = dict.fromkeys(
+        folder / tested_case.case.stack_file for tested_case in cases if tested_case.case.stack_file and not tests_file
+    )
     for file in filter(Path.is_file, files):
         with closing(StackChoice.of(file)) as choice:
             today = stack_in_words(Spec(used.name, {"stack": choice.record.model_dump(mode="json")}))

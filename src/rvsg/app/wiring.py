@@ -74,9 +74,9 @@ class Wired:
             "generator": generator.generator if isinstance(generator, InformedGenerator) else generator,
             "strategy": self.strategy_class,
             "simulator": self.simulator,
-            **{f"metric {each.metric}": METRICS[each.metric].of for each in asked if each.metric is not None},
+            **{f"metric {judged.metric}": METRICS[judged.metric].of for judged in asked if judged.metric is not None},
         }
-        return {what: content for what, each in used.items() if (content := plugins.content_of(each))}
+        return {what: content for what, plugin in used.items() if (content := plugins.content_of(plugin))}
 
     def strategy(self, ledger: CachedLedger, plan: Plan | None = None, recorded: Spec | None = None) -> Strategy:
         """Return a new strategy that reads its feedback from the ledger.
@@ -158,7 +158,7 @@ def wire(
         generator = _near(config, start)
     generator = _generator_of(config, generator, simulator, world, requirement)
     plugins.check_options("store", config.store, config.store_options, given=1)
-    made = {
+    values = {
         "name": f"{world.name}-{route.name}-{requirement.name}-{config.generator_name}-{config.strategy}-{config.seed}",
         "mission": mission,
         "requirement": requirement,
@@ -168,21 +168,21 @@ def wire(
     }
     return Wired(
         config=config,
-        plan=Plan(**{key: getattr(config, key) for key in SearchSettings.model_fields} | made),
+        plan=Plan(**{key: getattr(config, key) for key in SearchSettings.model_fields} | values),
         world=world,
         generator=generator,
         simulator=simulator,
         strategy_class=strategy,
         executor=executor_of(config),
-        notes=(*notes, *(doubt for each in (requirement, *also) for doubt in doubts_of(each, mission, world))),
+        notes=(*notes, *(doubt for judged in (requirement, *also) for doubt in doubts_of(judged, mission, world))),
         own_simulator=own,
     )
 
 
 def strategy_class(config: CampaignConfig) -> type[Strategy]:
     """Return the class of the strategy that is named."""
-    found: type[Strategy] = plugins.find("strategy", config.strategy)
-    return found
+    strategy: type[Strategy] = plugins.find("strategy", config.strategy)
+    return strategy
 
 
 def _route_of(config: CampaignConfig, start: Scenario | None) -> tuple[World, Route]:
@@ -249,15 +249,15 @@ def also_of(config: CampaignConfig, first: Requirement, mission: Mission, *, sev
     also = tuple(load_requirement(name, mission.route) for name in config.also)
     if several and not also:
         raise InputError(f"The strategy {config.strategy} needs several requirements: add --also R2, for example.")
-    names = [each.name for each in (first, *also)]
+    names = [judged.name for judged in (first, *also)]
     if twice := next((name for name in names if names.count(name) > 1), None):
         raise InputError(f"--also: {twice} is given twice. Give every requirement once.")
-    for each in also:
-        if each.metric is None:
-            raise InputError(f"--also {each.name}: only requirements with a metric can be added, not formulas.")
-    for each in (first, *also) if also else ():
-        if not each.threshold:
-            raise InputError(f"{each.name} has no limit other than 0, so it cannot be weighed against others.")
+    for judged in also:
+        if judged.metric is None:
+            raise InputError(f"--also {judged.name}: only requirements with a metric can be added, not formulas.")
+    for judged in (first, *also) if also else ():
+        if not judged.threshold:
+            raise InputError(f"{judged.name} has no limit other than 0, so it cannot be weighed against others.")
     return also
 
 
@@ -284,8 +284,8 @@ def let_rehearse(
 
 def remembered_file(config: CampaignConfig) -> Path:
     """Return the file of earlier scenarios: the copy in the folder of a campaign that was begun, else the one given."""
-    kept = config.folder / COPY
-    return kept if kept.is_file() else Path(config.knowledge or "")
+    copied = config.folder / COPY
+    return copied if copied.is_file() else Path(config.knowledge or "")
 
 
 def scenarios_of(config: CampaignConfig) -> int:
@@ -306,8 +306,8 @@ def executor_of(config: CampaignConfig) -> Executor | None:
         if config.executor_options:
             raise InputError('The executor "processes" takes no options; --jobs is the number of processes.')
         return None
-    made: Executor = plugins.make("executor", config.executor, config.executor_options)
-    return made
+    executor: Executor = plugins.make("executor", config.executor, config.executor_options)
+    return executor
 
 
 def generator_options(config: CampaignConfig) -> dict[str, Any]:
