@@ -50,7 +50,7 @@ def moved_away() -> Path:
 
 
 def test_a_moved_folder_is_reported_confirmed_and_resumed(terminal: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
-    terminal("run", OWN, SMALL, "--confirmations 0 --out first")
+    terminal("run", OWN, SMALL.replace("--confirmations 2", "--confirmations 0"), "--out first")
     before = rvsg.Campaign.open("first")
     plan, attempts = before.plan, before.attempts()
     there = moved_away().absolute()
