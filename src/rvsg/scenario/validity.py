@@ -65,7 +65,7 @@ def warnings(people: HumanConfiguration, mission: Mission, world: World) -> tupl
                 named = {"human": human.name, "task": task.name}
                 findings += [finding.model_copy(update=named) for finding in _end_findings(task, world)]
     for human in people.humans:
-        found += _pacing_findings(human, mission, world)
+        findings += _pacing_findings(human, mission, world)
         at = human.starts_at(world.grid)
         gap = start_gap_m(human.body_radius_m, at, mission) if at is not None else math.inf
         if 0.0 <= gap < START_CLEARANCE_M:
