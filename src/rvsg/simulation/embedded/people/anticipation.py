@@ -260,12 +260,16 @@ def braked(
     """Return the acceleration, with the least change after which a person stops before a body."""
     own = -(crowd.old_vx[i] * nx + crowd.old_vy[i] * ny)
     closing = own + max(0.0, approach)
-    if gap == math.inf or own <= 0.0:
-        return fx, fy
-    needed = min(SUDDEN_M_S2, closing * closing / (2.0 * max(gap, LEAST_GAP_M)) if gap > 0.0 else closing / AT_ONCE_S)
     along = fx * nx + fy * ny
-    noticed = min(LATE_M_S2, BRAKE_M_S2 * STOP_HORIZON_S / min(STOP_HORIZON_S, crowd.horizon[i]))
-    if (needed < noticed and gap > 0.0) or along >= needed:
+    if gap <= 0.0:
+        needed = min(SUDDEN_M_S2, own / AT_ONCE_S)
+    elif gap == math.inf or own <= 0.0:
+        return fx, fy
+    else:
+        needed = min(SUDDEN_M_S2, closing * closing / (2.0 * max(gap, LEAST_GAP_M)))
+        if needed < min(LATE_M_S2, BRAKE_M_S2 * STOP_HORIZON_S / min(STOP_HORIZON_S, crowd.horizon[i])):
+            return fx, fy
+    if along >= needed:
         return fx, fy
     return fx + (needed - along) * nx, fy + (needed - along) * ny
 
