@@ -116,18 +116,22 @@ def test_confirmed_violations_are_grouped_by_how_the_robot_fails_and_more_runs_c
     assert worst_confirmation([few, many], REQUIREMENT) is many
 
 
-def confirmed(index: int, objectives: list[float], contacts: int) -> Attempt:
-    values = [{"contacts": float(k < contacts), "min_distance": 0.1, "completed": 1.0} for k in range(len(objectives))]
-    measured = tuple(Measurement.model_construct(values=each) for each in values)
+def confirmed(index: int, objectives: list[float], contacts: int, realism: float = 20.0) -> Attempt:
+    usual = {"min_distance": 0.1, "completed": 1.0, "people_realism": realism}
+    measured = tuple(
+        Measurement.model_construct(values=usual | {"contacts": float(k < contacts)}, objective=objective)
+        for k, objective in enumerate(objectives)
+    )
     verdict = judge(REQUIREMENT, objectives)
     return Attempt.model_construct(index=index, purpose="confirmation", verdict=verdict, measurements=measured)
 
 
-def test_contact_comes_first_then_always_sometimes_open_and_not_violated_then_share_and_mean() -> None:
+def test_usual_people_come_first_then_contact_then_always_sometimes_open_and_not_violated_then_share_and_mean() -> None:
     in_order = [
         confirmed(1, [0.5] * 15, 10), confirmed(2, [0.1] * 15, 3), confirmed(3, [0.5] * 3 + [2.0] * 3, 6),
         confirmed(4, [2.0] * 15, 1), confirmed(5, [0.1] * 15, 0), confirmed(6, [0.5] * 15, 0),
-        confirmed(7, [0.5] * 3 + [2.0] * 3, 0), confirmed(8, [0.5, 2.0], 0), confirmed(9, [2.0] * 15, 0),
+        confirmed(7, [0.5] * 3 + [2.0] * 3, 0), confirmed(10, [0.1] * 15, 12, realism=0.4),
+        confirmed(8, [0.5, 2.0], 0), confirmed(9, [2.0] * 15, 0),
     ]  # fmt: skip
     keys = [severity_of(attempt, REQUIREMENT) for attempt in in_order]
     assert keys == sorted(keys, reverse=True) and len(set(keys)) == len(keys)

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from rvsg.core.records import Record
-from rvsg.evaluation.realism import PEOPLE_REALISM, Motion, motions, rarest, summary
+from rvsg.evaluation.realism import PEOPLE_REALISM, RARE_PERCENT, Motion, is_left_out, motions, rarest, summary
 from rvsg.evaluation.statistics import fisher, holm, share_difference
 from rvsg.evaluation.story import story_of
 from rvsg.evaluation.verdict import (
@@ -149,6 +149,8 @@ class Finding(Record):
     realism: str = ""
     """Whether anybody in the violating runs does what fewer than 1 in 100 recorded people did; without violating runs,
     in all."""
+    rare: Annotated[bool, Field(exclude_if=lambda rare: not rare)] = False
+    """Whether somebody in the run that is worst for the robot does."""
 
     @property
     def number(self) -> str:
@@ -183,9 +185,8 @@ def findings(
     """
     modes = mode_of_run or (lambda run_id: mode_of(run_of(run_id), world))
     confirmed = [a for a in confirmations(attempts) if a.verdict is not None]
-    made = [_finding(plan, attempt, attempts, run_of, modes, world) for attempt in confirmed]
-    made.sort(key=lambda f: severity(f.verdict, f.contacts, plan.requirement), reverse=True)
-    return tuple(made)
+    confirmed.sort(key=lambda attempt: severity_of(attempt, plan.requirement), reverse=True)
+    return tuple(_finding(plan, attempt, attempts, run_of, modes, world) for attempt in confirmed)
 
 
 def rarest_motion(measurements: Iterable[Measurement], run_of: RunOf) -> tuple[Run, Motion] | None:
@@ -245,26 +246,34 @@ def distinct_failures(found: Sequence[Finding]) -> tuple[DistinctFailure, ...]:
     )
 
 
-Severity = tuple[bool, int, float, float, float]
+Severity = tuple[bool, bool, int, float, float, float]
 
 
-def severity(verdict: Verdict | None, contacts: Contacts, requirement: Requirement) -> Severity:
+def severity(verdict: Verdict | None, contacts: Contacts, requirement: Requirement, *, rare: bool = False) -> Severity:
     """Return how severe runs are for the robot, as a key that sorts as pages show them; larger is worse.
 
-    Contact with a person comes first, whatever the requirement judges. Then: violated always, sometimes (or surely, but
-    how often is open), open, not violated; then the share of runs with contact, the share of violating runs, of which
-    the lower end of the interval counts, and the mean.
+    A failure whose worst run shows what is `rare` among recorded people comes behind those that do not. Contact with a
+    person comes next, whatever the requirement judges. Then: violated always, sometimes (or surely, but how often is
+    open), open, not violated; then the share of runs with contact, the share of violating runs, of which the lower end
+    of the interval counts, and the mean.
     """
     bad, always, at_least = badness(verdict)
     level = 3 if always else 2 if bad else 1 if verdict is None or verdict.status is Status.INCONCLUSIVE else 0
     mean = -math.inf if verdict is None or verdict.mean is None else requirement.badness(verdict.mean)
-    return contacts.runs > 0, level, contacts.runs / max(1, contacts.of), at_least, mean
+    touches = contacts.runs > 0
+    return not rare and (bad or touches), touches, level, contacts.runs / max(1, contacts.of), at_least, mean
 
 
 def severity_of(attempt: Attempt, requirement: Requirement) -> Severity:
     """Return the severity of the runs of an attempt."""
     safety = summarise_safety([measured.values for measured in attempt.measurements])
-    return severity(attempt.verdict, safety.contacts, requirement)
+    return severity(attempt.verdict, safety.contacts, requirement, rare=is_rare(attempt, requirement))
+
+
+def is_rare(attempt: Attempt, requirement: Requirement) -> bool:
+    """Return whether somebody in the worst run of an attempt does what fewer than 1 in 100 recorded people did."""
+    valued = any(measured.objective is not None for measured in attempt.measurements)
+    return valued and is_left_out(attempt.worst(requirement).values, RARE_PERCENT)
 
 
 def worst_confirmation(attempts: Sequence[Attempt], requirement: Requirement) -> Attempt | None:
@@ -343,6 +352,7 @@ def _finding(
         failure=usual(modes(m.run_id) for m in attempt.violating(requirement)),
         story=tuple(sentence.text for sentence in story_of(worst, world=world, scenario=scenario)),
         story_run=worst.id,
+        rare=is_rare(attempt, requirement),
         realism=realism_in_words(rarest_motion(attempt.violating(requirement) or attempt.measurements, run_of)),
     )
 

@@ -41,7 +41,8 @@ def describe_finding(finding: Finding, requirement: Requirement) -> Iterator[str
     verdict = finding.verdict
     runs = counted(verdict.runs + verdict.undefined, "confirmation run")
     which = f"{finding.number} (attempt {finding.attempt})"
-    yield f"{which} in {runs}: {status_in_words(verdict)}; {value_in_words(verdict, requirement.unit)}"
+    rare = "; in the worst run somebody does what fewer than 1 in 100 recorded people did" if finding.rare else ""
+    yield f"{which} in {runs}: {status_in_words(verdict)}; {value_in_words(verdict, requirement.unit)}{rare}"
     yield f"  {how_sure(verdict)}. {why_ended(verdict)}".rstrip()
     if (compared := describe_difference(finding)) is not None:
         yield f"  {compared}"
