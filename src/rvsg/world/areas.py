@@ -74,14 +74,14 @@ def areas_of_objects(objects: Sequence[SolidObject]) -> tuple[Area, ...]:
         word = readable_kind(thing.kind)
         if not NOT_WORKED.search(word.lower()) and max(thing.box.size[:2]) >= SMALLEST_THING_M:
             by_kind[word].append(thing)
-    found: list[Area] = []
+    areas: list[Area] = []
     for word, things in by_kind.items():
         sizes = [thing.box.size[0] * thing.box.size[1] for thing in things]
         for large, name in ((False, word), (True, f"Large {word}")):  # several times as large as their namesakes
             members = [t for t, size in zip(things, sizes, strict=True) if (size >= LARGE * min(sizes)) == large]
             outlines = [part for cluster in _clusters(members) for part in _outlines(cluster)] if members else []
-            found += _numbered(name, name.lower(), outlines, region=_plural(name))
-    return tuple(found)
+            areas += _numbered(name, name.lower(), outlines, region=_plural(name))
+    return tuple(areas)
 
 
 def _clusters(things: Sequence[SolidObject]) -> list[list[SolidObject]]:
@@ -164,7 +164,7 @@ def areas_of_obstacles(occupancy: OccupancyMap, space: Space) -> tuple[Area, ...
     reach = 2 * max(1, round(0.75 * GAP_M / 2 / size)) + 1  # a square of this reach is about a disc of GAP_M / 2
     grown = maximum_filter1d(maximum_filter1d(occupied, reach, axis=0), reach, axis=1)
     labels, _ = label(grown, np.ones((3, 3)))
-    found: list[tuple[float, Rectangle]] = []
+    rectangles: list[tuple[float, Rectangle]] = []
     for number, window in enumerate(find_objects(labels), start=1):
         mine = occupied[window] & (labels[window] == number)
         r, c = np.nonzero(mine)
@@ -176,9 +176,9 @@ def areas_of_obstacles(occupancy: OccupancyMap, space: Space) -> tuple[Area, ...
             continue
         x = space.frame.origin.x + (window[1].start + c.min()) * size
         y = space.frame.origin.y + (window[0].start + r.min()) * size
-        found.append((wide * high, (round(x, 2), round(y, 2), round(x + wide, 2), round(y + high, 2))))
+        rectangles.append((wide * high, (round(x, 2), round(y, 2), round(x + wide, 2), round(y + high, 2))))
     largest: list[Rectangle] = []
-    for _, (x0, y0, x1, y1) in sorted(found, reverse=True):
+    for _, (x0, y0, x1, y1) in sorted(rectangles, reverse=True):
         holding = (
             o for o in largest if x0 >= o[0] - 0.1 and y0 >= o[1] - 0.1 and x1 <= o[2] + 0.1 and y1 <= o[3] + 0.1
         )
@@ -225,8 +225,8 @@ def areas_of_floor(space: Space) -> tuple[Area, ...]:
             corridors += [rectangle_outline(p) for p in _parts((x0, y0, x1, y1), 15.0, 10.0)]
         else:
             places += [rectangle_outline(p) for p in _parts((x0, y0, x1, y1), longest, longest * 0.75)]
-    found = _numbered("Corridor", "corridor", corridors[:MOST_FLOOR_AREAS], region=None)
-    return (*found, *_numbered("Area", "floor", places[: MOST_FLOOR_AREAS + 4], region=None))
+    proposed = _numbered("Corridor", "corridor", corridors[:MOST_FLOOR_AREAS], region=None)
+    return (*proposed, *_numbered("Area", "floor", places[: MOST_FLOOR_AREAS + 4], region=None))
 
 
 def largest_rectangle(cells: Bools, least_side: float = 1.0) -> tuple[int, int, int, int]:
@@ -263,20 +263,20 @@ def unknown_areas(text: str, known: Sequence[str]) -> list[str]:
     if _ARROW.search(text):
         sides = [side.strip(" .,;") for side in _ARROW.split(text)]
         return [side for side in dict.fromkeys(sides) if side and not any(_same(side, name) for name in known)]
-    rest, found = text, []
+    rest, unknown = text, []
     for name in sorted(known, key=len, reverse=True):
         rest = re.sub(_pattern(name), "\0", rest, flags=re.IGNORECASE)
     kinds = {match[1] for name in known if (match := re.fullmatch(r"(.*\S)\s*\d+", name))}
     for kind in sorted(kinds, key=len, reverse=True):
         numbered = re.compile(_pattern(kind).removesuffix(_END) + r"\s*\d+\b", re.IGNORECASE)
-        found += numbered.findall(rest)
+        unknown += numbered.findall(rest)
         rest = numbered.sub("\0", rest)
     folded = [name.casefold() for name in known]
     for phrase in _CAPITALISED.findall(rest):
         one_of = re.sub(r"s(\s+\d+)$", r"\1", phrase.casefold())  # "Areas 3 and 4" begins with a known name
         if one_of not in folded and difflib.get_close_matches(phrase.casefold(), folded, n=1, cutoff=ALIKE):
-            found.append(phrase)
-    return list(dict.fromkeys(found))
+            unknown.append(phrase)
+    return list(dict.fromkeys(unknown))
 
 
 _END = r"(?!\w)"

@@ -165,7 +165,7 @@ def check_areas(s: Subject) -> None:
     for room in areas_of_rooms(s.human, main_floor(s.human)) if s.world.areas else ():
         shape = Polygon(room.outline)
         if room.kind != "corridor" and all(
-            shape.intersection(each).area < min(BARE * shape.area, each.area / 2) for each in s.shapes.values()
+            shape.intersection(other).area < min(BARE * shape.area, other.area / 2) for other in s.shapes.values()
         ):
             at = shape.representative_point()
             message = f"the {room.kind} of {shape.area:.0f} m2 at ({at.x:.1f}, {at.y:.1f}) holds no labelled area"
@@ -174,9 +174,9 @@ def check_areas(s: Subject) -> None:
 
 def _renaming(s: Subject, name: str, wanted: str) -> Fix:
     """Return the fix that gives an area another name, numbered where that is taken."""
-    known = {area.name.strip().casefold() for area in s.world.areas if area.name != name}
-    free = [wanted, *(f"{wanted} {k}" for k in range(2, len(known) + 3))]
-    new = next(each for each in free if each.casefold() not in known)
+    taken = {area.name.strip().casefold() for area in s.world.areas if area.name != name}
+    free = [wanted, *(f"{wanted} {k}" for k in range(2, len(taken) + 3))]
+    new = next(candidate for candidate in free if candidate.casefold() not in taken)
     return _fix(f'Rename it to "{new}"', "change area", name, name=new)
 
 
@@ -207,10 +207,10 @@ def check_activities(s: Subject) -> None:
     if not activities:
         message = "no activities are given (who does what between which areas): generators will guess"
         s.say(s.head, "activities-none", message)
-    known = [area.name.strip() for area in s.world.areas]
+    names = [area.name.strip() for area in s.world.areas]
     for index, activity in enumerate(activities):
-        for name in unknown_areas(activity, known):
-            near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+        for name in unknown_areas(activity, names):
+            near = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
             asked = f'; did you mean "{near[0]}"?' if near else ""
             message = f'the activity "{activity}" names "{name}", which is no labelled area{asked}'
             fix = None
@@ -271,14 +271,14 @@ def check_isolated_floor(s: Subject) -> None:
 def _places(parts: NDArray[np.int32], numbers: Iterable[int], frame: Frame) -> list[tuple[float, float, float]]:
     """Return a point (x, y) on each part of the floor that is large enough, and its size in m²."""
     sizes = np.bincount(parts.ravel()) * frame.resolution**2
-    found = []
+    places = []
     for number in numbers:
         if sizes[number] >= PART_M2:
             rows, columns = np.nonzero(parts == number)
             middle = len(rows) // 2
             x, y = frame.to_metres(np.array([columns[middle] + 0.5, rows[middle] + 0.5])).tolist()
-            found.append((x, y, float(sizes[number])))
-    return found
+            places.append((x, y, float(sizes[number])))
+    return places
 
 
 def check_aisles(s: Subject) -> None:

@@ -124,8 +124,8 @@ def create_world(
     """
     sources = {name: path for name, path in (("map", map_file), ("sdf", sdf), ("objects", objects)) if path is not None}
     if len(sources) != 1:
-        given = " and ".join(f"--{name}" for name in sources) or "none"
-        raise InputError(f"give exactly one of --map, --sdf and --objects; got {given}", code="world-source")
+        named = " and ".join(f"--{name}" for name in sources) or "none"
+        raise InputError(f"give exactly one of --map, --sdf and --objects; got {named}", code="world-source")
     ((source, path),) = sources.items()
     usual = {"lidar_height": LIDAR_HEIGHT_M, "floor": 0.0}
     wanted = {key: value for key, value in options.items() if value is not None and value not in ([], ())}

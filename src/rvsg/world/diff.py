@@ -54,8 +54,8 @@ def _map(old: World, new: World) -> Iterator[Difference]:
     frame = frame_of(a)
     rows, columns = np.indices(frame.shape)
     middles = frame.to_metres(np.stack([columns + 0.5, rows + 0.5], axis=-1).astype(float))
-    known = frame_of(b).looked_up(np.ones(b.cells.shape, bool), middles)  # off the map nothing is free
-    there = np.where(known, frame_of(b).looked_up(b.cells, middles), OCCUPIED)
+    on_map = frame_of(b).looked_up(np.ones(b.cells.shape, bool), middles)  # off the map nothing is free
+    there = np.where(on_map, frame_of(b).looked_up(b.cells, middles), OCCUPIED)
     size = frame.resolution**2
     closed = float(((a.cells == FREE) & (there != FREE)).sum() * size)
     opened = float(((a.cells != FREE) & (there == FREE)).sum() * size)

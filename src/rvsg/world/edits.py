@@ -115,8 +115,8 @@ def _changed(text: str, path: Path, change_it: Change, change: Mapping[str, Any]
         out = io.StringIO()
         round_trip.dump(value, out)
         dumps.append(out.getvalue())
-    kept = _transplanted(*(each.splitlines() for each in (text, *dumps)))
-    return kept if yaml.safe_load(kept) == yaml.safe_load(dumps[1]) else dumps[1]
+    lines = _transplanted(*(document.splitlines() for document in (text, *dumps)))
+    return lines if yaml.safe_load(lines) == yaml.safe_load(dumps[1]) else dumps[1]
 
 
 def _transplanted(original: Sequence[str], before: Sequence[str], after: Sequence[str]) -> str:
@@ -189,11 +189,11 @@ def _split_area(value: Any, change: Mapping[str, Any]) -> None:
     if len(parts) != 2:
         raise InputError("The line must cross the area once, from edge to edge.")
     parts.sort(key=lambda part: (round(part.centroid.x, 3), round(part.centroid.y, 3)))
-    taken = {str(each.get("name")) for each in areas}
+    taken = {str(area.get("name")) for area in areas}
     free = [name for k in range(1, len(taken) + 3) if (name := f"{entry['name']} {k}") not in taken]
-    kept = {key: entry[key] for key in ("kind", "region", "note") if key in entry}
-    areas[index] = _flow({"name": _text(free[0]), **kept, **_shape_of(parts[0])})
-    areas.insert(index + 1, _flow({"name": _text(free[1]), **kept, **_shape_of(parts[1])}))
+    fields = {key: entry[key] for key in ("kind", "region", "note") if key in entry}
+    areas[index] = _flow({"name": _text(free[0]), **fields, **_shape_of(parts[0])})
+    areas.insert(index + 1, _flow({"name": _text(free[1]), **fields, **_shape_of(parts[1])}))
 
 
 def _merge_areas(value: Any, change: Mapping[str, Any]) -> None:
@@ -257,31 +257,31 @@ def _change_route(value: Any, change: Mapping[str, Any]) -> None:
 
 
 def _set_activities(value: Any, change: Mapping[str, Any]) -> None:
-    given = change.get("values")
-    if not isinstance(given, list) or not all(isinstance(each, str) for each in given):
+    texts = change.get("values")
+    if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
         raise InputError("Activities are a list of texts.")
-    kept = [each.strip() for each in given if each.strip()]
-    known = value.get("activities")
-    if kept and isinstance(known, list):  # in place, so that comments between them stay
-        for place, text in enumerate(kept):
-            if place < len(known):
-                entry = known[place]
+    activities = [text.strip() for text in texts if text.strip()]
+    listed = value.get("activities")
+    if activities and isinstance(listed, list):  # in place, so that comments between them stay
+        for place, text in enumerate(activities):
+            if place < len(listed):
+                entry = listed[place]
                 if isinstance(entry, dict):
                     entry["text"] = _text(text)
                 elif entry != text:
-                    known[place] = _text(text)
+                    listed[place] = _text(text)
             else:
-                known.append(_text(text))
-        del known[len(kept) :]
-    elif kept:
-        value["activities"] = [_text(text) for text in kept]
+                listed.append(_text(text))
+        del listed[len(activities) :]
+    elif activities:
+        value["activities"] = [_text(text) for text in activities]
     else:
         value.pop("activities", None)
 
 
 def _add_door(value: Any, change: Mapping[str, Any]) -> None:
     doors = _listed(value, "doors")
-    values = {key: each for key, each in change.items() if key not in ("what", "name")}
+    values = {key: item for key, item in change.items() if key not in ("what", "name")}
     if not all(isinstance(values.get(key), list | tuple) for key in ("hinge", "end")):
         raise InputError("A door has a hinge and an end: [x, y] in metres.")
     ends = {key: _flow_list(values.pop(key)) for key in ("hinge", "end")}
@@ -325,7 +325,7 @@ def _mapping(change: Mapping[str, Any], key: str) -> Mapping[str, Any]:
 def _found(value: Any, key: str, change: Mapping[str, Any]) -> tuple[Any, int]:
     """Return the list under a key, and where in it the entry stands that the change names."""
     entries = _listed(value, key)
-    names = [str(each.get("name")) if isinstance(each, Mapping) else "" for each in entries]
+    names = [str(item.get("name")) if isinstance(item, Mapping) else "" for item in entries]
     name = str(change.get("name"))
     if name not in names:
         raise UnknownName(key.removesuffix("s"), name, names)
@@ -336,19 +336,19 @@ def _new_name(change: Mapping[str, Any], entries: Any) -> str:
     name = str(change.get("name") or "").strip()
     if not name:
         raise InputError("A name must not be empty.")
-    if any(isinstance(each, Mapping) and each.get("name") == name for each in entries):
+    if any(isinstance(item, Mapping) and item.get("name") == name for item in entries):
         raise InputError(f'The name "{name}" is already given.')
     return name
 
 
 def _shape(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the shape of an area as it is written; InputError where none or a wrong one is given."""
-    given = values.get("rectangle")
-    if given is None:
+    rectangle = values.get("rectangle")
+    if rectangle is None:
         ring = _points(values.get("outline"), fewest=3)
         return {"outline": _flow_list([_flow_list(point) for point in ring])}
-    whole = isinstance(given, Sequence) and not isinstance(given, str) and len(given) == 4
-    (x0, y0), (x1, y1) = _points([given[:2], given[2:]] if whole else None, fewest=2)
+    whole = isinstance(rectangle, Sequence) and not isinstance(rectangle, str) and len(rectangle) == 4
+    (x0, y0), (x1, y1) = _points([rectangle[:2], rectangle[2:]] if whole else None, fewest=2)
     return {"rectangle": _flow_list([min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1)])}
 
 
@@ -375,12 +375,12 @@ def _polygon(entry: Mapping[str, Any]) -> Any:
 def _points(values: Any, *, fewest: int) -> list[tuple[float, float]]:
     if not isinstance(values, Sequence) or isinstance(values, str) or len(values) < fewest:
         raise InputError(f"Give at least {fewest} points [x, y] in metres.")
-    made = []
+    written = []
     for point in values:
         if not isinstance(point, Sequence) or isinstance(point, str) or len(point) != 2:
             raise InputError("A point is [x, y] in metres.")
-        made.append((round(_number(point[0]), DIGITS), round(_number(point[1]), DIGITS)))
-    return made
+        written.append((round(_number(point[0]), DIGITS), round(_number(point[1]), DIGITS)))
+    return written
 
 
 def _number(value: Any) -> float:
@@ -422,14 +422,14 @@ def _block(values: Mapping[str, Any]) -> Any:
 
 
 def _flow(values: Mapping[str, Any]) -> Any:
-    made = _block(values)
-    made.fa.set_flow_style()
-    return made
+    block = _block(values)
+    block.fa.set_flow_style()
+    return block
 
 
 def _flow_list(values: Sequence[Any]) -> Any:
     from ruamel.yaml.comments import CommentedSeq
 
-    made = CommentedSeq(values)
-    made.fa.set_flow_style()
-    return made
+    sequence = CommentedSeq(values)
+    sequence.fa.set_flow_style()
+    return sequence

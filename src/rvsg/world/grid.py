@@ -122,10 +122,10 @@ class Grid(Record):
         return self._positions(self.columns, "column", self.across)
 
     def _positions(self, names: tuple[str, ...], line: str, axis: str) -> dict[str, float]:
-        found: dict[int, list[float]] = {}
+        lines: dict[int, list[float]] = {}
         for waypoint in self.waypoints:
-            found.setdefault(getattr(waypoint, line), []).append(getattr(waypoint, axis))
-        return {name: sorted(found[i])[len(found[i]) // 2] for i, name in enumerate(names) if i in found}
+            lines.setdefault(getattr(waypoint, line), []).append(getattr(waypoint, axis))
+        return {name: sorted(lines[i])[len(lines[i]) // 2] for i, name in enumerate(names) if i in lines}
 
     @cached_property
     def spacing_m(self) -> float:
@@ -147,12 +147,12 @@ class Grid(Record):
     @cached_property
     def neighbours(self) -> dict[str, tuple[str, ...]]:
         """For every valid waypoint the names one free hop away, in grid order."""
-        found: dict[str, list[str]] = {w.name: [] for w in self.waypoints if w.human}
+        neighbours: dict[str, list[str]] = {w.name: [] for w in self.waypoints if w.human}
         for a, b in self.hops:
-            found[a].append(b)
-            found[b].append(a)
+            neighbours[a].append(b)
+            neighbours[b].append(a)
         order = {w.name: i for i, w in enumerate(self.waypoints)}
-        return {name: tuple(sorted(others, key=order.__getitem__)) for name, others in found.items()}
+        return {name: tuple(sorted(others, key=order.__getitem__)) for name, others in neighbours.items()}
 
     @cached_property
     def _hop_lengths(self) -> dict[str, list[tuple[str, float]]]:
@@ -168,7 +168,7 @@ class Grid(Record):
     def parts(self) -> tuple[frozenset[str], ...]:
         """Groups of valid waypoints between which people can walk, the largest first."""
         left = dict.fromkeys(self.neighbours)
-        found = []
+        groups = []
         while left:
             stack = [next(iter(left))]
             part = set(stack)
@@ -178,8 +178,8 @@ class Grid(Record):
                 fresh = [other for other in self.neighbours[name] if other not in part]
                 part.update(fresh)
                 stack += fresh
-            found.append(frozenset(part))
-        return tuple(sorted(found, key=len, reverse=True))
+            groups.append(frozenset(part))
+        return tuple(sorted(groups, key=len, reverse=True))
 
     def position(self, name: str) -> tuple[float, float]:
         """Return the waypoint's (x, y) in metres, or UnknownName. Invalid waypoints have a position too."""
@@ -223,10 +223,10 @@ class Grid(Record):
                 if length + hop < best.get(other, math.inf):
                     best[other], came[other] = length + hop, name
                     heapq.heappush(queue, (best[other], other))
-        found = tuple(reversed(walk)) or None
+        way = tuple(reversed(walk)) or None
         if len(self._walks) < MOST_WALKS:
-            self._walks[ends] = found
-        return found
+            self._walks[ends] = way
+        return way
 
 
 def nearest_rows(at: NDArray[np.float64], x: float, y: float) -> NDArray[np.intp]:

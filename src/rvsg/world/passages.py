@@ -95,10 +95,10 @@ def narrow_passages(
     widths = widths_m(human_space(world), points, yaws)
     narrow = np.flatnonzero((widths > 0.0) & (widths < passing_m(robot)))
     stretches = np.split(narrow, np.flatnonzero(np.diff(along[narrow]) > SEPARATE_M) + 1) if len(narrow) else []
-    found = [int(stretch[widths[stretch].argmin()]) for stretch in stretches]
+    narrowest = [int(stretch[widths[stretch].argmin()]) for stretch in stretches]
     if most is not None:
-        found = sorted(sorted(found, key=lambda i: float(widths[i]))[:most])
-    return tuple(_passage(world, points[i], float(yaws[i]), float(along[i])) for i in found)
+        narrowest = sorted(sorted(narrowest, key=lambda i: float(widths[i]))[:most])
+    return tuple(_passage(world, points[i], float(yaws[i]), float(along[i])) for i in narrowest)
 
 
 def narrowest_passage(world: World, line: Floats) -> Passage | None:
@@ -121,9 +121,9 @@ def doorway(world: World, one: str, other: str) -> tuple[tuple[float, float], tu
 def narrowest_m(world: World, lines: Sequence[Floats]) -> list[float]:
     """Return the free width in metres at the narrowest place of each line (N, 2); 0 where all of it is in obstacles."""
     sampled = [_along(line) for line in lines]
-    points, yaws = (np.concatenate(each) for each in list(zip(*sampled, strict=True))[:2])
+    points, yaws = (np.concatenate(column) for column in list(zip(*sampled, strict=True))[:2])
     widths = widths_m(human_space(world), points, yaws)
-    parts = np.split(widths, np.cumsum([len(each[0]) for each in sampled])[:-1])
+    parts = np.split(widths, np.cumsum([len(piece[0]) for piece in sampled])[:-1])
     return [round(float(part[part > 0.0].min()), 3) if part.any() else 0.0 for part in parts]
 
 
@@ -267,8 +267,8 @@ def describe_route(world: World, route: Route, driven: Floats | None = None, *, 
 
 def known_purpose(world: World, route: Route) -> str:
     """Return the purpose of a route; empty where it names a numbered label that the world no longer has."""
-    known = {area.name for area in world.areas}
-    unknown = set(re.findall(r"\b[A-Z]\w* \d+\b", route.purpose)) - known
+    names = {area.name for area in world.areas}
+    unknown = set(re.findall(r"\b[A-Z]\w* \d+\b", route.purpose)) - names
     return route.purpose if not unknown else ""
 
 

@@ -154,10 +154,10 @@ def areas_of_rooms(space: Space, floor: Bools) -> tuple[Area, ...]:
 
     labels, frame, rooms = rooms_of(space, floor)
     windows = find_objects(labels)
-    kept = [room for room in rooms if room.area_m2 >= ROOM_LEAST_M2][:MOST_ROOMS]
+    chosen = [room for room in rooms if room.area_m2 >= ROOM_LEAST_M2][:MOST_ROOMS]
     areas: list[Area] = []
     for kind in ("hall", "corridor", "room"):
-        members = [room for room in kept if room.kind == kind]
+        members = [room for room in chosen if room.kind == kind]
         members.sort(key=lambda room: (-round(room.middle[1] / 3.0), room.middle[0]))
         outlined = []
         for room in members:
@@ -233,12 +233,12 @@ def _joined(labels: Labels, least_cells: float) -> Labels:
 def _borders(labels: Labels, number: int) -> dict[int, int]:
     """Return how many cell sides each neighbouring region shares with a region."""
     mine = np.pad(labels == number, 1)
-    found: dict[int, int] = {}
+    numbers: dict[int, int] = {}
     for shift in ((1, 0), (-1, 0), (0, 1), (0, -1)):
         touched = np.roll(mine, shift, (0, 1))[1:-1, 1:-1] & (labels != number) & (labels > 0)
         for other, count in zip(*np.unique(labels[touched], return_counts=True), strict=True):
-            found[int(other)] = found.get(int(other), 0) + int(count)
-    return found
+            numbers[int(other)] = numbers.get(int(other), 0) + int(count)
+    return numbers
 
 
 def _room(labels: Labels, field: NDArray[np.float32], frame: Frame, number: int, window: tuple[slice, slice]) -> Room:
@@ -411,8 +411,8 @@ def within(
             message = f"--indoors {x:g},{y:g}: too few walls stand about it; it lies outside."
             raise InputError(message, code="no-floor")
     if ceilings is None and not outside and one_mesh and len(rooms) >= 3:
-        known = {at for _, at, _ in parts}
-        halls = [r for r in rooms if r.area_m2 >= COURTYARD_M2 and r.kind == "hall" and r.middle not in known]
+        places = {at for _, at, _ in parts}
+        halls = [r for r in rooms if r.area_m2 >= COURTYARD_M2 and r.kind == "hall" and r.middle not in places]
         if halls:
             listed = ", ".join(f"{r.area_m2:.0f} m² about ({r.middle[0]:.1f}, {r.middle[1]:.1f})" for r in halls[:3])
             notes.append(
@@ -440,12 +440,12 @@ def _open_sky(floor: OccupancyMap, ceilings: Bools) -> list[Part]:
     cores = binary_erosion(bare | (floor.cells == UNKNOWN), cross, reach) & bare
     grown = binary_dilation(cores, cross, reach, mask=bare)
     parts, count = label(grown)
-    found = []
+    open_parts = []
     for number in range(1, count + 1):
         cells = parts == number
         if np.count_nonzero(cells) * floor.resolution**2 >= OPEN_SKY_M2:
-            found.append((cells, _middle(cells, frame_of(floor)), "nothing is overhead there"))
-    return found
+            open_parts.append((cells, _middle(cells, frame_of(floor)), "nothing is overhead there"))
+    return open_parts
 
 
 def _courtyards(
@@ -457,7 +457,7 @@ def _courtyards(
     rooms: Sequence[Room],
 ) -> list[Part]:
     """Return the rooms that are courtyards, told by enclosure, size and the things that stand in them."""
-    found = []
+    courtyards = []
     for room in rooms:
         cells = labels == room.number
         named, others = _standing_in(things, cells, frame)
@@ -467,8 +467,8 @@ def _courtyards(
             why = "the building is around it, it is large and empty, and no way leads through it"
         else:
             continue
-        found.append((_on_map(cells, labels, frame, floor), room.middle, why))
-    return found
+        courtyards.append((_on_map(cells, labels, frame, floor), room.middle, why))
+    return courtyards
 
 
 def without_building(objects: Sequence[SolidObject], occupancy: OccupancyMap) -> list[SolidObject]:

@@ -98,8 +98,8 @@ def fits_through(robot: Robot, route: Route, world: World) -> bool:
     for pose in (route.start, *route.through, route.goal):
         column, row = (math.floor(v) for v in space.frame.to_cells(np.array([pose.x, pose.y])))
         near = parts[max(0, row - reach) : max(0, row + reach + 1), max(0, column - reach) : max(0, column + reach + 1)]
-        found = {int(number) for number in np.unique(near)} - {0}
-        reached = found if reached is None else reached & found
+        numbers = {int(number) for number in np.unique(near)} - {0}
+        reached = numbers if reached is None else reached & numbers
     return bool(reached)
 
 

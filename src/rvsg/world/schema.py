@@ -255,8 +255,8 @@ def save_world(world: World, folder: str | Path) -> None:
         files = world_files(world)  # all of them before the first is written
     except ValidationError as error:
         wrong = error.errors(include_url=False)[0]
-        given, place = wrong["input"], ".".join(str(part) for part in wrong["loc"])
-        thing = str(given.get("name", "") if isinstance(given, dict) else given)[:60]
+        value, place = wrong["input"], ".".join(str(part) for part in wrong["loc"])
+        thing = str(value.get("name", "") if isinstance(value, dict) else value)[:60]
         said = f"{error.title} {thing!r}{f', {place}' if place else ''}: {wrong['msg'].removeprefix('Value error, ')}"
         raise InputError(f'the world "{world.name}" cannot be saved: {said}') from None
     try:

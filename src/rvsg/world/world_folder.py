@@ -127,8 +127,10 @@ def read_world(folder: Path, problems: list[Problem] | None = None) -> World:
             routes=drafts,
             grid_spec=head.grid,
             lidar_height_m=head.lidar_height_m,
-            activities=[each if isinstance(each, str) else each.text for each in head.activities],
-            trolley_work={each.text: each.trolley for each in head.activities if not isinstance(each, str)},
+            activities=[activity if isinstance(activity, str) else activity.text for activity in head.activities],
+            trolley_work={
+                activity.text: activity.trolley for activity in head.activities if not isinstance(activity, str)
+            },
             description=head.description,
             map_offset=head.map_offset,
             doors=doors,
@@ -223,24 +225,24 @@ def routes_in(document: Document | None) -> list[object]:
 
 def route_names(document: Document) -> list[str]:
     """Return the names of what is listed in routes.yaml, by their place where there is none."""
-    found = [entry.get("name") if isinstance(entry, dict) else None for entry in routes_in(document)]
-    return [name if isinstance(name, str) else f"routes[{index}]" for index, name in enumerate(found)]
+    names = [entry.get("name") if isinstance(entry, dict) else None for entry in routes_in(document)]
+    return [name if isinstance(name, str) else f"routes[{index}]" for index, name in enumerate(names)]
 
 
 def places_in(entry: object) -> list[tuple[Key, Pose | str]]:
     """Return every place of a route's entry that can be read, with its keys: also of one that is wrong elsewhere."""
-    given = entry if isinstance(entry, dict) else {}
-    listed: list[tuple[Key, object]] = [((key,), given[key]) for key in ("start", "goal") if key in given]
+    fields = entry if isinstance(entry, dict) else {}
+    listed: list[tuple[Key, object]] = [((key,), fields[key]) for key in ("start", "goal") if key in fields]
     for key in ("through", "via"):
-        values = given.get(key)
+        values = fields.get(key)
         listed += [((key, index), value) for index, value in enumerate(values if isinstance(values, list) else [])]
-    found = []
+    places = []
     for place_key, value in listed:
         if place_key[0] != "via" or isinstance(value, str):
             with contextlib.suppress(ValidationError):
                 read = RouteEntry.model_validate({"name": "any", "start": value, "goal": "any", "time_limit_s": 1})
-                found.append((place_key, read.start))
-    return found
+                places.append((place_key, read.start))
+    return places
 
 
 def told_apart(document: Document, key: str, names: Sequence[str]) -> list[str]:
@@ -281,8 +283,8 @@ def _with_waypoints(
         return Pose(x=x, y=y)
 
     finished = []
-    for i, given in enumerate(routes_in(routes)):
-        named = [(key, place) for key, place in places_in(given) if isinstance(place, str)]
+    for i, route in enumerate(routes_in(routes)):
+        named = [(key, place) for key, place in places_in(route) if isinstance(place, str)]
         found = [p for key, name in named for p in _waypoint_problems(world, name, routes, ("routes", i, *key))]
         problems += found
         if not found and i in entries:

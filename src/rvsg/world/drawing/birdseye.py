@@ -152,14 +152,14 @@ class _Scene:
         """Return the sides of a prism that look towards the viewer: ends (2, 2) in metres, colour, whether outlined."""
         from shapely import Polygon, get_coordinates, get_rings, orient_polygons
 
-        found = []
+        marks = []
         for ring in get_rings(orient_polygons(Polygon(thing.footprint, thing.holes))):
             corners = get_coordinates(ring)
             for a, b in pairwise(corners):
                 outwards = self.turn @ np.array([b[1] - a[1], a[0] - b[0], 0.0])
                 if outwards[1] < 0.0:
-                    found.append((np.array([a, b]), _shade(colour, outwards), len(corners) <= 13))
-        return found
+                    marks.append((np.array([a, b]), _shade(colour, outwards), len(corners) <= 13))
+        return marks
 
     def _colour_of(self, thing: SolidObject) -> Colour:
         """Return a pale form of the colour of the area that a thing stands in, as on the labelled map."""

@@ -308,17 +308,17 @@ def tile_windows(world: World, *, width_px: int = 1600) -> dict[tuple[int, int],
             code="tiles-too-many",
         )
     strip = spacing if rows * columns > 1 else 0.0
-    found = {}
+    windows = {}
     for row, column in itertools.product(range(rows), range(columns)):
         left, right = column * across / columns - strip / 2, (column + 1) * across / columns + strip / 2
         top, bottom = row * down / rows - strip / 2, (row + 1) * down / rows + strip / 2
         upright = world.grid.up == "y"
-        found[row, column] = (
+        windows[row, column] = (
             (x0 + left, y1 - bottom, x0 + right, y1 - top)
             if upright
             else (x1 - bottom, y1 - right, x1 - top, y1 - left)
         )
-    return found
+    return windows
 
 
 def tiles(

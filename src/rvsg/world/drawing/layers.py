@@ -55,9 +55,9 @@ def draw_floor(sheet: Sheet, world: World, guides: tuple[list[float], list[float
     bands = []
     for first in range(0, len(all_down), 256):  # in bands, to save memory on large pages
         down = all_down[first : first + 256]
-        found = _shown(kind, frame, sheet.view, across, down)
-        found[(found == 1) & (on_row[first : first + 256, None] | on_column)] = 3
-        bands.append(colours[found])
+        shown = _shown(kind, frame, sheet.view, across, down)
+        shown[(shown == 1) & (on_row[first : first + 256, None] | on_column)] = 3
+        bands.append(colours[shown])
     sheet.paste(np.concatenate(bands), left, top)
 
 
@@ -280,9 +280,9 @@ def write_ends(sheet: Sheet, route: Route) -> None:
         corner = 11 * sheet.unit
         ring = np.array([[x - corner, y - corner], [x + corner, y + corner]])
         sizes = [round(size * sheet.unit) for size in (18, 15)]
-        found = place_beside(word, ring, sheet.taken, sizes, (left, top, right, bottom))
-        if found is not None:
-            sheet.write(found, colour, halo=sheet.palette.floor, bold=True)
+        place = place_beside(word, ring, sheet.taken, sizes, (left, top, right, bottom))
+        if place is not None:
+            sheet.write(place, colour, halo=sheet.palette.floor, bold=True)
 
 
 def time_marks(way: Way) -> tuple[tuple[float, float, float], ...]:
@@ -300,6 +300,6 @@ def write_times(sheet: Sheet, way: Way) -> None:
         sheet.dot(float(at[0]), float(at[1]), 6 * unit, fill=sheet.palette.floor, edge=sheet.palette.route, width=2.5)
         ring = np.array([at - 7 * unit, at + 7 * unit])
         sizes = [round(size * unit) for size in (16, 13)]
-        found = place_beside(f"{time:g} s", ring, sheet.taken, sizes, sheet.view.plan)
-        if found is not None:
-            sheet.write(found, sheet.palette.route, halo=sheet.palette.floor, bold=True)
+        place = place_beside(f"{time:g} s", ring, sheet.taken, sizes, sheet.view.plan)
+        if place is not None:
+            sheet.write(place, sheet.palette.route, halo=sheet.palette.floor, bold=True)

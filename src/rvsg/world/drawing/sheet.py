@@ -56,8 +56,8 @@ class Palette:
 
 def _palette(colours: str, kinds: str, tint: float) -> Palette:
     """Return the palette of colours in hexadecimal digits, in the order of the fields."""
-    given, of_kinds = ([(*bytes.fromhex(each),) for each in text.split()] for text in (colours, kinds))
-    named: dict[str, Any] = dict(zip((field.name for field in fields(Palette)), given, strict=False))
+    by_colour, of_kinds = ([(*bytes.fromhex(code),) for code in text.split()] for text in (colours, kinds))
+    named: dict[str, Any] = dict(zip((field.name for field in fields(Palette)), by_colour, strict=False))
     return Palette(**named, kinds=cast(tuple[Colour, ...], tuple(of_kinds)), tint=tint)
 
 
@@ -324,10 +324,10 @@ def known_window(world: World, margin_m: float = 0.15) -> Window:
     """Return the known part of the world: free or occupied cells, waypoints, and objects near the map."""
     occupancy = world_map(world)
     frame = frame_of(occupancy)
-    known = outermost(occupancy.cells != UNKNOWN)
+    extent = outermost(occupancy.cells != UNKNOWN)
     parts = [np.array([[w.x, w.y] for w in world.grid.waypoints if w.human]).reshape(-1, 2)]
-    if len(known):
-        (c0, r0), (c1, r1) = known.min(axis=0), known.max(axis=0) + 1
+    if len(extent):
+        (c0, r0), (c1, r1) = extent.min(axis=0), extent.max(axis=0) + 1
         parts.append(frame.to_metres(np.array([[c0, r0], [c1, r0], [c1, r1], [c0, r1]], float)))
     low, high = frame.corners.min(axis=0) - BESIDE_MAP_M, frame.corners.max(axis=0) + BESIDE_MAP_M
     for thing in world.solids:
