@@ -18,7 +18,8 @@ OWN = (
     "--world site --robot robot.yaml --requirement limits.yaml#far --also more/limits.yaml#Near --strategy multi "
     "--moved pallet.yaml"
 )
-SMALL = "--simulator kinematic --humans 1 --scenarios 2 --refinements 0 --repeats 1 --confirmations 2 --shrink-runs 0"
+SMALL = "--simulator kinematic --humans 1 --scenarios 2 --refinements 0 --repeats 1 --shrink-runs 0"
+CONFIRMED = f"{SMALL} --confirmations 2"
 FAR = "{title: Far, text: Far away., metric: min_distance, worse: smaller, limit: 100}"
 
 
@@ -50,7 +51,7 @@ def moved_away() -> Path:
 
 
 def test_a_moved_folder_is_reported_confirmed_and_resumed(terminal: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
-    terminal("run", OWN, SMALL.replace("--confirmations 2", "--confirmations 0"), "--out first")
+    terminal("run", OWN, SMALL, "--confirmations 0 --out first")
     before = rvsg.Campaign.open("first")
     plan, attempts = before.plan, before.attempts()
     there = moved_away().absolute()
@@ -72,7 +73,7 @@ def test_a_moved_folder_is_reported_confirmed_and_resumed(terminal: Terminal, mo
 def test_the_parameter_file_of_nav2_moves_with_the_folder(terminal: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
     Path("nav2_params.yaml").write_text(RPP)
     terminal("run --stack nav2_params.yaml --humans 1 --scenarios 1 --refinements 0 --repeats 1 --confirmations 0",
-             "--shrink-runs 0 --out first")  # fmt: skip
+             "--shrink-runs 0 --search-anyway --out first")  # fmt: skip
     simulator = rvsg.Campaign.open("first").record.simulator
     Path("nav2_params.yaml").unlink()
     there = moved_away()
@@ -82,7 +83,7 @@ def test_the_parameter_file_of_nav2_moves_with_the_folder(terminal: Terminal, mo
 
 
 def test_several_campaigns_in_a_moved_folder_are_resumed(terminal: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
-    terminal("run", OWN, SMALL, "--route route_1 --route route_2 --out first")
+    terminal("run", OWN, CONFIRMED, "--route route_1 --route route_2 --out first")
     there = moved_away().absolute()
     monkeypatch.chdir(there.parent)
     terminal("run --out artefact")
@@ -90,12 +91,12 @@ def test_several_campaigns_in_a_moved_folder_are_resumed(terminal: Terminal, mon
 
 
 def test_a_file_that_has_changed_is_read_from_the_copy_unless_it_is_named(terminal: Terminal) -> None:
-    terminal("run", OWN, SMALL, "--out first")
+    terminal("run", OWN, CONFIRMED, "--out first")
     plan = rvsg.Campaign.open("first").plan
     Path("limits.yaml").write_text(f"far: {FAR}\n".replace("100", "50"))
     terminal("run --out first")
     assert rvsg.Campaign.open("first").plan == plan
-    assert terminal.refused("run", OWN, SMALL, "--out first").code == "other-settings"
+    assert terminal.refused("run", OWN, CONFIRMED, "--out first").code == "other-settings"
     Path("limits.yaml").write_text(f"far: {FAR}\n")
     Path("robot.yaml").rename("same.yaml")
-    terminal("run", OWN.replace("robot.yaml", "same.yaml"), SMALL, "--out first")
+    terminal("run", OWN.replace("robot.yaml", "same.yaml"), CONFIRMED, "--out first")

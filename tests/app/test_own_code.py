@@ -21,7 +21,7 @@ from rvsg.core import permission, plugins
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.simulation.stacks.stack_choice import StackChoice
 
-SMALL = {"scenarios": 1, "refinements": 0, "repeats": 1, "confirmations": 0}
+SMALL = {"scenarios": 1, "refinements": 0, "repeats": 1, "confirmations": 0, "search_anyway": True}
 EVIL = """
 from pathlib import Path
 from rvsg.stacks import LocalPlanner

@@ -61,7 +61,7 @@ def test_every_verb_runs_a_finding_with_what_it_was_found_with(campaign: rvsg.Ca
     said = terminal("simulate c/best_scenario.json --stack nav2-dwb --robot tiago_omni --out other.jsonl")
     assert "tiago_omni with nav2-dwb" in said and "found with nav2-rpp" in said
     assert "To test the file: --stack nav2_params.yaml" in terminal("suite run suite --runs 1")
-    assert terminal("suite run suite --runs 1 --stack nav2_params.yaml").startswith("nav2_params.yaml, nav2-rpp")
+    assert "\nnav2_params.yaml, nav2-rpp" in terminal("suite run suite --runs 1 --stack nav2_params.yaml")
 
 
 def test_every_command_that_a_campaign_prints_runs(campaign: rvsg.Campaign, terminal: Terminal) -> None:

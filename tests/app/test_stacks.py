@@ -25,7 +25,7 @@ from rvsg.stacks import Ended, Observation, StackChoice, Task, WholeStack
 
 EXAMPLE = str(Path(__file__).parents[2] / "examples" / "stacks" / "follow_the_plan.py") + ":FollowThePlan"
 NAMED = "follow_the_plan.py:FollowThePlan"
-SMALL = {"scenarios": 1, "refinements": 0, "repeats": 1, "confirmations": 0}
+SMALL = {"scenarios": 1, "refinements": 0, "repeats": 1, "confirmations": 0, "search_anyway": True}
 
 
 def test_a_campaign_keeps_its_stack_with_version_and_options(tmp_path: Path) -> None:

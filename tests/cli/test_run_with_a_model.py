@@ -35,9 +35,10 @@ def of(server: LoopbackServer) -> str:
     return f"--model openai-chat:vision-1 --base-url {server.url}"
 
 
-COUNTS = "--refinements 0 --repeats 1 --confirmations 0 --jobs 1 --simulator kinematic --out c"
-RUN = f"run {COUNTS} --scenarios 2 --generator-option tries=2 --generator-option call_timeout_s=5"
-ONE = f"{RUN} --scenarios 1"
+COUNTS = "--refinements 0 --repeats 1 --confirmations 0 --jobs 1 --simulator kinematic"
+OPTIONS = "--out c --generator-option tries=2 --generator-option call_timeout_s=5"
+RUN = f"run {COUNTS} {OPTIONS} --scenarios 2"
+ONE = f"run {COUNTS} {OPTIONS} --scenarios 1"
 SOON = "--generator-option first_wait_s=0.01"
 
 

@@ -105,7 +105,6 @@ ELSEWHERE = {
     "dask ": "needs a cluster; tests/campaign starts one",
     "git clone ": OTHERS,
     "export ": "sets a variable of the shell",
-    "source /opt/ros/": ROS2,
     "ros2 ": ROS2,
 }
 """Why commands of other programs are not run here, by how they begin."""

@@ -13,6 +13,7 @@ from tests.simulation.parts import TIAGO, route, standing
 from rvsg.core.errors import InputError, InvalidOptions, SimulationError, UnknownName
 from rvsg.core.kernels import kernel
 from rvsg.core.records import Pose
+from rvsg.core.references import refer
 from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json
 from rvsg.simulation.embedded import base
@@ -210,7 +211,8 @@ class TestOutside:
 
         def choose(episode: Episode) -> tuple[float, float] | None:
             answer = np.zeros(4)
-            ask_dwb(episode.state, answer)
+            state = episode.state
+            ask_dwb(refer(state, stack=refer(state.stack), walls=refer(state.walls), own=refer(state.own)), answer)
             return (answer[1], answer[2]) if answer[0] else None
 
         def probe(episode: Episode) -> None:

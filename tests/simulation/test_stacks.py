@@ -210,7 +210,7 @@ def test_social_keeps_more_distance_than_pure_pursuit() -> None:
 
 def numbers(**options: Any) -> Any:
     square = np.array([(0.3, 0.2), (-0.3, 0.2), (-0.3, -0.2), (0.3, -0.2)])
-    return PurePursuit(**options).numbers(square, 0.2, math.hypot(0.3, 0.2), 0.25, 0.05)
+    return PurePursuit(**options).numbers(square, 0.2, math.hypot(0.3, 0.2), 0.25, 0.05, math.inf)
 
 
 def test_the_carrot_lies_on_the_circle_between_two_points() -> None:
