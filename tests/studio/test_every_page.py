@@ -279,7 +279,7 @@ def test_conversations_are_searched_and_opened(opened: Open) -> None:
     press(tab, tab.get_by_role("link", name="runs/first"))
     tab.wait_for_url("**/conversations?folder=**")
     rewrite(tab, tab.get_by_label("Search"), "no such words anywhere")
-    tab.get_by_text("0 of").wait_for()
+    tab.get_by_role("status").get_by_text("0 of").wait_for()
     rewrite(tab, tab.get_by_label("Search"), "a")
     tab.locator(".thought").first.wait_for()
     press(tab, tab.locator(".thought > summary").first)

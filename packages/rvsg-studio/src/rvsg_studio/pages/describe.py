@@ -27,6 +27,7 @@ from rvsg_studio.frame import (
     number_input,
     page,
     route,
+    section,
     svg,
     tag,
     text_area,
@@ -62,7 +63,8 @@ def add(workspace: Workspace) -> None:
         shown = await load(_read, workspace, folder, name)
         with page(workspace, f"Conversations of {workspace.relative(workspace.existing(folder))}", wide=True) as view:
             tag("div", data_studio="filter", data_of=".step", data_within=".thought", data_counted="configurations")
-            svg(shown)
+            with section("How the configurations came to be", "conversation"):
+                svg(shown)
             view.command("What a model would be asked next", "rvsg scenario prompt --world WORLD --route ROUTE")
 
 
