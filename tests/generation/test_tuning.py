@@ -7,8 +7,8 @@ from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.generation.search_space import LONGEST_PAUSE_S, SPEEDS_M_S, Mutations, TuningSpace
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import load_requirement
-from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
-from rvsg.scenario.validity import check
+from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario, at_places
+from rvsg.scenario.validity import about_turns, check
 from rvsg.world.world_folder import load_world
 
 
@@ -45,7 +45,11 @@ def test_every_drawn_configuration_is_valid_plausible_and_keeps_who_works_where(
                 assert human.behaviour is before.behaviour
                 assert SPEEDS_M_S[0] <= human.speed_m_s <= SPEEDS_M_S[1]
                 changed = {p for task in human.tasks for p in task.pauses} - {p for t in before.tasks for p in t.pauses}
-                assert all(pause.duration_s <= LONGEST_PAUSE_S for pause in changed)
+                assert all(pause.duration_s <= LONGEST_PAUSE_S for pause in changed if pause.doing is None)
+                assert about_turns(human, space.world.grid) == ()
+                for work in (task.work for task in at_places(human.tasks)):
+                    least, most = work.doing.seconds
+                    assert least <= work.duration_s <= most
 
 
 def test_each_dimension_changes_what_it_is_named_for() -> None:

@@ -212,7 +212,7 @@ class SearchSettings(Record):
         Setting(
             "Judge only runs whose people move as at least this percentage of recorded people.",
             SEARCH,
-            more="For example 1. Speed, acceleration, distance from others and standing count.",
+            more="For example 1. Speed, acceleration, distance, closing, following, standing and pacing count.",
         ),
     ] = None
     seed: Annotated[NotNegative, Setting("Seed of everything random.", SEARCH, label="Seed", common=True)] = 0

@@ -149,12 +149,14 @@
     }
     /** Put a waypoint in the place of another in a path, and in the task that begins where this one ends. */
     function replaceAt(human, t, at, to) {
-      const tasks = human.tasks, task = tasks[t], count = tasks.length, last = task.path.length - 1;
+      const tasks = human.tasks, task = tasks[t], count = tasks.length, last = task.path.length - 1, from = task.path[at];
       task.path[at] = to;
       if (at === last) { tasks[(t + 1) % count].path[0] = to; named(tasks[(t + 1) % count]); }
       if (at === 0) { const before = tasks[(t + count - 1) % count]; before.path[before.path.length - 1] = to; named(before); }
       if (at === 0 || at === last) named(task);
-      task.pauses = task.pauses.filter(function (pause) { return task.path.includes(pause.at); });
+      tasks.forEach(function (each) {  // what is done there is done at the new place
+        each.pauses.forEach(function (pause) { if (pause.at === from && !each.path.includes(from)) pause.at = to; });
+      });
     }
     function named(task) { task.name = task.path[0] + " \u2192 " + task.path[task.path.length - 1]; task.start_area = null; task.end_area = null; }
     function startMap() {
