@@ -61,7 +61,7 @@ ENDING_S = 20.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ended:
+class CampaignEnded:
     """A campaign of a matrix ended: with an error, or None if it is finished or was cancelled."""
 
     error: BaseException | None
@@ -191,7 +191,7 @@ class Matrix:
             for settings in values
         ]
 
-    def run(self, campaigns: Sequence[Campaign]) -> Iterator[tuple[Campaign, Event | Ended]]:
+    def run(self, campaigns: Sequence[Campaign]) -> Iterator[tuple[Campaign, Event | CampaignEnded]]:
         """Run campaigns side by side on the workers of the matrix, yielding the events of each.
 
         An error ends one campaign, not the others. Closing the iterator cancels all of them.
@@ -258,20 +258,20 @@ def folders_in(folder: Path) -> list[Path]:
     return sorted((path for path in folder.iterdir() if path.is_dir() and store_of(path)), key=order)
 
 
-def _one_by_one(campaigns: Sequence[Campaign], jobs: int) -> Iterator[tuple[Campaign, Event | Ended]]:
+def _one_by_one(campaigns: Sequence[Campaign], jobs: int) -> Iterator[tuple[Campaign, Event | CampaignEnded]]:
     for campaign in campaigns:
         try:
             for event in campaign.run(jobs=jobs):
                 yield campaign, event
         except RvsgError as error:
-            yield campaign, Ended(error=error)
+            yield campaign, CampaignEnded(error=error)
         else:
-            yield campaign, Ended(error=None)
+            yield campaign, CampaignEnded(error=None)
 
 
-def _side_by_side(campaigns: Sequence[Campaign], jobs: int) -> Iterator[tuple[Campaign, Event | Ended]]:
+def _side_by_side(campaigns: Sequence[Campaign], jobs: int) -> Iterator[tuple[Campaign, Event | CampaignEnded]]:
     """Run each campaign in a thread of its own, with its part of the workers."""
-    events: queue.Queue[tuple[Campaign, Event | Ended]] = queue.Queue()
+    events: queue.Queue[tuple[Campaign, Event | CampaignEnded]] = queue.Queue()
     waiting, threads = deque(campaigns), list[threading.Thread]()
     running: dict[int, int] = {}
 
@@ -280,9 +280,9 @@ def _side_by_side(campaigns: Sequence[Campaign], jobs: int) -> Iterator[tuple[Ca
             for event in campaign.run(executor=Processes(workers)):
                 events.put((campaign, event))
         except BaseException as error:
-            events.put((campaign, Ended(error=error)))
+            events.put((campaign, CampaignEnded(error=error)))
         else:
-            events.put((campaign, Ended(error=None)))
+            events.put((campaign, CampaignEnded(error=None)))
 
     try:
         while waiting or running:
@@ -293,7 +293,7 @@ def _side_by_side(campaigns: Sequence[Campaign], jobs: int) -> Iterator[tuple[Ca
                 threads.append(thread)
                 thread.start()
             campaign, event = events.get()
-            if isinstance(event, Ended):
+            if isinstance(event, CampaignEnded):
                 del running[id(campaign)]
             yield campaign, event
     finally:

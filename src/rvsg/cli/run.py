@@ -245,7 +245,7 @@ def run_matrix(matrix: Matrix, *, as_json: bool) -> int:
 
 def _run_all(matrix: Matrix, campaigns: Sequence[Campaign], check: Callable[[], None]) -> dict[str, tuple[str, int]]:
     """Run the campaigns; return message and exit code of those that failed, by their folder."""
-    from rvsg.app.matrix import Ended
+    from rvsg.app.matrix import CampaignEnded
     from rvsg.cli.progress import CampaignProgress
     from rvsg.core.errors import RvsgError
 
@@ -259,7 +259,7 @@ def _run_all(matrix: Matrix, campaigns: Sequence[Campaign], check: Callable[[], 
     ended = 0
     for campaign, event in matrix.run(campaigns):
         check()
-        if not isinstance(event, Ended):
+        if not isinstance(event, CampaignEnded):
             lines[str(campaign.folder)](event)
             continue
         ended += 1

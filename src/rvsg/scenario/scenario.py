@@ -41,7 +41,7 @@ class Trolley(Record):
     width_m: Annotated[float, Field(ge=TROLLEY_WIDTHS_M[0], le=TROLLEY_WIDTHS_M[1])] = 0.55
 
 
-class Limits(NamedTuple):
+class BodyLimits(NamedTuple):
     """Smallest and largest radius (m) and speed (m/s) of a kind of person, and what is taken where nothing is said."""
 
     radii_m: tuple[float, float]
@@ -51,8 +51,8 @@ class Limits(NamedTuple):
 
 
 LIMITS = {
-    PersonKind.CHILD: Limits((0.15, 0.35), (0.3, 2.0), 0.25, 1.1),
-    PersonKind.WHEELCHAIR: Limits((0.25, 0.4), (0.3, 1.7), 0.33, 0.9),
+    PersonKind.CHILD: BodyLimits((0.15, 0.35), (0.3, 2.0), 0.25, 1.1),
+    PersonKind.WHEELCHAIR: BodyLimits((0.25, 0.4), (0.3, 1.7), 0.33, 0.9),
 }
 """Of everybody but adults, who keep to the general limits."""
 

@@ -15,7 +15,7 @@ from types import FrameType
 from typing import Any, TextIO
 
 import rvsg
-from rvsg.app.matrix import Ended, Matrix
+from rvsg.app.matrix import CampaignEnded, Matrix
 from rvsg.app.proposal import propose_as
 from rvsg.app.reconstruction import rebuild, world_of_recording
 from rvsg.app.rerun import Rerun, rerun
@@ -119,7 +119,7 @@ def run_matrix(work: JobWork) -> dict[str, Any]:
         if work.pausing:
             cancel()
         folder = Path(os.path.relpath(campaign.folder)).as_posix()
-        if not isinstance(event, Ended):
+        if not isinstance(event, CampaignEnded):
             tell_event(work, progress[campaign.folder], event, folder=folder)
         elif isinstance(event.error, RvsgError):
             failed.append(f"{campaign.folder.name}: {event.error}")
