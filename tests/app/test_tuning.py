@@ -124,7 +124,8 @@ def tuner(**changes: Any) -> Tuner:
 
 def run(case: str, seed: int, *, violated: bool = False, contact: bool = False, time_s: float = 10.0) -> SettingRun:
     return SettingRun(
-        case=case, seed=seed, run_id=f"{case}-{seed}", outcome=Outcome.REACHED.value, objectives=(0.0,),
+        case=case, seed=seed, run_id=f"{case}-{seed}", outcome=Outcome.REACHED.value,
+        objectives=(4.0 if violated else 0.0,),
         violations=(violated,), contact=contact, time_s=time_s, jerk=1.0, kind="stands ahead of it" if violated else "",
     )  # fmt: skip
 
