@@ -166,7 +166,7 @@ class Cluster:
         while True:
             failed = future.status == "error"  # then the error is the simulator's, not the connection's
             try:
-                found: FinishedRun | Measurement | Failure = future.result(timeout=LOOK_S)
+                result: FinishedRun | Measurement | Failure = future.result(timeout=LOOK_S)
             except distributed.KilledWorker:
                 raise
             except (OSError, CancelledError) as error:
@@ -177,7 +177,7 @@ class Cluster:
             else:
                 del self._under_way[future]
                 future.release()
-                return found
+                return result
 
     def _wait_for_others(self) -> None:
         """Wait until every other run is done, or has killed its workers as well."""
@@ -240,10 +240,10 @@ class Cluster:
         mine = versions()
         theirs: dict[str, dict[str, str]] = _within(START_S, self._client.run, versions)
         wrong = [
-            f"{worker}: {key} {found.get(key)}, here {value}"
-            for worker, found in sorted(theirs.items())
+            f"{worker}: {key} {its.get(key)}, here {value}"
+            for worker, its in sorted(theirs.items())
             for key, value in mine.items()
-            if key != "processor" and found.get(key) != value
+            if key != "processor" and its.get(key) != value
         ]
         if wrong:
             self.stop(kill=True)
@@ -252,7 +252,7 @@ class Cluster:
                 f"Workers of the cluster have other versions, and would make other runs:\n{listed}",
                 code="cluster-versions",
             )
-        if others := sorted({found["processor"] for found in theirs.values()} - {mine["processor"]}):
+        if others := sorted({its["processor"] for its in theirs.values()} - {mine["processor"]}):
             notify(
                 f"The cluster has other processors ({', '.join(others)}; here {mine['processor']}): the last bits of "
                 "a run may differ between them."
@@ -276,7 +276,7 @@ def versions() -> dict[str, str]:
     }
 
 
-def _within(limit_s: float, call: Callable[..., Any], *given: Any, **named: Any) -> Any:
+def _within(limit_s: float, call: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
     """Return what a call of Dask's client returns.
 
     Most of these calls wait as long as the connection to the scheduler is open, also where its machine was lost.
@@ -288,7 +288,7 @@ def _within(limit_s: float, call: Callable[..., Any], *given: Any, **named: Any)
 
     def ask() -> None:
         try:
-            answer.set_result(call(*given, **named))
+            answer.set_result(call(*arguments, **named))
         except BaseException as error:
             answer.set_exception(error)
 

@@ -75,8 +75,8 @@ class Loop:
         for trouble in (*troubles, *self.monitor.troubles()):
             self._note("monitor", trouble)
         if watched:
-            told = ", ".join(each.source for each in watched[:5]) + (", ..." if len(watched) > 5 else "")
-            self._note("monitor", f"{_number(len(watched), 'new run', 'new runs')}: {told}")
+            summary = ", ".join(run.source for run in watched[:5]) + (", ..." if len(watched) > 5 else "")
+            self._note("monitor", f"{_number(len(watched), 'new run', 'new runs')}: {summary}")
             self._learn(self.watch.entries(watched), "what was watched")
         for symptom, text in self.watch.analyse(watched):
             self._plan(symptom, text)
@@ -89,10 +89,10 @@ class Loop:
             busy |= self._run_if_legitimate(planned)
         for change in self._open("change-*.json", Change):
             busy |= self._keep_if_legitimate(change)
-        if told := self.journal.version_in_words():
-            self._note("analyse", told, outcome="version")
+        if summary := self.journal.version_in_words():
+            self._note("analyse", summary, outcome="version")
         if watched or busy:
-            seen = tuple(each.source for each in watched)
+            seen = tuple(run.source for run in watched)
             self._note("loop", f"cycle complete; {self.journal.spent} runs so far", seen=seen, outcome="complete")
         return busy
 
@@ -101,12 +101,12 @@ class Loop:
         if symptom.id in handled:
             return
         self._note("analyse", text)
-        made = self.watch.plan(symptom, len(handled))
-        for planned in made:
+        plans = self.watch.plan(symptom, len(handled))
+        for planned in plans:
             write_whole(self.plans / f"{planned.id}.json", planned.to_json())
-        names = ", ".join(each.name for each in made)
-        what = f"{_number(len(made), 'scenario', 'scenarios')} because of {symptom.in_words}: {names}"
-        self._note("plan", what if made else "nothing can be planned", symptom=symptom)
+        names = ", ".join(planned.name for planned in plans)
+        what = f"{_number(len(plans), 'scenario', 'scenarios')} because of {symptom.in_words}: {names}"
+        self._note("plan", what if plans else "nothing can be planned", symptom=symptom)
 
     def _open(self, pattern: str, kind: type[Written]) -> list[Written]:
         settled = self.journal.settled
@@ -141,17 +141,17 @@ class Loop:
         new = self.learn(self._entries(planned, results))
         for change in self.watch.suite.changes(planned, results):
             write_whole(self.plans / f"{change.id}.json", change.to_json())
-        told = "; ".join(
-            f"{each.requirement} {_state(planned, each)}: "
-            f"{each.verdict.violations} of {each.verdict.runs} runs violate it"
-            for each in results
+        summary = "; ".join(
+            f"{result.requirement} {_state(planned, result)}: "
+            f"{result.verdict.violations} of {result.verdict.runs} runs violate it"
+            for result in results
         )
         self._note(
             "execute",
-            f"{planned.name}: {told}",
+            f"{planned.name}: {summary}",
             plan=planned.id,
             outcome="run",
-            runs=max((len(each.seeds) for each in results), default=0),
+            runs=max((len(result.seeds) for result in results), default=0),
             results=tuple((f"{r.case} {r.requirement}", r.state.value) for r in results) if planned.is_case else (),
         )
         self._note("knowledge", f"{_number(new, 'new entry', 'new entries')} of {planned.name}")
@@ -163,16 +163,16 @@ class Loop:
         is_new = self._decided(change, decision, change.in_words)
         if decision[0] == "accepted":
             self.watch.suite.keep(change)
-            told = f"written into the suite: {change.case}, {change.requirement}"
-            self._note("knowledge", told, plan=change.id, outcome="written")
+            summary = f"written into the suite: {change.case}, {change.requirement}"
+            self._note("knowledge", summary, plan=change.id, outcome="written")
         return is_new
 
     def _entries(self, planned: Planned, results: Sequence[CaseResult]) -> list[Entry]:
         version = self.watch.subject.version
         place, simulator = self.watch.world.floor_id, self.watch.subject.simulator.name
-        told = (f"version {version}",) if version else ()
+        lessons = (f"version {version}",) if version else ()
         entries = [entry_of_case(planned.scenario, result, place, simulator) for result in results]
-        return [entry.replace(lessons=(*entry.lessons, *told)) for entry in entries]
+        return [entry.replace(lessons=(*entry.lessons, *lessons)) for entry in entries]
 
     def _rejected(self, planned: Planned, reasons: tuple[str, ...]) -> Entry:
         mission = planned.scenario.mission

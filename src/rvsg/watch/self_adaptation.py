@@ -138,8 +138,8 @@ class DeclaredRules:
 
     def decide(self, planned: Planned, *, spent: int) -> Decision:
         """Decide on a plan by validity, plausibility, safety of the people, budget and approval, in this order."""
-        found = validity.check(planned.scenario.people, planned.scenario.mission, self.world)
-        broken = [f"validity: {finding}" for finding in found]
+        findings = validity.check(planned.scenario.people, planned.scenario.mission, self.world)
+        broken = [f"validity: {finding}" for finding in findings]
         if not planned.is_case:  # the people of a case were accepted when it was added
             broken += [*self._implausible(planned), *self._unsafe(planned)]
         if planned.runs > self.rules.max_runs_per_plan:
@@ -162,8 +162,8 @@ class DeclaredRules:
         if self.rules.write_back == "never":
             return "refused", ("write_back: the suite is not changed",)
         if change.is_new and alike >= self.rules.max_failures:
-            known = f"max_failures: the suite knows {alike} failures of {change.requirement} on this route"
-            return "refused", (known,)
+            reason = f"max_failures: the suite knows {alike} failures of {change.requirement} on this route"
+            return "refused", (reason,)
         if self.rules.write_back == "always":
             return "accepted", ("write_back: always",)
         if change.id in self.approved():
@@ -271,11 +271,11 @@ class Journal:
             elif note.outcome == "version":
                 results = {}
             results |= dict(note.results)
-        told = []
+        states = []
         for state in dict.fromkeys(results.values()):
-            names = [name for name, each in results.items() if each == state]
-            told.append(f"{len(names)} {state}" + ("" if state in QUIET else f" ({', '.join(names)})"))
-        return f"the suite on {version}: {', '.join(told)}" if told else ""
+            names = [name for name, said in results.items() if said == state]
+            states.append(f"{len(names)} {state}" + ("" if state in QUIET else f" ({', '.join(names)})"))
+        return f"the suite on {version}: {', '.join(states)}" if states else ""
 
     def add(self, note: JournalNote) -> None:
         """Append a note to both files; each line is flushed before the next thing is done."""

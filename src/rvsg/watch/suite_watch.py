@@ -81,9 +81,9 @@ class LiveSuite:
     def changes(self, planned: Planned, results: Sequence[CaseResult]) -> list[Change]:
         """Return new known failures, and cases that are fixed. A broken case stays broken: a person decides on it."""
         if planned.is_case:
-            known = {case.name: case for case in self.cases}
-            return [self._fixed(known[r.case], r) for r in results if r.state is State.FIXED and r.case in known]
-        return [self._failure(planned, each) for each in results if each.state is State.BROKEN]
+            cases = {case.name: case for case in self.cases}
+            return [self._fixed(cases[r.case], r) for r in results if r.state is State.FIXED and r.case in cases]
+        return [self._failure(planned, result) for result in results if result.state is State.BROKEN]
 
     def alike(self, change: Change) -> int:
         """Return how many failures of the requirement on the route of a change the suite knows."""
@@ -121,15 +121,15 @@ class LiveSuite:
 
     def _failure(self, planned: Planned, result: CaseResult) -> Change:
         route = planned.scenario.mission.route.name
-        known = next((case for case in self.cases if case.scenario.id == planned.scenario.id), None)
+        case = next((case for case in self.cases if case.scenario.id == planned.scenario.id), None)
         name = f"{route}-{planned.scenario.id[-6:]}".lower()
-        told = " ".join(planned.scenario.description.split()) or planned.name
+        words = " ".join(planned.scenario.description.split()) or planned.name
         version = self.version() or planned.why.version
         driven = f" with {version}" if version else ""
         counted = f"{result.verdict.violations} of {result.verdict.runs} runs violate it"
         return Change(
-            case=known.name if known else name,
-            title=known.title if known else f"{route}: {told}"[:200],
+            case=case.name if case else name,
+            title=case.title if case else f"{route}: {words}"[:200],
             scenario=planned.scenario,
             requirement=result.requirement,
             expected="violation",
@@ -260,8 +260,8 @@ class RecordingMonitor:
 
     def troubles(self) -> Sequence[str]:
         """Return what could not be read, each once."""
-        found, self._new = self._new, []
-        return found
+        troubles, self._new = self._new, []
+        return troubles
 
     def _recordings(self) -> Iterator[Path]:
         folders = [path.parent for path in self.folder.rglob("metadata.yaml") if not self._is_draft(path)]
@@ -275,15 +275,15 @@ class RecordingMonitor:
         return any(part.startswith(".") for part in path.relative_to(self.folder).parts)
 
     def _route(self, path: Path) -> str:
-        known = {route.name for route in self.world.routes}
+        names = {route.name for route in self.world.routes}
         parents = [part.name for part in path.relative_to(self.folder).parents]
-        found = next((name for name in (path.stem, *parents) if name in known), None)
-        if found is None:
+        route = next((name for name in (path.stem, *parents) if name in names), None)
+        if route is None:
             raise InputError(
                 "which route is it? Put it into a folder named for the route of the world "
-                f"({', '.join(sorted(known))}), or give --route."
+                f"({', '.join(sorted(names))}), or give --route."
             )
-        return found
+        return route
 
 
 @dataclass
@@ -312,55 +312,57 @@ class SuiteWatch:
     def analyse(self, watched: Sequence[Watched]) -> list[Sign]:
         """Return the signs of all runs, those of a new version first."""
         signs = list(self._new_version(watched))
-        for each in watched:
-            signs += self._limits(each)
+        for run in watched:
+            signs += self._limits(run)
         return signs + self._places(watched)
 
     def _new_version(self, watched: Sequence[Watched]) -> Iterator[Sign]:
         """Yield the version of the stack under test, or if it has none, that of the recordings."""
-        seen = next((each for each in reversed(watched) if each.version), None)
+        seen = next((run for run in reversed(watched) if run.version), None)
         version = self.subject.version or (seen.version if seen is not None else "")
-        known = self.journal.versions
-        if version and version != (known[-1] if known else ""):
-            text = f"the stack's version is {version}, it was {known[-1] if known else 'unknown'}"
-            symptom = Symptom(kind="new version", version=version, change=len(known))
+        versions = self.journal.versions
+        if version and version != (versions[-1] if versions else ""):
+            text = f"the stack's version is {version}, it was {versions[-1] if versions else 'unknown'}"
+            symptom = Symptom(kind="new version", version=version, change=len(versions))
             yield symptom, text
 
     def entries(self, watched: Sequence[Watched]) -> list[Entry]:
         """Return what each run shows by each requirement."""
-        found = []
-        for each in watched:
-            for requirement in self._requirements(each.route).values():
-                value = objective(each.run, requirement, world=self.world)
+        entries = []
+        for run in watched:
+            for requirement in self._requirements(run.route).values():
+                value = objective(run.run, requirement, world=self.world)
                 if value is None:
                     continue
-                found.append(
+                entries.append(
                     Entry(
                         kind="watched",
                         world=self.world.name,
                         place=self.world.floor_id,
-                        route=each.route,
+                        route=run.route,
                         requirement=requirement.name,
-                        description=f"watched: {each.source}",
-                        simulator=each.run.simulator,
-                        verdict=judge(requirement, [value], arrived=[each.run.completed]),
-                        lessons=(f"version {each.version}",) if each.version else (),
+                        description=f"watched: {run.source}",
+                        simulator=run.run.simulator,
+                        verdict=judge(requirement, [value], arrived=[run.run.completed]),
+                        lessons=(f"version {run.version}",) if run.version else (),
                     )
                 )
-        return found
+        return entries
 
     def _requirements(self, route: str) -> dict[str, Requirement]:
         """Return the requirements on a route by their names in the suite; all of them where it has no case there."""
         cases = [case for case in self.suite.cases if case.scenario.mission.route.name == route] or self.suite.cases
-        found = {}
+        requirements = {}
         for case in cases:
             for expectation in case.expectations:
-                found[expectation.requirement] = requirement_of(expectation, self.suite.folder, self.world.route(route))
-        return {name: each for name, each in found.items() if each.threshold is not None}
+                requirements[expectation.requirement] = requirement_of(
+                    expectation, self.suite.folder, self.world.route(route)
+                )
+        return {name: asked for name, asked in requirements.items() if asked.threshold is not None}
 
-    def _limits(self, each: Watched) -> Iterator[Sign]:
-        for name, requirement in self._requirements(each.route).items():
-            value = objective(each.run, requirement, world=self.world)
+    def _limits(self, seen: Watched) -> Iterator[Sign]:
+        for name, requirement in self._requirements(seen.route).items():
+            value = objective(seen.run, requirement, world=self.world)
             if value is None or requirement.threshold is None:
                 continue
             limit = requirement.threshold
@@ -369,9 +371,9 @@ class SuiteWatch:
                 continue
             kind = "violated" if requirement.violated_by(value) else "near its limit"
             symptom = Symptom(
-                kind=kind, route=each.route, requirement=name, version=each.version or self.subject.version
+                kind=kind, route=seen.route, requirement=name, version=seen.version or self.subject.version
             )
-            text = f"{each.source} on {each.route}: {name} {kind}, {value:.3g} {requirement.unit} (limit {limit:.3g})"
+            text = f"{seen.source} on {seen.route}: {name} {kind}, {value:.3g} {requirement.unit} (limit {limit:.3g})"
             yield symptom, text
 
     def _places(self, watched: Sequence[Watched]) -> list[Sign]:
@@ -383,20 +385,20 @@ class SuiteWatch:
         for entry in self.known(world=self.world.name):
             tested[entry.route].update(entry.waypoints)
         visited: dict[str, set[str]] = defaultdict(set)
-        for each in watched:
-            path = each.run.trajectory
+        for run in watched:
+            path = run.run.trajectory
             for person in range(path.human_x.shape[1]):
                 near = self.world.nearest_waypoints(path.human_x[:, person], path.human_y[:, person])
                 for name, count in zip(*np.unique(np.asarray(near), return_counts=True), strict=True):
-                    if count >= STAYED_SAMPLES and str(name) in walkable - tested[each.route]:
-                        visited[each.route].add(str(name))
+                    if count >= STAYED_SAMPLES and str(name) in walkable - tested[run.route]:
+                        visited[run.route].add(str(name))
         return [
             (
-                Symptom(kind="never tested", route=route, places=tuple(sorted(found))),
-                f"people on {route} where no scenario has anybody: {', '.join(sorted(found))}",
+                Symptom(kind="never tested", route=route, places=tuple(sorted(places))),
+                f"people on {route} where no scenario has anybody: {', '.join(sorted(places))}",
             )
-            for route, found in sorted(visited.items())
-            if found
+            for route, places in sorted(visited.items())
+            if places
         ]
 
     def plan(self, symptom: Symptom, index: int) -> list[Planned]:
@@ -412,7 +414,7 @@ class SuiteWatch:
             why=symptom,
             name=f"case {case.name}",
             scenario=case.scenario,
-            requirements=tuple(each.requirement for each in case.expectations),
+            requirements=tuple(expectation.requirement for expectation in case.expectations),
             runs=min(case.max_runs, self.rules.max_runs_per_plan),
             is_case=True,
         )
@@ -422,10 +424,10 @@ class SuiteWatch:
         expectation = Expectation(requirement=symptom.requirement)
         route = self.world.route(symptom.route)
         requirement = requirement_of(expectation, self.suite.folder, route)
-        known = self.known(world=self.world.name, route=symptom.route, requirement=requirement.name)
+        entries = self.known(world=self.world.name, route=symptom.route, requirement=requirement.name)
         seed = seed_for(self.seed, "watch", index, 0)
         brief = single_brief(Mission.of(self.world, route), requirement, humans=2, seed=seed, feedback=None)
-        scenario = self.generator.propose(brief.replace(memory=remembered(known)[-10:]), self.world).scenario
+        scenario = self.generator.propose(brief.replace(memory=remembered(entries)[-10:]), self.world).scenario
         if scenario is None:
             return []
         name = f"variant {index}.0 for {symptom.requirement} on {symptom.route}"
@@ -450,7 +452,7 @@ class SuiteWatch:
             description=f"Somebody walks between {first} and {last}: people were seen there, in no scenario.",
         )
         cases = [case for case in self.suite.cases if case.scenario.mission.route.name == route.name]
-        asked = {each.requirement for case in cases or self.suite.cases for each in case.expectations}
+        asked = {wanted.requirement for case in cases or self.suite.cases for wanted in case.expectations}
         return [self._new(symptom, f"walk {first} to {last} on {route.name}", scenario, tuple(sorted(asked)))]
 
     def _new(self, why: Symptom, name: str, scenario: Scenario, requirements: tuple[str, ...]) -> Planned:
@@ -459,15 +461,15 @@ class SuiteWatch:
 
     def execute(self, planned: Planned) -> list[CaseResult]:
         """Run a plan until its verdicts are sure, at most the runs it was accepted with; a result per requirement."""
-        known = next((case for case in self.suite.cases if case.scenario == planned.scenario), None)
-        expectations = known.expectations if planned.is_case and known else None
+        kept_case = next((case for case in self.suite.cases if case.scenario == planned.scenario), None)
+        expectations = kept_case.expectations if planned.is_case and kept_case else None
         case = Case(
-            name=known.name if planned.is_case and known else "planned",
+            name=kept_case.name if planned.is_case and kept_case else "planned",
             title=planned.name[:200],
             expectations=expectations or tuple(Expectation(requirement=name) for name in planned.requirements),
             scenario=planned.scenario,
             max_runs=planned.runs,
         )
-        asked = tuple(requirement_of(each, self.suite.folder) for each in case.expectations)
+        asked = tuple(requirement_of(wanted, self.suite.folder) for wanted in case.expectations)
         wanted = SuiteCase(case=case, world=self.world, requirements=asked, judging=self.suite.head.judging)
         return list(run_cases([wanted], self.subject.simulator, jobs=self.jobs))
