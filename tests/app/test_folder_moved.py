@@ -79,7 +79,7 @@ def test_the_parameter_file_of_nav2_moves_with_the_folder(terminal: Terminal, mo
     there = moved_away()
     monkeypatch.chdir(there.parent)
     terminal("run --out artefact")
-    assert rvsg.Campaign.open("artefact").found_with.options["stack"] == simulator.options["stack"]
+    assert rvsg.Campaign.open("artefact").found_with.simulator.options["stack"] == simulator.options["stack"]
 
 
 def test_several_campaigns_in_a_moved_folder_are_resumed(terminal: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:

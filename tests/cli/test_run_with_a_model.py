@@ -15,7 +15,11 @@ KEY = "sk-campaign-secret-key-42424242"
 
 def person(name: str, there: tuple[str, ...], between: tuple[str, str]) -> dict[str, Any]:
     ways = ((between, there), (between[::-1], there[::-1]))
-    return {"name": name, "tasks": [{"task": f"{a} → {b}", "path": list(path)} for (a, b), path in ways]}
+    tasks = [
+        {"task": f"{a} → {b}", "path": list(path), "pauses": [{"at": path[-1], "duration_s": 5, "doing": "pick"}]}
+        for (a, b), path in ways
+    ]
+    return {"name": name, "tasks": tasks}
 
 
 PEOPLE = [
@@ -100,8 +104,8 @@ def test_a_spent_budget_ends_with_code_3_and_a_larger_one_goes_on(terminal: Term
 def test_a_wrong_model_is_mended_in_the_same_folder_while_nothing_is_kept(terminal: Terminal) -> None:
     with serving(fails(404, "no such model"), says(GOOD)) as server:
         assert '"vision-1"' in terminal(ONE, of(server), code=2)
-        terminal(ONE, of(server), "--model openai-chat:vision-2")
-        assert terminal.refused(ONE, of(server), "--model openai-chat:vision-3").code == "other-settings"
+        terminal(ONE, of(server).replace("vision-1", "vision-2"))
+        assert terminal.refused(ONE, of(server).replace("vision-1", "vision-3")).code == "other-settings"
 
 
 @pytest.mark.parametrize("verb", ["run", "scenario propose", "world describe warehouse"])

@@ -43,18 +43,11 @@ class Usual(NamedTuple):
 
 
 TIMES: Mapping[Activity, Usual] = {
-    Activity.HAND_OVER: Usual((3.0, 8.0), "1 to 2 s for the hands (Strabala et al. 2013), and a word or a set-down"),
-    Activity.PICK: Usual(
-        (4.0, 15.0),
-        "60 to 120 order lines an hour, 35 % of the time for search and grasp (Tompkins et al. 2010): 10 to 21 s a "
-        "line; half of that where the place is known",
-    ),
-    Activity.SORT: Usual(
-        (5.0, 20.0), "2 to 3 s to reach, grasp, move and release one item (MTM-1); two to seven items"
-    ),
-    Activity.INSPECT: Usual((4.0, 12.0), "a label of 10 to 30 words at 4 words/s (Brysbaert 2019), and a note"),
-    Activity.TALK: Usual(
-        (6.0, 25.0), "one to four turns of 6 s; whole talks at work last 1.9 minutes (Whittaker et al. 1994)"
-    ),
-    Activity.WAIT: Usual((4.0, 20.0), "for a door, a lift (CIBSE Guide D: 20 to 30 s at most) or somebody who comes"),
+    Activity.HAND_OVER: Usual((3.0, 8.0), "1 to 2 s for the hands, and a word or a set-down"),
+    Activity.PICK: Usual((4.0, 15.0), "search, reach and grasp of an item whose place is known, or of a few"),
+    Activity.SORT: Usual((5.0, 20.0), "2 to 3 s to reach, grasp, move and release one item; two to seven items"),
+    Activity.INSPECT: Usual((4.0, 12.0), "a label of 10 to 30 words, and a note"),
+    Activity.TALK: Usual((6.0, 25.0), "one to four turns of some 6 s"),
+    Activity.WAIT: Usual((4.0, 20.0), "for a door, a lift or somebody who comes"),
 }
+"""Estimates from what is done; no recording of these activities was at hand."""

@@ -360,7 +360,7 @@ class World:
         names, at = self._area_points
         if not names:
             return self.grid.nearest(x, y)
-        _, nearest = min((math.dist((x, y), at[k]), names[k]) for k in nearest_rows(at, x, y))
+        nearest: str = min((math.dist((x, y), at[k]), names[k]) for k in nearest_rows(at, x, y))[1]
         return nearest
 
     def route(self, name: str) -> Route:
