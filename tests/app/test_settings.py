@@ -26,7 +26,7 @@ from rvsg.app.settings import (
     value_type,
 )
 from rvsg.cli.options import pairs, setting_options
-from rvsg.core.settings import GROUPS
+from rvsg.core.setting import GROUPS
 from rvsg.world.world_folder import SHIPPED
 
 VALUES: dict[type, tuple[Any, list[str]]] = {

@@ -15,7 +15,7 @@ from rvsg.findings.findings import Entry
 from rvsg.scenario.scenario import Scenario, Task
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.suites.suite import CaseResult, State
-from rvsg.watch.loop import Loop
+from rvsg.watch.adaptation import Loop
 from rvsg.watch.self_adaptation import Change, DeclaredRules, Journal, JournalNote, Planned, RuleSet, Symptom, Watched
 
 LIMIT = rvsg.Requirement(name="R1", title="x", text="x", metric="min_distance", worse="smaller", limit=0.5)

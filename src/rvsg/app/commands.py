@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rvsg.app.folder import BEST
 from rvsg.app.settings import MACHINE, OF_START, OF_THE_CALL, CampaignConfig, option_of, settings
-from rvsg.core.settings import RUNS, TEST
+from rvsg.core.setting import RUNS, TEST
 from rvsg.report.result import Result
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rvsg.app.campaign import Campaign
-from rvsg.app.rerun import AS_FOUND, Rerun, rerun
+from rvsg.app.saved_scenario import AS_FOUND, Rerun, rerun
 from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.core.files import check_writable, write_whole
 from rvsg.core.inputs import parse_json, read_text

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from rvsg.app.rerun import stack_file
+from rvsg.app.saved_scenario import stack_file
 from rvsg.app.suites import Suite
 from rvsg.core.errors import FileError, RvsgError
 from rvsg.core.plugins import Spec, ignore

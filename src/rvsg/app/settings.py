@@ -24,7 +24,7 @@ from rvsg.core.documents import Document, keys_of, mistakes_of, parse_yaml, read
 from rvsg.core.errors import InvalidOptions
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
-from rvsg.core.settings import MODEL, OUTPUT, RUNS, SEARCH, TEST, Setting
+from rvsg.core.setting import MODEL, OUTPUT, RUNS, SEARCH, TEST, Setting
 from rvsg.evaluation.verdict import Procedure, Rates
 from rvsg.generation.vlm.model import NO_CALL
 from rvsg.robots.robot import DEFAULT_ROBOT, shipped_robots

@@ -12,7 +12,7 @@ from rvsg.app.commands import command_for, confirm_command, next_commands
 from rvsg.app.folder import BEST, LEDGER, MATRIX, REPORT, reading, store_of
 from rvsg.app.input_files import paths_of
 from rvsg.app.record import CampaignRecord
-from rvsg.app.rerun import stack_file
+from rvsg.app.saved_scenario import stack_file
 from rvsg.app.settings import CampaignConfig, safe_name
 from rvsg.core.errors import InputError, NothingJudged
 from rvsg.core.files import write_whole

@@ -10,7 +10,7 @@ from itertools import groupby
 from pathlib import Path
 
 from rvsg.app.campaign import Campaign
-from rvsg.app.rerun import stack_file
+from rvsg.app.saved_scenario import stack_file
 from rvsg.core import permission
 from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec, ignore

@@ -114,7 +114,7 @@ def nearest(
 
     A person does everything earlier, later, or nearer to the robot. At least half of the runs have to violate.
     """
-    from rvsg.app.rerun import rerun
+    from rvsg.app.saved_scenario import rerun
     from rvsg.core.files import check_writable, write_text
     from rvsg.search.nearest_violation import nearest_violation
 
@@ -155,7 +155,7 @@ def shrink(
     violation. Confirmation runs with new seeds show how often the original and the smallest scenario violate it.
     """
     import rvsg
-    from rvsg.app.rerun import rerun
+    from rvsg.app.saved_scenario import rerun
     from rvsg.core.files import check_writable, write_text
 
     check_writable(out)
@@ -229,7 +229,7 @@ def explore(
     The points are a Latin hypercube over the ranges. A logistic surface through the runs gives the violation
     probability, its boundary, and the sensitivity to each range.
     """
-    from rvsg.app.rerun import rerun
+    from rvsg.app.saved_scenario import rerun
     from rvsg.core.files import check_writable, write_text
     from rvsg.report.comparison_page import check_exploration_file, write_exploration
     from rvsg.report.terminal import describe_exploration

@@ -40,7 +40,7 @@ def simulate(
     """
     import rvsg
     from rvsg.app.playback import check_bag, write_bag_of
-    from rvsg.app.rerun import rerun
+    from rvsg.app.saved_scenario import rerun
     from rvsg.core.files import check_writable, write_text
     from rvsg.simulation.archive import runs_text
     from rvsg.simulation.run import Outcome

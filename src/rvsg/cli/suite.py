@@ -45,7 +45,7 @@ def add(
     without them those that the scenario's file names, as best_scenario.json of a campaign does.
     """
     from rvsg import Campaign, Suite
-    from rvsg.app.rerun import rerun
+    from rvsg.app.saved_scenario import rerun
     from rvsg.app.suites import add_failures
     from rvsg.evaluation.verdict import counted
 

@@ -39,7 +39,7 @@ from pydantic import Field, model_validator
 
 from rvsg.core.errors import InputError, Unfit
 from rvsg.core.records import Record
-from rvsg.core.settings import SEARCH, Setting
+from rvsg.core.setting import SEARCH, Setting
 from rvsg.evaluation.metrics import find_metric, measure, metric
 from rvsg.evaluation.signals import formula, robustness
 from rvsg.evaluation.statistics import censored_median, clopper_pearson, mean_interval

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from rvsg.core.records import Record
-from rvsg.core.settings import SEARCH, TEST, NotNegative, Positive, Setting
+from rvsg.core.setting import SEARCH, TEST, NotNegative, Positive, Setting
 from rvsg.evaluation.realism import is_left_out
 from rvsg.evaluation.verdict import Verdict
 from rvsg.generation.generator import Proposal

@@ -20,7 +20,7 @@ from rvsg.core.plugins import Spec, ignore
 from rvsg.generation.generator import Generator
 from rvsg.simulation.simulators import Simulator, by_content, stack_in_words
 from rvsg.store.knowledge_base import open_knowledge
-from rvsg.watch.loop import Loop, Monitor
+from rvsg.watch.adaptation import Loop, Monitor
 from rvsg.watch.self_adaptation import DeclaredRules, Journal, JournalNote, RuleSet, Watched
 from rvsg.watch.suite_watch import LiveSuite, RecordingMonitor, StackUnderTest, SuiteWatch
 from rvsg.world.world import World

@@ -17,7 +17,7 @@ from jinja2 import Environment, PackageLoader
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from rvsg.app.rerun import AS_FOUND, rerun
+from rvsg.app.saved_scenario import AS_FOUND, rerun
 from rvsg.app.view import viewer_page, write_view
 from rvsg.core import plugins
 from rvsg.core.errors import InputError, UnknownName, how_to_install

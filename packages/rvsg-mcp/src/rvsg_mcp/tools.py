@@ -27,7 +27,7 @@ from pydantic import BaseModel, Field
 import rvsg
 from rvsg.app.campaign import campaigns_below
 from rvsg.app.folder import LEDGER
-from rvsg.app.rerun import rerun
+from rvsg.app.saved_scenario import rerun
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import path_inside
 from rvsg.core.inputs import parse_json

@@ -23,7 +23,7 @@ import rvsg
 from rvsg import Scenario, Spec, World
 from rvsg.app.comparison import VersionComparison, compare_versions
 from rvsg.app.playback import kept_trace, trace_source
-from rvsg.app.rerun import rerun
+from rvsg.app.saved_scenario import rerun
 from rvsg.core import permission
 from rvsg.core.documents import read_record
 from rvsg.core.errors import InputError, RvsgError

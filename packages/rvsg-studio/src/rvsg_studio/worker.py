@@ -18,7 +18,7 @@ import rvsg
 from rvsg.app.matrix import CampaignEnded, Matrix
 from rvsg.app.proposal import propose_as
 from rvsg.app.reconstruction import rebuild, world_of_recording
-from rvsg.app.rerun import Rerun, rerun
+from rvsg.app.saved_scenario import Rerun, rerun
 from rvsg.app.settings import effective, safe_name
 from rvsg.app.wiring import wire
 from rvsg.cli.progress import CampaignProgress

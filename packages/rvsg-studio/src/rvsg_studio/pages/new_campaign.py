@@ -32,7 +32,7 @@ from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import ignore
 from rvsg.core.records import Record, canonical_json
-from rvsg.core.settings import Setting
+from rvsg.core.setting import Setting
 from rvsg.evaluation.verdict import counted
 from rvsg.robots.robot import shipped_robots
 from rvsg.scenario.requirement import shipped_requirements
