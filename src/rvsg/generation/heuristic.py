@@ -96,10 +96,11 @@ class _Changes:
     def longer(self, human: Human) -> tuple[Human, str] | None:
         k = int(self.rng.integers(len(human.tasks)))
         task, work = human.tasks[k], human.tasks[k].work
-        if work is None or work.doing is None:
+        activity = None if work is None else work.doing
+        if work is None or activity is None:
             return None
-        work = work.model_copy(update={"duration_s": work.doing.drawn_s(self.rng)})
-        words = f"{work.doing.words} for {work.duration_s:g} s at {work.at}"
+        work = work.model_copy(update={"duration_s": activity.drawn_s(self.rng)})
+        words = f"{activity.words} for {work.duration_s:g} s at {work.at}"
         return human.model_copy(update={"tasks": (*human.tasks[:k], task.working(work), *human.tasks[k + 1 :])}), words
 
     def first(self, human: Human) -> tuple[Human, str] | None:
