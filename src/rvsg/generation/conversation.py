@@ -31,8 +31,8 @@ from rvsg.generation.vlm.model import Access, Answer, Message, Model, Picture
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.repair import repair
 from rvsg.scenario.rules import Finding, Repair, read_ends
-from rvsg.scenario.scenario import HumanConfiguration, Scenario, at_places
-from rvsg.scenario.validity import about_turns, check
+from rvsg.scenario.scenario import HumanConfiguration, Scenario
+from rvsg.scenario.validity import check
 from rvsg.world.world import SolidObject, World
 
 DRIVE = "drive"
@@ -300,11 +300,6 @@ class CompactConversation(Conversation):
             else:
                 findings = [str(finding) for finding in last.findings]
                 self.replies.append(self._ask_again("correct", "compact-correction", findings=findings))
-        last = self.replies[-1]
-        idle = _without_work(last.people, self.world) if last.people is not None and not last.findings else []
-        asks = self._recorded("work") if self.generator.access.replaying else self.generator.corrections > 0
-        if idle and asks and (asked := self._better("work", "compact-work", findings=idle)) is not None:
-            self.replies += [asked] if asked.people is not None and not asked.findings else []
         for _ in range(self.generator.rehearsals):
             last = self.replies[-1]
             revised = self._rehearsed(last, last.people) if last.people is not None and not last.findings else None
@@ -312,17 +307,12 @@ class CompactConversation(Conversation):
                 return  # the valid answer before it stands
             self.replies.append(revised)
 
-    def _recorded(self, purpose: str) -> bool:
-        """Whether the next call of the recording that is replayed is for this purpose."""
-        place, ending = place_of(self.dialogue.session), f"/{len(self.dialogue.calls) + 1:02d}-{purpose}"
-        calls = self.generator.access.recording or ()
-        return any(call.key.endswith(ending) and place_of(call.session) == place for call in calls)
-
     def _rehearsed(self, reply: Reply, people: HumanConfiguration) -> Reply | None:
         """Rehearse a valid answer, and ask for a better one where something does not happen as planned; else None.
 
         In a replay the recorded answer after the rehearsal is taken, where there is one.
         """
+        access, dialogue = self.generator.access, self.dialogue
         rehearsal, found = Rehearsal(robot=(), arrival_s=None), tuple[str, ...]()
         if self.generator.rehearse is not None:
             mission, _ = placed(self.brief.mission, self.world, self._moved(reply))
@@ -331,19 +321,17 @@ class CompactConversation(Conversation):
             if rehearsal.value is not None:
                 self.rehearsals.append((Scenario(mission=mission, people=people), rehearsal.value))
         wanted = bool(found) and not rehearsal.capped
-        if self.generator.access.replaying:
-            wanted = self._recorded("rehearse")
+        if access.replaying:
+            place, ending = place_of(dialogue.session), f"/{len(dialogue.calls) + 1:02d}-rehearse"
+            calls = access.recording or ()
+            wanted = any(call.key.endswith(ending) and place_of(call.session) == place for call in calls)
         if not wanted:
             return None
         told = rehearsal_facts(
             rehearsal, passes_of(self.drive, self.world.grid), self.brief.requirement, REHEARSED_ROWS
         )
-        return self._better("rehearse", "compact-rehearsal", surprises=list(found), rehearsal=told)
-
-    def _better(self, purpose: str, template: str, **more: Any) -> Reply | None:
-        """Ask for a better answer than the last one, which is valid; None where the budget is spent."""
         try:
-            return self._ask_again(purpose, template, **more)
+            return self._ask_again("rehearse", "compact-rehearsal", surprises=list(found), rehearsal=told)
         except BudgetSpent:
             return None  # the valid answer is paid for, and stands
 
@@ -429,19 +417,6 @@ def _told_values(brief: Brief) -> tuple[str, ...]:
     values = [(brief.feedback.mean, brief.feedback.scenario)] if brief.feedback else []
     values += [(earlier.mean, earlier.scenario) for earlier in brief.memory]
     return tuple(f"{number(mean)} {scenario.situation}" for mean, scenario in values)
-
-
-def _without_work(people: HumanConfiguration, world: World) -> list[str]:
-    """Say who does nothing where a task ends, or turns round without a stop."""
-    found = []
-    for human in people.humans:
-        idle = [task.name for task in at_places(human.tasks) if not any(p.at == task.path[-1] for p in task.pauses)]
-        turns = about_turns(human, world.grid)
-        if idle:
-            found.append(f"{human.name} does nothing at the end of {', '.join(idle)}.")
-        if turns:
-            found.append(f"{human.name} turns round without a stop at {', '.join(turns)}.")
-    return found
 
 
 def _of_use(answer: Answer) -> bool:

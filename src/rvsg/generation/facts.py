@@ -14,7 +14,6 @@ from rvsg.generation.generator import Rehearsal
 from rvsg.generation.replies import LONGEST_DELAY_S, MOST_MOVED
 from rvsg.generation.result_facts import FEWER_ROWS, MOST_ROWS, feedback_facts, passes_of
 from rvsg.generation.vlm.model import Picture
-from rvsg.scenario.activity import Activity
 from rvsg.scenario.brief import Brief, Feedback, Remembered, mechanism_of
 from rvsg.scenario.placement import start_gap_m
 from rvsg.scenario.requirement import Requirement
@@ -191,7 +190,6 @@ def brief_facts(
         "humans": brief.humans,
         "names": list(human_names(brief.humans)),
         "behaviours": [{"name": b.value, "meaning": MEANINGS[b]} for b in offered(provoking)],
-        "works": [{"name": a.value, "seconds": list(a.seconds)} for a in Activity],
         "attentions": [{"name": a.value, "meaning": meaning} for a, meaning in ATTENTIONS.items()],
         "provoking": provoking,
         "speed_range": list(SPEED_RANGE_M_S),

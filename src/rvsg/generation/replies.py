@@ -17,7 +17,6 @@ from pydantic import ValidationError
 
 from rvsg.generation.people_sampler import CHILD, MOVED, TROLLEY, WHEELCHAIR, box
 from rvsg.generation.reply_json import TUNABLE, Found, find_json, number_of
-from rvsg.scenario.activity import Activity
 from rvsg.scenario.brief import TuningLimits
 from rvsg.scenario.rules import SPEED_RANGE_M_S, Finding, Repair
 from rvsg.scenario.scenario import (
@@ -64,7 +63,6 @@ _ALIASES = {
     "pauses": ("pauses", "pause", "stops", "waits"),
     "at": ("at", "waypoint", "where"),
     "duration_s": ("duration_s", "duration", "seconds", "s"),
-    "doing": ("doing", "activity", "action"),
     "speed_m_s": ("speed_m_s", "speed", "walking_speed", "walking_speed_m_s", "max_speed"),
     "start_delay_s": ("start_delay_s", "start_delay", "delay", "delay_s"),
     "behaviour": ("behaviour", "behavior"),
@@ -74,7 +72,6 @@ _ALIASES = {
     "analysis": ("analysis", "reasoning", "thoughts", "explanation"),
 }
 """The names models give to our keys where no schema holds them to ours."""
-_DOING = {activity.value: activity for activity in Activity}
 _OF_PERSON = ("name", "tasks", "speed_m_s", "start_delay_s", "behaviour", "attention")
 _KNOWN_HUMAN = {
     *(alias for key in _OF_PERSON for alias in _ALIASES[key]),
@@ -375,8 +372,7 @@ class _Reader:
                 if seconds > LONGEST_S:
                     reason = f"a pause of {seconds:g} s is longer than {LONGEST_S:g} s."
                     self.note("long-pause", reason, repair=f"the pause at {at} was cut to {LONGEST_S:g} s")
-                doing = _DOING.get(_scalar(_get(item, "doing")).casefold().replace("_", " "))
-                pauses.append(Pause(at=at[:40], duration_s=min(seconds, LONGEST_S), doing=doing))
+                pauses.append(Pause(at=at[:40], duration_s=min(seconds, LONGEST_S)))
         return tuple(pauses)
 
     def _kinds(self) -> list[str]:

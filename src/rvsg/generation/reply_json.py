@@ -16,7 +16,6 @@ from typing import Any
 from json_repair import repair_json
 
 from rvsg.core.inputs import whole_text
-from rvsg.scenario.activity import Activity
 from rvsg.scenario.scenario import Attention, Behaviour, PersonKind
 
 MAX_DEPTH = 40
@@ -182,8 +181,7 @@ TEXT: dict[str, Any] = {"type": "string"}
 NUMBER: dict[str, Any] = {"type": "number"}
 _PATH = {"type": "array", "items": TEXT, "minItems": 1}
 _MOVED = object_schema({"name": TEXT, **dict.fromkeys(("x", "y", "length_m", "width_m", "height_m", "yaw"), NUMBER)})
-_DOING = {"type": "string", "enum": [activity.value for activity in Activity]}
-_PAUSES = {"type": "array", "items": object_schema({"at": TEXT, "duration_s": NUMBER, "doing": _DOING})}
+_PAUSES = {"type": "array", "items": object_schema({"at": TEXT, "duration_s": NUMBER})}
 
 
 def configuration_schema(

@@ -324,7 +324,7 @@ def configuration_object(
         for task in human.tasks:
             entry: dict[str, Any] = {"task": task.name, "path": list(task.path)}
             if rich and task.pauses:
-                entry["pauses"] = [pause.model_dump(mode="json") for pause in task.pauses]
+                entry["pauses"] = [{"at": p.at, "duration_s": p.duration_s} for p in task.pauses]
             tasks.append(entry)
         chosen: dict[str, Any] = {
             "behaviour": human.behaviour.value,
