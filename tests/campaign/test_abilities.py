@@ -49,7 +49,7 @@ def test_it_keeps_more_room_beside_who_walks_and_counts_are_of_the_runs_made(abl
 
 def test_another_stack_has_abilities_of_its_own(able: Abilities, mission: Mission, kept: Path) -> None:
     other = abilities_of(mission, make_simulator("embedded", "nav2-rpp"), kept.with_name("other.json"))
-    assert other is not None and other.recoveries and not able.recoveries
+    assert other is not None and other.setting != able.setting
     assert other.gap_m is not None and able.gap_m is not None and other.gap_m > able.gap_m
 
 

@@ -156,8 +156,8 @@ def test_a_number_or_word_that_makes_no_sense_is_refused(refused: Refused, optio
 
 
 def test_a_realism_that_leaves_no_run_says_so_in_terminal_and_report(terminal: Terminal) -> None:
-    terminal("run", SMALL, "--realism 1 --repeats 2 --seed 3 --confirmations 0 --out c", code=2)
-    assert "does what fewer than 1 % of recorded people did. Choose a smaller --realism" in terminal.err
+    terminal("run", SMALL, "--realism 20 --repeats 2 --seed 3 --confirmations 0 --out c", code=2)
+    assert "does what fewer than 20 % of recorded people did. Choose a smaller --realism" in terminal.err
     assert re.search(r"Runs not judged.* of recorded people did</th><td>[12]<", Path("c/report.html").read_text())
 
 
