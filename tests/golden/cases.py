@@ -76,7 +76,7 @@ CAMPAIGNS: dict[str, dict[str, Any]] = {
     "random": {**_SMALL, "strategy": "random", "robot": "turtlebot3_waffle", "world": "hospital"},
     "multi": {**_SMALL, "strategy": "multi", "also": ["R3"], "scenarios": 4},
     "kinematic": {**_SMALL, "strategy": "study", "simulator": "kinematic", "scenarios": 4, "max_in_flight": 3},
-    "pure-pursuit": {**_SMALL, "stack": "nav2-rpp", "route": "route_5", "requirement": "R3"},
+    "pure-pursuit": {**_SMALL, "stack": "nav2-rpp", "route": "route_5", "requirement": "R3", "search_anyway": True},
     "replay-R1": {"demo": "warehouse-route_1-R1"},
     "replay-R3-draws": {"demo": "warehouse-route_3-R3-draws"},
 }
