@@ -159,7 +159,7 @@ class TuningSpace:
         for k, task in enumerate(before[:TUNED_STOPS]):
             if f"stop {k}" in values:
                 stops[k] = self._others(task)[int(values[f"stop {k}"])]
-        moved = []
+        moved: list[Task] = []
         for task, start, end in zip(before, stops, [*stops[1:], *stops[:1]], strict=True):
             if (start, end) != (task.path[0], task.path[-1]):
                 path = self.ground.path(start, end, along_route=True, straight=task.work is not None)
