@@ -253,7 +253,7 @@ def test_every_robot_runs_a_campaign_with_its_report_in_every_world(tmp_path: Pa
         break
     else:
         pytest.skip(f"{robot} fits on no route of {world}")
-    few = {"scenarios": 1, "repeats": 1, "confirmations": 0, "simulator": "embedded"}
+    few = {"scenarios": 1, "repeats": 1, "confirmations": 0, "simulator": "embedded", "search_anyway": True}
     campaign = create(tmp_path / "one", robot=robot, world=world, route=route.name, **few)
     list(campaign.run(jobs=1))
     assert campaign.report().exists()

@@ -78,7 +78,7 @@ def test_what_cannot_be_compared_is_one_error(terminal: Terminal, tmp_path: Path
 @pytest.mark.slow
 def test_a_suite_against_two_stacks(terminal: Terminal) -> None:
     scenario = rvsg.scenario(rvsg.load_world("warehouse"), "route_1", people=[])
-    rvsg.Suite.create("suite").add(scenario, "R1", name="alone", expected="pass")
+    rvsg.Suite.create("suite").add(scenario, "R3", name="alone", expected="pass")
     told = terminal.json("stacks suite --stack nav2-rpp --stack nav2-dwb --runs 2 --out out")
     assert {each["version"] for each in told["variants"]} == {"nav2-rpp", "nav2-dwb"}
     assert all(len(each["cases"][0]["seeds"]) == 2 for each in told["variants"])

@@ -33,9 +33,11 @@ pytest.importorskip("rosbags")
 @pytest.fixture(scope="module")
 def _folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("clone")
-    campaign = rvsg.Campaign.create(
-        folder / "first", scenarios=1, refinements=2, repeats=3, confirmations=0, simulator="kinematic", jobs=1
+    (folder / "strict.yaml").write_text(
+        "far: {title: Far, text: Keep 100 m., metric: dto, worse: smaller, limit: 100.0, unit: m, source: a test}\n"
     )
+    few = {"scenarios": 1, "refinements": 2, "repeats": 3, "confirmations": 0, "simulator": "kinematic", "jobs": 1}
+    campaign = rvsg.Campaign.create(folder / "first", requirement=f"{folder / 'strict.yaml'}#far", **few)
     list(campaign.run())
     suite_of(folder / "suite")
     save_scenario(crossing(), folder / "scenario.json")
@@ -67,9 +69,9 @@ VERBS = {
     "confirm": "confirm first {candidate} --jobs 2 --runs 2",
     "suite run": f"suite run suite {KINEMATIC} --runs 2",
     "suite compare": "suite compare kinematic kinematic --suite suite --runs 2 --jobs 2",
-    "recording": f"recording scenario field/route_1/drive.mcap --world warehouse --runs 2 {KINEMATIC} --out made.json",
+    "recording": "recording scenario field/route_1/drive.mcap --world warehouse --runs 2 --jobs 2 --out made.json",
     "watch": f"watch suite --monitor field --cycles 1 {KINEMATIC} --out watched",
-    "tune": "tune suite --jobs 2 --budget-runs 4 --check-runs 2 --attack-runs 0 --out tuned",
+    "tune": "tune suite --jobs 2 --budget-runs 8 --check-runs 2 --attack-runs 0 --out tuned",
 }
 
 

@@ -157,8 +157,8 @@ def test_a_pair_that_is_added_is_one_pair(terminal: Terminal) -> None:
     names = {f"{route}-{requirement}" for route, requirement in PAIRS} - {"route_2-R3"}
     assert {path.name for path in folders_in(Path("all"))} == names
     first, second = told["command"].split(" && ")
-    assert first.startswith("rvsg run --route route_1 --requirement R1 --requirement R3 --strategy")
-    assert second.startswith("rvsg run --route route_2 --requirement R1 --strategy")
+    assert first.startswith("rvsg run --route route_1 --requirement R1 --requirement R3 --")
+    assert second.startswith("rvsg run --route route_2 --requirement R1 --")
     terminal("run --out all --requirement R2")
     assert {path.name for path in folders_in(Path("all"))} == names | {"route_1-R2", "route_2-R2"}
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.cli.commands import Terminal, rvsg
+from tests.cli.commands import Terminal, rvsg, words_of
 from tests.coded import coded
 
 from rvsg.app.campaign import Campaign
@@ -36,8 +36,8 @@ SMALL = [
     *("--simulator", "kinematic", "--strategy", "random", "--scenarios", "3", "--refinements", "1"),
     *("--repeats", "2", "--confirmations", "4", "--jobs", "1"),
 ]
-ONE = [*SMALL, "--scenarios", "1", "--refinements", "0"]
-LONG = [*SMALL, "--scenarios", "8", "--repeats", "3", "--seed", "7"]
+ONE = words_of(SMALL, "--scenarios 1 --refinements 0")
+LONG = words_of(SMALL, "--scenarios 8 --repeats 3 --seed 7")
 
 
 @pytest.fixture(scope="module")

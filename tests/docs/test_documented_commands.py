@@ -111,7 +111,7 @@ ELSEWHERE = {
 FILES = """
 simulate scenario.json --world worlds/site --bag incident.mcap --out site.jsonl
 simulate scenario.json --out runs.jsonl
-export scenario.json --to hunav --out agents.yaml
+export examples/three_people.json --to hunav --out agents.yaml
 export scenario.json --to sdf --out hall.world
 suite add runs/second/best_scenario.json --suite suite
 """

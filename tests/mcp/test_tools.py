@@ -59,7 +59,7 @@ def test_an_assistant_writes_a_scenario_and_runs_a_campaign(tmp_path: Path) -> N
         ("run_campaign", {"out": "first", "simulator": "kinematic", "scenarios": 1} | PLACE),
         ("campaigns", {}),
         ("findings", {"campaign": "first"}),
-        ("findings", {"campaign": "first", "number": "1.2"}),
+        ("findings", {"campaign": "first", "number": "1.1"}),
         ("keep", {"suite": "suite", "scenario": "a.json", "requirement": "R1"}),
         on_progress=progress.append,
     )  # fmt: skip
@@ -74,7 +74,7 @@ def test_an_assistant_writes_a_scenario_and_runs_a_campaign(tmp_path: Path) -> N
     assert "first" in text_of(listed)
     assert (tmp_path / "first" / "report.html").exists() and text_of(findings)
     assert [part.type for part in finding.content][-1] == "image"
-    assert (tmp_path / "first" / "scenario-1.2.json").exists() and "Human 1" in text_of(finding)
+    assert (tmp_path / "first" / "scenario-1.1.json").exists() and "Human 1" in text_of(finding)
     assert "1 case" in text_of(suite)
 
 

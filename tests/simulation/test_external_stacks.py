@@ -238,8 +238,9 @@ def test_a_process_that_fails_ends_its_run_and_the_next_gets_a_fresh_one(folder:
 def test_no_process_survives_a_campaign(folder: Path, jobs: int) -> None:
     stack = script(folder, f"open({str(folder)!r} + '/pid.%d' % os.getpid(), 'w').close()\nreturn 0.4, 0.0")
     campaign = rvsg.Campaign.create(
-        folder / "campaign", stack=stack, generator="heuristic", scenarios=1, refinements=0, repeats=2, confirmations=0
-    )
+        folder / "campaign", stack=stack, generator="heuristic", scenarios=1, refinements=0, repeats=2, confirmations=0,
+        search_anyway=True,
+    )  # fmt: skip
     for _ in campaign.run(jobs=jobs):
         pass
     started = {int(path.suffix[1:]) for path in folder.glob("pid.*")}
