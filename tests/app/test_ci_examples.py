@@ -53,7 +53,7 @@ def repository(tmp_path: Path) -> Path:
     # The kinematic simulator in one process stands in for the embedded one, which would take minutes.
     (bin_ / "rvsg").write_text(
         '#!/bin/sh\ncase "$1 $2 $4 $5" in "suite run --stack nav2_params.yaml") suite=$3; shift 5;\n'
-        'set -- suite run "$suite" "$@" --simulator kinematic --jobs 1;; esac\n'
+        'set -- suite run "$suite" "$@" --simulator kinematic;; esac\n'
         f'exec "{sys.executable}" -m rvsg "$@"\n'
     )
     for tool in bin_.iterdir():

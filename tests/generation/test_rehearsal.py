@@ -73,7 +73,7 @@ def test_an_invalid_answer_to_a_rehearsal_does_not_replace_a_valid_one(
     propose: Any, people: HumanConfiguration
 ) -> None:
     proposal, _ = propose(planned(people, people.humans[0].tasks[0].path[1], 24.0), "I would rather not.")
-    assert [h.tasks for h in proposal.scenario.people.humans] == [h.tasks for h in people.humans]
+    assert configuration_object(proposal.scenario.people, "") == configuration_object(people, "")
 
 
 def test_a_plan_that_happens_costs_no_call(brief: Brief, warehouse: World, people: HumanConfiguration) -> None:
