@@ -108,9 +108,9 @@ def following(path: Floats, other: Floats, bodies_m: float) -> tuple[float, int]
     gaps = np.where(walk & same & ahead, distance - bodies_m, math.inf)
     if len(gaps) < FOLLOWS_SAMPLES:
         return None
-    kept = np.lib.stride_tricks.sliding_window_view(gaps, FOLLOWS_SAMPLES).max(axis=1)
-    k = int(kept.argmin())
-    return None if math.isinf(kept[k]) else (max(0.0, float(kept[k])), k)
+    widest = np.lib.stride_tricks.sliding_window_view(gaps, FOLLOWS_SAMPLES).max(axis=1)
+    k = int(widest.argmin())
+    return None if math.isinf(widest[k]) else (max(0.0, float(widest[k])), k)
 
 
 def turning(path: Floats) -> tuple[int, int]:

@@ -26,7 +26,7 @@ from rvsg.core.plugins import Spec, ignore
 from rvsg.core.records import Pose
 from rvsg.scenario.builder import load_scenario_in, read_scenario
 from rvsg.scenario.builder import scenario as scenario_of
-from rvsg.scenario.scenario import HUNAVSIM_RADIUS_M, Human, HumanAgent, Pause, Scenario, Task, decode
+from rvsg.scenario.scenario import HUNAVSIM_RADIUS_M, LONGEST_PAUSE_S, Human, HumanAgent, Pause, Scenario, Task, decode
 from rvsg.scenario.world_lookup import as_world, world_of
 from rvsg.search.run_set import RunSet, simulate
 from rvsg.simulation.archive import once, read_runs
@@ -313,7 +313,6 @@ class FoxgloveLayout(Exporter):
 
 VIEW, VIEWER = "view", "viewer"
 """A campaign or the results of a suite as one file, and the page that opens it: no formats of another tool."""
-LONGEST_PAUSE_S = 600.0
 
 
 def export(
